@@ -1,0 +1,41 @@
+"""What can go wrong, and the exit status each kind ends in. Imports nothing, so every room may use it."""
+
+from __future__ import annotations
+
+
+class SlopemapError(Exception):
+    """Base of all errors slopemap raises on purpose. `str(error)` is the one line a user reads."""
+
+    exit_code = 1
+
+
+class InputError(SlopemapError):
+    """An input is unusable. The message says which, what was found, what was needed and what to try."""
+
+    exit_code = 1
+
+
+class NoAnswer(SlopemapError):
+    """The inputs were read, but the scene gives no answer (no overlap, no texture, no parallax, pure rotation).
+
+    Parameters
+    ----------
+    code : diagnostic code as in slopes.json, for example "pure-rotation".
+    reason : what was found, with its number.
+    remedy : what to do about it.
+    """
+
+    exit_code = 3
+
+    def __init__(self, code: str, reason: str, remedy: str, value: float | None = None) -> None:
+        super().__init__(f"{code}: {reason}; {remedy}")
+        self.code = code
+        self.reason = reason
+        self.remedy = remedy
+        self.value = value
+
+
+class DegenerateConfiguration(SlopemapError):
+    """A geometric problem has no unique solution: too few, collinear or coincident points, or no motion."""
+
+    exit_code = 3

@@ -1,0 +1,28 @@
+"""Every choice a user can make, with its default, its unit and why it is what it is. Imports nothing heavy."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+
+@dataclass(frozen=True)
+class Options:
+    """Options of `slopemap estimate`.
+
+    Windows are (x, y, w, h) in pixels of image 1; `grid` (columns, rows) is used when there are none.
+    """
+
+    planes: str = "windows"
+    grid: tuple[int, int] = (3, 3)  # the paper's nine windows
+    windows: tuple[tuple[int, int, int, int], ...] = ()
+    features: Literal["sift", "foerstner"] = "sift"  # foerstner: the paper's corners and correlation
+    solver: Literal["mle", "ha", "lh"] = "mle"
+    up: str | tuple[float, float, float] = "camera"  # "camera", "dominant-plane" or a vector in camera-1 axes
+    up_sigma_deg: float = 0.0
+    north: tuple[float, float, float] | None = None  # None: the image's up direction
+    baseline_m: float | None = None
+    altitude_m: float | None = None
+    tolerance_deg: float = 15.0  # what landers bear (paper, section I)
+    confidence: float = 0.99
+    seed: int = 0

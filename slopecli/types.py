@@ -1,0 +1,289 @@
+"""The nouns every room shares: frozen dataclasses, no behaviour beyond what their own fields give.
+
+Frames and units are those of docs/conventions.md: camera frame x right, y down, z forward; pixel centres at
+integers; `P2 = R (P1 - T)`; a plane in the solver is a scaled normal N with `N.P = 1`. A field whose unit is not
+that of `geometry/` (radians, normalised coordinates, baselines) carries it in its name. The dataclasses from
+`ImageInfo` to `Report` mirror slopes.json key by key.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+BoolArray = NDArray[np.bool_]
+
+CameraModel = Literal["pinhole", "brown", "fisheye"]
+
+
+@dataclass(frozen=True)
+class Camera:
+    """Intrinsics of one camera, in pixels, pixel centres at integer coordinates (OpenCV).
+
+    distortion: () for "pinhole"; OpenCV order k1 k2 p1 p2 k3 k4 k5 k6 (missing = 0) for "brown", which covers the
+    radial-tangential and the rational model; k1 k2 k3 k4 for "fisheye" (equidistant).
+    """
+
+    width: int
+    height: int
+    fx: float
+    fy: float
+    cx: float
+    cy: float
+    model: CameraModel = "pinhole"
+    distortion: tuple[float, ...] = ()
+    source: str = "given"
+
+    @property
+    def K(self) -> FloatArray:
+        """(3, 3) intrinsic matrix, px."""
+        return np.array([[self.fx, 0.0, self.cx], [0.0, self.fy, self.cy], [0.0, 0.0, 1.0]])
+
+    @property
+    def focal_px(self) -> float:
+        """Geometric mean focal length: pixels per unit of normalised coordinate."""
+        return float(np.sqrt(self.fx * self.fy))
+
+
+@dataclass(frozen=True, eq=False)
+class Image:
+    """One image in memory: `grey` (h, w) uint8 for matching, `colour` (h, w, 3) uint8 BGR or None when it is grey."""
+
+    grey: NDArray[np.uint8]
+    colour: NDArray[np.uint8] | None = None
+    path: str = ""
+    sha256: str = ""
+
+    @property
+    def width(self) -> int:
+        return int(self.grey.shape[1])
+
+    @property
+    def height(self) -> int:
+        return int(self.grey.shape[0])
+
+
+@dataclass(frozen=True, eq=False)
+class Correspondences:
+    """Points seen in both images: uv1, uv2 (n, 2) px as stored (distorted); x1, x2 (n, 2) normalised, undistorted.
+
+    patch (n,) is the index of the patch that holds the point, -1 for none (it then constrains the motion only).
+    """
+
+    uv1: FloatArray
+    uv2: FloatArray
+    x1: FloatArray
+    x2: FloatArray
+    patch: IntArray
+
+    def __len__(self) -> int:
+        return len(self.uv1)
+
+
+@dataclass(frozen=True, eq=False)
+class Patch:
+    """Correspondences held coplanar, and their footprint in image 1 (`polygon_px` (k, 2), closed implicitly)."""
+
+    id: int
+    source: Literal["window", "ransac", "region"]
+    polygon_px: FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class Ambiguity:
+    """Whether geometry leaves a second answer. `delta_chi2`: how much worse the alternative fits (None if none)."""
+
+    status: Literal["none", "resolved", "unresolved"] = "none"
+    delta_chi2: float | None = None
+    alternative: Solution | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Solution:
+    """One motion and one scaled normal per patch, consistent with a single epipolar geometry.
+
+    Attributes
+    ----------
+    R : (3, 3) rotation, camera 1 to camera 2.  T : (3,) unit vector, position of camera 2 in camera-1 axes.
+    scaled_normals : (m, 3), unit 1/baseline, N.P = 1.
+    normal_covariance : (m, 3, 3) of the scaled normals, motion uncertainty included.
+    motion_covariance : (5, 5) of (rotation vector w in R <- exp([w]x) R, rad; two coordinates of T, rad, in `tangent`).
+    tangent : (3, 2) orthonormal basis of the plane perpendicular to T that the last two coordinates refer to.
+    normal_gain : (m, 3, 5) d N_i / d motion at the optimum, so that cov(N_i, N_j) = G_i C G_j^T for i != j.
+    noise : 1-sigma of a normalised coordinate in image 2, given or estimated from the residuals.
+    relief : (m,) RMS height of the points off their plane over its distance, 0 where points are held coplanar.
+    rms : RMS residual of the inliers in image 2, normalised coordinates.
+    chi2 : weighted sum of squares at the optimum.  inlier : (n,) which correspondences were kept.
+    """
+
+    R: FloatArray
+    T: FloatArray
+    scaled_normals: FloatArray
+    normal_covariance: FloatArray
+    motion_covariance: FloatArray
+    tangent: FloatArray
+    normal_gain: FloatArray
+    noise: float
+    relief: FloatArray
+    rms: float
+    chi2: float
+    inlier: BoolArray
+    converged: bool
+    iterations: int
+    solver: str = "mle"
+    ambiguity: Ambiguity = field(default_factory=Ambiguity)
+
+    @property
+    def direction_covariance(self) -> FloatArray:
+        """(3, 3) covariance of the unit vector T (rank 2)."""
+        return self.tangent @ self.motion_covariance[3:, 3:] @ self.tangent.T
+
+    def cross_covariance(self, i: int, j: int) -> FloatArray:
+        """(3, 3) covariance of scaled normals i and j; they share the motion."""
+        if i == j:
+            return self.normal_covariance[i]
+        return self.normal_gain[i] @ self.motion_covariance @ self.normal_gain[j].T
+
+
+@dataclass(frozen=True, eq=False)
+class Slopes:
+    """Per plane: slope (0..pi), its 1-sigma, aspect (downhill azimuth, NaN when undefined) and its 1-sigma, rad."""
+
+    slope_rad: FloatArray
+    sigma_rad: FloatArray
+    aspect_rad: FloatArray
+    aspect_sigma_rad: FloatArray
+
+
+# ---- what is written: these mirror slopes.json ----
+
+
+@dataclass(frozen=True)
+class ImageInfo:
+    path: str
+    width: int
+    height: int
+    sha256: str
+
+
+@dataclass(frozen=True)
+class Up:
+    vector_cam1: tuple[float, float, float]
+    source: Literal["camera", "given", "dominant-plane"]
+    sigma_deg: float = 0.0
+
+
+@dataclass(frozen=True)
+class Scale:
+    unit: Literal["baseline", "m"] = "baseline"
+    source: Literal["none", "baseline", "altitude", "pose"] = "none"
+
+
+@dataclass(frozen=True, eq=False)
+class Motion:
+    """`baseline_cam1`: position of camera 2 in camera-1 axes, in the unit of `scale`."""
+
+    rotation_cam2_from_cam1: FloatArray
+    baseline_cam1: FloatArray
+    rotation_deg: float
+    rotation_sigma_deg: float | None
+    direction_sigma_deg: float | None
+
+
+@dataclass(frozen=True)
+class Fit:
+    solver: str
+    refine: str
+    rms_px: float
+    noise_px: float
+    iterations: int
+    converged: bool
+    n_correspondences: int
+    n_inliers: int
+
+
+@dataclass(frozen=True, eq=False)
+class AlternativePlane:
+    id: int
+    normal_cam1: FloatArray
+    slope_deg: float
+
+
+@dataclass(frozen=True, eq=False)
+class Alternative:
+    motion: Motion
+    planes: tuple[AlternativePlane, ...]
+
+
+@dataclass(frozen=True, eq=False)
+class AmbiguityReport:
+    status: Literal["none", "resolved", "unresolved"]
+    delta_chi2: float | None = None
+    resolve_with: str | None = None
+    alternative: Alternative | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Plane:
+    """One answered patch. normal_cam1 points out of the surface, towards camera 1. distance and roughness: see docs."""
+
+    id: int
+    source: Literal["window", "ransac", "region"]
+    polygon_px: FloatArray
+    normal_cam1: FloatArray
+    distance: float
+    slope_deg: float
+    slope_sigma_deg: float
+    slope_ci95_deg: tuple[float, float]
+    aspect_deg: float | None
+    dip_direction_deg: float | None
+    n_correspondences: int
+    n_inliers: int
+    rms_px: float
+    roughness: float
+    homography_px: FloatArray
+    verdict: Literal["safe", "unsafe", "undecided"]
+    p_safe: float
+    status: Literal["ok", "poor"] = "ok"
+    reason: str | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Rejected:
+    id: int
+    polygon_px: FloatArray
+    reason: str
+    message: str
+
+
+@dataclass(frozen=True)
+class Diagnostic:
+    code: str
+    severity: Literal["info", "warning", "error"]
+    message: str
+    value: float | None = None
+    remedy: str | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Report:
+    """Everything the files and the table are made from. `labels` (h, w) uint16: plane id per pixel, 0 for none."""
+
+    images: tuple[ImageInfo, ImageInfo]
+    cameras: tuple[Camera, Camera]
+    options: dict[str, Any]
+    up: Up
+    scale: Scale
+    motion: Motion
+    fit: Fit
+    ambiguity: AmbiguityReport
+    planes: tuple[Plane, ...]
+    rejected: tuple[Rejected, ...]
+    diagnostics: tuple[Diagnostic, ...]
+    labels: NDArray[np.uint16]
+    epipole1_px: tuple[float, float] | None = None
