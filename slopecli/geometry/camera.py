@@ -1,0 +1,276 @@
+"""Pixels to normalised rays and back: pinhole, Brown (radial-tangential, rational) and fisheye lenses.
+
+Everything is in OpenCV's convention: pixel centres at integer coordinates, `u = fx x_d + cx`, where x_d is the
+distorted image of the normalised coordinate x = X/Z. Source of the models: OpenCV, "Camera Calibration and 3D
+Reconstruction" (Brown 1966 with the rational radial factor) and "Fisheye camera model" (Kannala and Brandt 2006).
+
+A lens polynomial is only a map up to its fold, the angle where the distorted radius stops growing with the true one.
+Beyond it the polynomial runs back into the image and means nothing, so both directions answer NaN there. The same holds
+for rays `MAX_ANGLE` or more off the axis, which have no useful normalised coordinate.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import lru_cache
+
+import numpy as np
+
+from slopecli.errors import InputError
+from slopecli.types import Camera, CameraModel, FloatArray
+
+MAX_ANGLE = np.radians(89.9)  # tan = 573: a pixel of such a view spans its whole neighbourhood
+MAX_COEFFICIENTS = {"pinhole": 0, "brown": 8, "fisheye": 4}
+OUTSIDE_PX = -1.0e4  # what a remap reads as "not in the image", yet within the range of its 16-bit coordinates
+ROWS_AT_ONCE = 64  # keeps the temporaries of `undistortion_maps` in cache
+TABLE_SIZE = 1025  # starts Newton within 1e-6 of the root in any usable field of view
+NEWTON_ITERATIONS = 20
+LAST_STEP = 1e-8  # Newton squares the error: after a step this small only rounding is left
+
+
+def rays_from_pixels(camera: Camera, uv: FloatArray) -> FloatArray:
+    """Undistort pixels to normalised coordinates, to rounding error.
+
+    Newton's method on the forward model; OpenCV's five fixed-point iterations leave 0.3 px with k1 = -0.28.
+
+    Parameters
+    ----------
+    camera : intrinsics and lens.
+    uv : (n, 2) float array, px, as stored (distorted).
+
+    Returns
+    -------
+    x : (n, 2) float array, normalised coordinates (X/Z, Y/Z). NaN where the model has no inverse: beyond the fold
+        of the lens polynomial, or `MAX_ANGLE` or more off the axis.
+
+    Raises
+    ------
+    InputError : more distortion coefficients than the model has.
+    """
+    distorted = (np.asarray(uv, dtype=np.float64) - (camera.cx, camera.cy)) / (camera.fx, camera.fy)
+    k = _padded_coefficients(camera)
+    if camera.model == "pinhole":
+        return distorted
+    if camera.model == "fisheye":
+        return _undistort_fisheye(distorted, k)
+    return _undistort_brown(distorted, k)
+
+
+def pixels_from_rays(camera: Camera, x: FloatArray) -> FloatArray:
+    """Project normalised coordinates to (distorted) pixels.
+
+    Parameters
+    ----------
+    camera : intrinsics and lens.
+    x : (n, 2) float array, normalised coordinates.
+
+    Returns
+    -------
+    uv : (n, 2) float array, px. NaN for rays beyond the fold of the lens polynomial: the lens does not image them.
+
+    Raises
+    ------
+    InputError : more distortion coefficients than the model has.
+    """
+    x = np.asarray(x, dtype=np.float64)
+    return np.stack(_project(camera, x[:, 0], x[:, 1]), axis=1)
+
+
+def pinhole_of(camera: Camera) -> Camera:
+    """Return the ideal camera with the same size and K and no distortion."""
+    return replace(camera, model="pinhole", distortion=())
+
+
+def scale_camera(camera: Camera, width: int, height: int) -> Camera:
+    """Return the camera of the same view resized to width x height pixels.
+
+    Pixel areas scale, not pixel centres (as `cv2.resize` does): c' = (c + 1/2) s - 1/2. Distortion stays as it is.
+    """
+    sx, sy = width / camera.width, height / camera.height
+    return replace(
+        camera,
+        width=width,
+        height=height,
+        fx=camera.fx * sx,
+        fy=camera.fy * sy,
+        cx=(camera.cx + 0.5) * sx - 0.5,
+        cy=(camera.cy + 0.5) * sy - 0.5,
+    )
+
+
+def undistortion_maps(camera: Camera, ideal: Camera | None = None) -> tuple[np.ndarray, np.ndarray]:
+    """For every pixel of an ideal image, where to read it in the distorted one (for `cv2.remap`).
+
+    Parameters
+    ----------
+    camera : the camera of the distorted image.
+    ideal : pinhole camera of the image wanted; `pinhole_of(camera)` when None.
+
+    Returns
+    -------
+    map_u, map_v : (ideal.height, ideal.width) float32 arrays, px of the distorted image; `OUTSIDE_PX` where the
+        lens does not image the ray.
+
+    Raises
+    ------
+    InputError : `ideal` has distortion of its own, or `camera` more coefficients than its model has.
+    """
+    ideal = pinhole_of(camera) if ideal is None else ideal
+    if ideal.model != "pinhole":
+        raise InputError(f"the camera to undistort to is a {ideal.model} camera, and must be a pinhole one")
+    x: FloatArray = (np.arange(ideal.width, dtype=np.float64) - ideal.cx) / ideal.fx
+    y: FloatArray = (np.arange(ideal.height, dtype=np.float64)[:, None] - ideal.cy) / ideal.fy
+    maps = np.empty((2, ideal.height, ideal.width), dtype=np.float32)
+    for top in range(0, ideal.height, ROWS_AT_ONCE):
+        rows = slice(top, top + ROWS_AT_ONCE)
+        maps[0, rows], maps[1, rows] = _project(camera, x, y[rows])
+    np.nan_to_num(maps, copy=False, nan=OUTSIDE_PX)
+    return maps[0], maps[1]
+
+
+def _padded_coefficients(camera: Camera) -> tuple[float, ...]:
+    """Coefficients in the model's full order, zeros for the missing ones."""
+    wanted = MAX_COEFFICIENTS[camera.model]
+    if len(camera.distortion) > wanted:
+        raise InputError(f"a {camera.model} camera takes {wanted} coefficients, found {len(camera.distortion)}")
+    return tuple(map(float, camera.distortion)) + (0.0,) * (wanted - len(camera.distortion))
+
+
+def _project(camera: Camera, x: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Pixels u, v of normalised coordinates x, y, which need only broadcast against each other."""
+    k = _padded_coefficients(camera)
+    if camera.model != "pinhole":
+        distort = _distort_fisheye if camera.model == "fisheye" else _distort_brown
+        with np.errstate(over="ignore", divide="ignore", invalid="ignore"):  # only where nothing is seen
+            r2 = x * x + y * y
+            seen = r2 < np.tan(_valid_angle(camera.model, k)) ** 2
+            x, y = (np.where(seen, d, np.nan) for d in distort(x, y, r2, k))
+    u, v = np.broadcast_arrays(camera.fx * x + camera.cx, camera.fy * y + camera.cy)
+    return u, v
+
+
+# ---- Brown: x_d = x g(r^2) + tangential, g = (1 + k1 s + k2 s^2 + k3 s^3) / (1 + k4 s + k5 s^2 + k6 s^3) ----
+
+
+def _distort_brown(x: FloatArray, y: FloatArray, r2: FloatArray, k: tuple[float, ...]) -> tuple[FloatArray, FloatArray]:
+    p1, p2 = k[2], k[3]
+    g = _radial_factor(r2, k)
+    xy = x * y
+    return x * g + 2 * p1 * xy + p2 * (r2 + 2 * x * x), y * g + p1 * (r2 + 2 * y * y) + 2 * p2 * xy
+
+
+def _radial_factor(r2: FloatArray, k: tuple[float, ...]) -> FloatArray:
+    k1, k2, _, _, k3, k4, k5, k6 = k
+    g = 1 + r2 * (k1 + r2 * (k2 + r2 * k3))
+    return g / (1 + r2 * (k4 + r2 * (k5 + r2 * k6))) if any(k[5:]) else g
+
+
+def _radial_polynomials(k: tuple[float, ...]) -> tuple[FloatArray, FloatArray]:
+    """Numerator and denominator of g in r^2, highest power first."""
+    k1, k2, _, _, k3, k4, k5, k6 = k
+    return np.array([k3, k2, k1, 1.0]), np.array([k6, k5, k4, 1.0])
+
+
+def _radial_slope(r2: FloatArray, k: tuple[float, ...]) -> FloatArray:
+    """d g / d(r^2)."""
+    n, d = _radial_polynomials(k)
+    below = np.polyval(d, r2)
+    return (np.polyval(np.polyder(n), r2) - _radial_factor(r2, k) * np.polyval(np.polyder(d), r2)) / below
+
+
+def _undistort_brown(distorted: FloatArray, k: tuple[float, ...]) -> FloatArray:
+    limit = _valid_angle("brown", k)
+    x, y = (distorted * _radial_start(distorted, k, limit)[:, None]).T
+    for _ in range(NEWTON_ITERATIONS):
+        step_x, step_y, determinant = _newton_step(x, y, distorted, k)
+        x, y = x - step_x, y - step_y
+        step = np.hypot(step_x, step_y) / (1 + np.abs(x) + np.abs(y))
+        if not np.any(step > LAST_STEP):
+            break
+    # a positive determinant alone would also admit the branch beyond a second fold
+    good = (step <= LAST_STEP) & (determinant > 0) & (np.hypot(x, y) < np.tan(limit))
+    return np.where(good[:, None], np.stack([x, y], axis=1), np.nan)
+
+
+def _radial_start(distorted: FloatArray, k: tuple[float, ...], limit: float) -> FloatArray:
+    """r / r_d from a table of the radial part alone; at and beyond the fold, a point just inside it."""
+    r = np.tan(np.linspace(0, limit, TABLE_SIZE))
+    r_d = r * _radial_factor(r * r, k)
+    radius = np.hypot(distorted[:, 0], distorted[:, 1])
+    start = np.interp(radius, r_d[:-1], r[:-1])
+    return np.divide(start, radius, out=np.ones_like(radius), where=radius > 0)
+
+
+def _newton_step(
+    x: FloatArray, y: FloatArray, target: FloatArray, k: tuple[float, ...]
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Newton step of forward(x, y) = target, and the determinant of the (symmetric) Jacobian."""
+    p1, p2 = k[2], k[3]
+    r2 = x * x + y * y
+    g, slope = _radial_factor(r2, k), 2 * _radial_slope(r2, k)
+    j_xx = g + slope * x * x + 2 * p1 * y + 6 * p2 * x
+    j_yy = g + slope * y * y + 6 * p1 * y + 2 * p2 * x
+    j_xy = slope * x * y + 2 * p1 * x + 2 * p2 * y
+    x_d, y_d = _distort_brown(x, y, r2, k)
+    e_x, e_y = x_d - target[:, 0], y_d - target[:, 1]
+    determinant = j_xx * j_yy - j_xy * j_xy
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return (j_yy * e_x - j_xy * e_y) / determinant, (j_xx * e_y - j_xy * e_x) / determinant, determinant
+
+
+# ---- fisheye: r_d = theta (1 + k1 theta^2 + k2 theta^4 + k3 theta^6 + k4 theta^8), theta = atan r ----
+
+
+def _distort_fisheye(
+    x: FloatArray, y: FloatArray, r2: FloatArray, k: tuple[float, ...]
+) -> tuple[FloatArray, FloatArray]:
+    r = np.sqrt(r2)
+    r_d = _fisheye_radius(np.arctan(r), k)
+    ratio = np.divide(r_d, r, out=np.ones_like(r), where=r > 0)
+    return x * ratio, y * ratio
+
+
+def _fisheye_radius(theta: FloatArray, k: tuple[float, ...]) -> FloatArray:
+    return theta * np.polyval([*k[::-1], 1.0], theta * theta)
+
+
+def _undistort_fisheye(distorted: FloatArray, k: tuple[float, ...]) -> FloatArray:
+    limit = _valid_angle("fisheye", k)
+    r_d = np.hypot(distorted[:, 0], distorted[:, 1])
+    grid = np.linspace(0, limit, TABLE_SIZE)
+    theta = np.interp(r_d, _fisheye_radius(grid, k), grid)
+    slope = np.array([9.0, 7.0, 5.0, 3.0, 1.0]) * [*k[::-1], 1.0]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        for _ in range(NEWTON_ITERATIONS):
+            step = (_fisheye_radius(theta, k) - r_d) / np.polyval(slope, theta * theta)
+            theta = theta - step
+            if not np.any(np.abs(step) > LAST_STEP):
+                break
+    good = (np.abs(step) <= LAST_STEP) & (theta < limit)
+    ratio = np.divide(np.tan(theta), r_d, out=np.ones_like(r_d), where=r_d > 0)
+    return np.where(good[:, None], distorted * ratio[:, None], np.nan)
+
+
+# ---- where the polynomial ends ----
+
+
+@lru_cache(maxsize=32)
+def _valid_angle(model: CameraModel, k: tuple[float, ...]) -> float:
+    """Angle off the axis, rad, below which the radial part of the lens model grows: its fold, or `MAX_ANGLE`."""
+    if model == "fisheye":
+        fold = _smallest_positive_root(np.array([9.0, 7.0, 5.0, 3.0, 1.0]) * [*k[::-1], 1.0])
+        return min(float(np.sqrt(fold)), float(MAX_ANGLE))
+    # d(r N/D)/dr = 0  <=>  (N + 2 s N') D - 2 s N D' = 0 with s = r^2; D = 0 is a pole and ends the model as well
+    n, d = _radial_polynomials(k)
+    two_s = np.array([2.0, 0.0])
+    grown = np.polyadd(n, np.polymul(two_s, np.polyder(n)))
+    rate: FloatArray = np.polysub(np.polymul(grown, d), np.polymul(np.polymul(two_s, n), np.polyder(d)))
+    fold = min(_smallest_positive_root(rate), _smallest_positive_root(d))
+    return min(float(np.arctan(np.sqrt(fold))), float(MAX_ANGLE))
+
+
+def _smallest_positive_root(polynomial: FloatArray) -> float:
+    """Smallest positive real root, infinity when there is none."""
+    roots = np.roots(polynomial)
+    real = roots.real[(np.abs(roots.imag) <= 1e-9 * np.abs(roots)) & (roots.real > 0)]
+    return float(real.min()) if len(real) else np.inf
