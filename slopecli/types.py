@@ -52,12 +52,16 @@ class Camera:
 
 @dataclass(frozen=True, eq=False)
 class Image:
-    """One image in memory: `grey` (h, w) uint8 for matching, `colour` (h, w, 3) uint8 BGR or None when it is grey."""
+    """One image in memory: `grey` (h, w) uint8 for matching, `colour` (h, w, 3) uint8 BGR or None when it is grey.
+
+    note: what a user should know of how the file was read, "" when there is nothing to say.
+    """
 
     grey: NDArray[np.uint8]
     colour: NDArray[np.uint8] | None = None
     path: str = ""
     sha256: str = ""
+    note: str = ""
 
     @property
     def width(self) -> int:

@@ -1,0 +1,1 @@
+"""The only code that opens files: images, cameras, and everything that is written."""

@@ -1,0 +1,188 @@
+"""Read images: every kind of pixel becomes 8-bit grey and colour, as stored, or one clear line says why not."""
+
+from __future__ import annotations
+
+import hashlib
+from os import PathLike
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from slopecli.errors import InputError
+from slopecli.io.image_headers import ImageHeader, read_header
+from slopecli.types import Image
+
+MAX_PIXELS = 300_000_000  # twice the largest single-shot sensor; more is a mosaic or a damaged header
+MIN_SIDE = 16  # px; nothing can be matched in less
+MAX_BYTES = 2_000_000_000
+TAIL_PERCENT = 0.1  # of the pixels at either end may saturate when more than 8 bits become 8
+SAMPLE_SIDE = 1024  # percentiles come from a regular sample of about this many rows and columns
+RAW_SUFFIXES = {".dng", ".nef", ".cr2", ".cr3", ".arw", ".raf", ".rw2", ".orf", ".pef", ".srw"}
+READABLE = "PNG, JPEG, TIFF, BMP, WebP or PNM"
+ORIENTATIONS = {
+    2: "mirrored",
+    3: "turned by 180 degrees",
+    4: "flipped",
+    5: "transposed",
+    6: "turned by 90 degrees clockwise",
+    7: "transverse",
+    8: "turned by 90 degrees anticlockwise",
+}
+
+
+def load_image(path: str | PathLike[str]) -> Image:
+    """Read an image file as the sensor stored it.
+
+    8-bit pixels stay untouched. 16-bit, float and other pixels are mapped to 0..255 by one straight line for all
+    channels, from the 0.1 and 99.9 percentiles of the grey values (clipped outside; infinities clip too, NaN becomes
+    0); it is monotone and does not heed a few hot or dead pixels. An alpha channel is dropped. EXIF orientation is
+    never applied, since intrinsics belong to the pixels as stored; `note` says when there is one.
+
+    Parameters
+    ----------
+    path : image file; PNG, JPEG, TIFF, BMP, WebP, PNM and whatever else the OpenCV in use decodes.
+
+    Returns
+    -------
+    image : grey (h, w) uint8, colour (h, w, 3) uint8 BGR or None for a one-channel file, and the file's SHA-256.
+
+    Raises
+    ------
+    InputError : missing, a directory, empty, cut short, damaged, not an image, or of an absurd size.
+    """
+    data = _read_bytes(Path(path))
+    try:
+        header = read_header(data)
+        _refuse_raw(Path(path), header)
+        if header.size is not None:
+            _check_size(*header.size)
+        pixels = _decode(data, header)
+        _check_size(pixels.shape[1], pixels.shape[0])
+        grey, colour, mapped = _to_8_bit(pixels)
+    except InputError as error:
+        raise InputError(f"{path}: {error}") from None
+    notes = [_orientation_note(header.orientation), mapped]
+    return Image(grey, colour, str(path), hashlib.sha256(data).hexdigest(), note="; ".join(filter(None, notes)))
+
+
+def _read_bytes(path: Path) -> bytes:
+    try:
+        _refuse_non_files(path)
+        data = path.read_bytes()
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read ({error.strerror}); check the path and its permissions") from None
+    if not data:
+        raise InputError(f"{path}: is empty (0 bytes); copy or download it again")
+    return data
+
+
+def _refuse_non_files(path: Path) -> None:
+    if path.is_dir():
+        raise InputError(f"{path}: is a folder, needed an image file; `slopemap batch` takes folders")
+    if not path.exists():
+        raise InputError(f"{path}: no such file; check the path")
+    if not path.is_file():
+        raise InputError(f"{path}: is not a regular file; save the image to disk first")
+    if path.stat().st_size > MAX_BYTES:
+        raise InputError(f"{path}: is {path.stat().st_size / 1e9:.1f} GB, too large for one image; cut or shrink it")
+
+
+def _refuse_raw(path: Path, header: ImageHeader) -> None:
+    if header.is_raw or path.suffix.lower() in RAW_SUFFIXES:
+        raise InputError("is a raw camera file, of which only a preview would be read; develop it to PNG or TIFF first")
+
+
+def _check_size(width: int, height: int) -> None:
+    if width * height > MAX_PIXELS:
+        limit = MAX_PIXELS // 1_000_000
+        raise InputError(f"claims {width}x{height} px, more than {limit} megapixels; cut or shrink it")
+    if min(width, height) < MIN_SIDE:
+        raise InputError(f"is {width}x{height} px, needed at least {MIN_SIDE}x{MIN_SIDE}; use a larger image")
+
+
+def _decode(data: bytes, header: ImageHeader) -> NDArray[Any]:
+    """Pixels with their own depth and channels, as stored, from one pass over the file."""
+    import cv2
+
+    if header.orientation != 1 and header.orientation_offset is not None:
+        data = _without_tiff_orientation(data, header)
+    level = cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)
+    try:
+        pixels = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED)
+    except cv2.error:
+        pixels = None
+    finally:
+        cv2.utils.logging.setLogLevel(level)
+    if pixels is None:
+        raise InputError(_why_not_decoded(data))
+    return pixels
+
+
+def _without_tiff_orientation(data: bytes, header: ImageHeader) -> bytes:
+    """OpenCV turns TIFF pixels whatever the flags; a tag that says 1 keeps them as stored."""
+    start = header.orientation_offset or 0
+    return data[:start] + header.orientation_upright + data[start + 2 :]
+
+
+def _why_not_decoded(data: bytes) -> str:
+    if data.startswith(b"version https://git-lfs"):
+        return "is a Git LFS pointer, not the image itself; run `git lfs pull`"
+    if data[4:12] in (b"ftypheic", b"ftypheix", b"ftypmif1"):
+        return f"is a HEIC file, needed {READABLE}; convert it first"
+    if not any(byte < 9 for byte in data[:512]):
+        return f"is text, not an image; needed {READABLE}"
+    return f"is damaged or of a kind that cannot be read; needed {READABLE}, try to open and save it again"
+
+
+def _orientation_note(orientation: int) -> str:
+    if orientation == 1:
+        return ""
+    return f"EXIF says the image is to be shown {ORIENTATIONS[orientation]}; not applied, pixels are used as stored"
+
+
+def _to_8_bit(pixels: NDArray[Any]) -> tuple[NDArray[np.uint8], NDArray[np.uint8] | None, str]:
+    """Grey, colour and a note on the mapping ("" for 8-bit pixels)."""
+    import cv2
+
+    if pixels.ndim == 3 and pixels.shape[2] not in (3, 4):
+        raise InputError(f"has {pixels.shape[2]} channels, needed 1 (grey), 3 (colour) or 4 (with alpha)")
+    if pixels.dtype not in (np.uint8, np.uint16, np.float32):  # what OpenCV converts to grey
+        pixels = pixels.astype(np.float32)
+    grey: NDArray[Any] = pixels
+    colour: NDArray[Any] | None = None
+    if pixels.ndim == 3:
+        alpha = pixels.shape[2] == 4
+        grey = cv2.cvtColor(pixels, cv2.COLOR_BGRA2GRAY if alpha else cv2.COLOR_BGR2GRAY)
+        colour = cv2.cvtColor(pixels, cv2.COLOR_BGRA2BGR) if alpha else pixels
+    if pixels.dtype == np.uint8:
+        return grey, colour, ""
+    low, high = _range(grey)
+    note = f"{pixels.dtype} values {low:.6g} to {high:.6g} mapped to 0..255"
+    return _map(grey, low, high), None if colour is None else _map(colour, low, high), note
+
+
+def _range(grey: NDArray[Any]) -> tuple[float, float]:
+    """Values that become 0 and 255: percentiles, or the extremes where almost all pixels are equal."""
+    step = [max(1, side // SAMPLE_SIDE) for side in grey.shape]
+    values = grey[:: step[0], :: step[1]].astype(np.float64)
+    values = values[np.isfinite(values)]
+    if not len(values):
+        raise InputError("has no finite pixel value; export it again")
+    low, high = np.percentile(values, [TAIL_PERCENT, 100 - TAIL_PERCENT])
+    if low == high:
+        low, high = values.min(), values.max()
+    if grey.dtype == np.uint16:  # the clipping bounds must be of the pixels' own kind
+        low, high = np.floor(low), np.ceil(high)
+    return float(low), float(high)
+
+
+def _map(values: NDArray[Any], low: float, high: float) -> NDArray[np.uint8]:
+    import cv2
+
+    scale = 255.0 / (high - low) if high > low else 0.0
+    if values.dtype == np.float32:
+        values = np.nan_to_num(values, nan=low, posinf=high, neginf=low)
+    clipped = np.clip(values, values.dtype.type(low), values.dtype.type(high))
+    return np.asarray(cv2.convertScaleAbs(clipped, alpha=scale, beta=-low * scale), dtype=np.uint8)
