@@ -1,0 +1,55 @@
+# A fresh machine needs make and Python 3.11 or newer; everything else goes into .venv.
+PYTHON ?= python3
+VENV := .venv
+BIN := $(VENV)/bin
+DEMO := sample_data/descent
+
+.PHONY: help venv demo test test-fast lint types bench sample-data docs clean
+
+help:
+	@echo 'make demo         slopes of the sample pair, checked against their truth (into demo_output/)'
+	@echo 'make test         everything that must hold: lint, types, all tests'
+	@echo 'make test-fast    all tests but the long statistics'
+	@echo 'make lint         ruff: rules and format'
+	@echo 'make types        mypy'
+	@echo 'make bench        how fast'
+	@echo 'make docs         write docs/cli.md, the README example and its picture anew'
+	@echo 'make sample-data  render sample_data/ anew'
+	@echo 'make venv         only install into .venv (PYTHON=python3.12 picks the interpreter)'
+
+venv: $(VENV)/.installed
+
+$(VENV)/.installed: pyproject.toml
+	@$(PYTHON) -c 'import sys; sys.exit("slopemap needs Python 3.11 or newer, but $(PYTHON) is %d.%d; try make PYTHON=python3.12" % sys.version_info[:2] if sys.version_info < (3, 11) else 0)'
+	$(PYTHON) -m venv $(VENV)
+	$(BIN)/python -m pip install --quiet --editable '.[dev]'
+	@touch $@
+
+demo: venv
+	$(BIN)/slopemap estimate $(DEMO)/image1.png $(DEMO)/image2.png --camera $(DEMO)/camera.json -o demo_output
+	$(BIN)/python sample_data/check_demo.py demo_output/slopes.json $(DEMO)/truth.json
+
+test: lint types
+	$(BIN)/python -m pytest
+
+test-fast: venv
+	$(BIN)/python -m pytest -m 'not slow'
+
+lint: venv
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+
+types: venv
+	$(BIN)/mypy
+
+bench: venv
+	@set -e; for script in benchmarks/*.py; do echo "== $$script"; $(BIN)/python $$script; done
+
+docs: venv
+	$(BIN)/python docs/generate.py
+
+sample-data: venv
+	$(BIN)/python sample_data/make_sample_data.py
+
+clean:
+	rm -rf demo_output .pytest_cache .mypy_cache .ruff_cache .hypothesis

@@ -1,0 +1,75 @@
+"""Write what the documents quote: docs/cli.md, the README's example and its picture. `make docs` runs it.
+
+The tests call the same functions and compare, so that neither can drift from what the program does.
+"""
+
+from __future__ import annotations
+
+import re
+import shlex
+import subprocess
+import sys
+import tempfile
+from collections.abc import Iterator
+from pathlib import Path
+
+import click
+
+from slopecli.cli.app import slopemap
+
+ROOT = Path(__file__).resolve().parent.parent
+README = ROOT / "README.md"
+REFERENCE = ROOT / "docs" / "cli.md"
+PICTURE = ROOT / "docs" / "images" / "overlay.png"
+EXAMPLE = re.compile(r"```console\n\$ (?P<command>slopemap (?:[^\n]*\\\n)*[^\n]*)\n(?P<output>.*?)```", re.DOTALL)
+
+
+def commands(command: click.Command, parent: click.Context | None = None) -> Iterator[tuple[str, str]]:
+    """Path and help text of a command and of all below it."""
+    settings = {**command.context_settings, "terminal_width": 80}
+    context = click.Context(command, info_name=command.name, parent=parent, **settings)
+    yield context.command_path, command.get_help(context)
+    if isinstance(command, click.Group):
+        for name in command.list_commands(context):
+            yield from commands(command.commands[name], context)
+
+
+def cli_reference() -> str:
+    """docs/cli.md: the help of every command."""
+    sections = [f"## {path}\n\n```text\n{text}\n```\n" for path, text in commands(slopemap)]
+    return "# Command line reference\n\nMade from `--help` by `make docs`.\n\n" + "\n".join(sections)
+
+
+def run_example(command: str, folder: Path) -> str:
+    """What a user sees on running a README command with the sample data at hand; outputs go into `folder`."""
+    (folder / "sample_data").symlink_to(ROOT / "sample_data")
+    arguments = shlex.split(command.replace("\\\n", " "))[1:]
+    done = subprocess.run(
+        [sys.executable, "-m", "slopecli", *arguments],
+        cwd=folder,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+        encoding="utf-8",
+        check=False,
+    )
+    if done.returncode:
+        sys.exit(f"{command} ended with {done.returncode}: {done.stdout}")
+    return done.stdout
+
+
+def main() -> None:
+    REFERENCE.write_text(cli_reference(), encoding="utf-8")
+    text = README.read_text(encoding="utf-8")
+    example = EXAMPLE.search(text)
+    if example is None:
+        sys.exit("README.md has no console block with a slopemap command")
+    with tempfile.TemporaryDirectory() as folder:
+        output = run_example(example["command"], Path(folder))
+        PICTURE.parent.mkdir(exist_ok=True)
+        PICTURE.write_bytes(next(Path(folder).glob("*/overlay.png")).read_bytes())
+    README.write_text(text[: example.start("output")] + output + text[example.end("output") :], encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,56 @@
+"""The one place where an exception becomes a line on stderr and an exit status."""
+
+from __future__ import annotations
+
+import os
+import sys
+import traceback
+from collections.abc import Sequence
+
+import click
+
+from slopecli.cli.talk import Talk
+from slopecli.errors import SlopemapError
+
+UNEXPECTED = 1
+INTERRUPTED = 130
+
+
+def run(command: click.Command, arguments: Sequence[str]) -> int:
+    """Run `command` and return the exit status; no exception leaves, and bad input never ends in a traceback."""
+    talk = Talk()
+    _prepare_process()
+    try:
+        return command.main(list(arguments), prog_name="slopemap", standalone_mode=False, obj=talk) or 0
+    except click.ClickException as error:
+        error.show()
+        return error.exit_code
+    except SlopemapError as error:
+        return _end(str(error), error.exit_code)
+    except (click.Abort, KeyboardInterrupt):
+        return _end("interrupted", INTERRUPTED)
+    except MemoryError:
+        return _end("not enough memory for images of this size; try smaller images or fewer windows", UNEXPECTED)
+    except Exception as error:
+        return _unexpected(error, talk)
+
+
+def _prepare_process() -> None:
+    # a pool of BLAS threads costs more than it gives on 3x3 systems, and must be declined before numpy is loaded
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+    # a terminal that cannot show a character of a file name or a degree sign shall not end the run
+    for stream in (sys.stdout, sys.stderr):
+        if hasattr(stream, "reconfigure"):
+            stream.reconfigure(errors="backslashreplace")
+
+
+def _end(message: str, exit_code: int) -> int:
+    click.echo(f"slopemap: error: {' '.join(message.split())}", err=True)
+    return exit_code
+
+
+def _unexpected(error: Exception, talk: Talk) -> int:
+    if talk.verbose:
+        traceback.print_exception(error)
+    hint = "" if talk.verbose else "; run again with -v for the traceback"
+    return _end(f"unexpected {type(error).__name__}: {error}; this is a fault of slopemap{hint}", UNEXPECTED)

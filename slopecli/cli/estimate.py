@@ -1,0 +1,119 @@
+"""`slopemap estimate`: slopes of windows from one pair of images."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from slopecli.cli.shared_options import (
+    at_most_one,
+    camera_options,
+    frame_options,
+    given,
+    options_from,
+    output_options,
+    scale_options,
+    solving_options,
+    talk_options,
+    verdict_options,
+    window_options,
+)
+from slopecli.cli.table import result_table, talk_lines
+from slopecli.cli.talk import Talk, print_result
+
+if TYPE_CHECKING:
+    from slopecli.types import Camera, Image, Report
+
+CAMERA_FLAGS = ("camera", "intrinsics", "fov")
+
+
+@click.command()
+@click.argument("image1", type=click.Path())
+@click.argument("image2", type=click.Path())
+@camera_options
+@output_options
+@window_options
+@frame_options
+@scale_options
+@verdict_options
+@solving_options
+@talk_options
+@click.pass_context
+def estimate(ctx: click.Context, image1: str, image2: str, **parameters: Any) -> None:
+    """Slopes of windows of IMAGE1 from two overlapping images.
+
+    Prints one line per window; -o DIR also keeps the answer as slopes.json, a picture (overlay.png), 3-D patches
+    (patches.ply) and a map of window ids (labels.png).
+
+    \b
+    Example:
+      slopemap estimate first.png second.png --camera camera.json -o out
+    """
+    _check_usage(ctx)
+    talk = ctx.ensure_object(Talk)
+    images = _load_images(image1, image2, talk)
+    cameras = _load_cameras(images, parameters, talk)
+    report = _solve(images, cameras, parameters, talk)
+    _deliver(report, images[0], parameters, talk)
+
+
+def _check_usage(ctx: click.Context) -> None:
+    at_most_one(ctx, *CAMERA_FLAGS)
+    at_most_one(ctx, "grid", "windows")
+    at_most_one(ctx, "baseline_m", "altitude_m")
+    if not given(ctx, *CAMERA_FLAGS):
+        raise click.UsageError("No camera: give --camera FILE, --intrinsics FX,FY,CX,CY or --fov DEG.", ctx)
+    if not given(ctx, "output", "as_json"):
+        raise click.UsageError("Nowhere to put the answer: give -o DIR, or --json to print it.", ctx)
+
+
+def _load_images(image1: str, image2: str, talk: Talk) -> tuple[Image, Image]:
+    with talk.timed("load"):
+        from slopecli.io.images import load_image
+
+        return load_image(image1), load_image(image2)
+
+
+def _load_cameras(images: tuple[Image, Image], parameters: dict[str, Any], talk: Talk) -> tuple[Camera, Camera]:
+    second = {**parameters, "camera": parameters["camera2"]} if parameters["camera2"] else parameters
+    return _load_camera(images[0], parameters, talk), _load_camera(images[1], second, talk)
+
+
+def _load_camera(image: Image, parameters: dict[str, Any], talk: Talk) -> Camera:
+    from slopecli.io.cameras import camera_from_fov, camera_from_intrinsics, fit_camera_to_image, load_camera
+
+    size = (image.width, image.height)
+    if parameters["camera"]:
+        camera, message = fit_camera_to_image(load_camera(parameters["camera"], size=size), *size)
+        if message:
+            talk.say(f"{image.path}: {message}")
+        return camera
+    if parameters["intrinsics"]:
+        return camera_from_intrinsics(parameters["intrinsics"], *size)
+    return camera_from_fov(parameters["fov"], *size)
+
+
+def _solve(
+    images: tuple[Image, Image], cameras: tuple[Camera, Camera], parameters: dict[str, Any], talk: Talk
+) -> Report:
+    from slopecli.pipeline import estimate as estimate_pair
+
+    return estimate_pair(*images, *cameras, options_from(parameters), on_stage=talk.stage)
+
+
+def _deliver(report: Report, image1: Image, parameters: dict[str, Any], talk: Talk) -> None:
+    from slopecli.io.outputs import write_outputs
+    from slopecli.io.result import report_to_json
+
+    written: list[Path] = []
+    if parameters["output"]:
+        with talk.timed("write"):
+            keep = {"overlay": not parameters["no_overlay"], "ply": not parameters["no_ply"]}
+            written = write_outputs(report, image1, parameters["output"], **keep)
+    print_result(report_to_json(report) if parameters["as_json"] else result_table(report))
+    for line in talk_lines(report):
+        talk.say(line)
+    if written:
+        talk.say(f"wrote {', '.join(map(str, written))}")

@@ -1,0 +1,117 @@
+"""Types of option values: strict, each refusing with what was found, what is needed and an example."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Callable
+from typing import Any, get_args, get_type_hints
+
+import click
+
+from slopecli.options import Options
+
+Values = tuple[Any, ...]
+
+
+class CommaSeparated(click.ParamType):
+    """A fixed number of comma-separated finite numbers.
+
+    Parameters
+    ----------
+    layout : what is expected, for example "X,Y,W,H"; it fixes how many.
+    example : a good value, shown when a bad one is refused.
+    number : int or float.
+    accepts : the condition the numbers must meet, and `condition`, the same in words.
+    """
+
+    name = "numbers"
+
+    def __init__(
+        self,
+        layout: str,
+        example: str,
+        number: Callable[[str], float],
+        accepts: Callable[[Values], bool],
+        condition: str,
+    ) -> None:
+        self.layout, self.example, self.number = layout, example, number
+        self.accepts, self.condition = accepts, condition
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Values:
+        if isinstance(value, tuple):
+            return value
+        numbers = self._numbers(value)
+        if numbers is None:
+            self.fail(f"{value!r} is not {self._wanted()}, for example {self.example}.", param, ctx)
+        if not self.accepts(numbers):
+            self.fail(f"{value!r}: {self.condition}, for example {self.example}.", param, ctx)
+        return numbers
+
+    def _numbers(self, value: str) -> Values | None:
+        try:
+            numbers = tuple(self.number(part) for part in value.split(","))
+        except ValueError:
+            return None
+        complete = len(numbers) == len(self.layout.split(","))
+        return numbers if complete and all(map(math.isfinite, numbers)) else None
+
+    def _wanted(self) -> str:
+        kind = "whole numbers" if self.number is int else "numbers"
+        return f"{self.layout} ({len(self.layout.split(','))} {kind})"
+
+
+class Grid(click.ParamType):
+    """COLUMNSxROWS, for example 3x3."""
+
+    name = "grid"
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> tuple[int, int]:
+        if isinstance(value, tuple):
+            return value
+        match = re.fullmatch(r"([1-9]\d{0,3})x([1-9]\d{0,3})", value)
+        if match is None:
+            self.fail(f"{value!r} is not COLUMNSxROWS with both at least 1, for example 3x3.", param, ctx)
+        return int(match[1]), int(match[2])
+
+
+class Up(CommaSeparated):
+    """`camera`, `dominant-plane` or a vector."""
+
+    name = "up"
+    words = ("camera", "dominant-plane")
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        return value if value in self.words else super().convert(value, param, ctx)
+
+    def _wanted(self) -> str:
+        return f"{', '.join(self.words)} or {super()._wanted()}"
+
+
+class Between(click.FloatRange):
+    """A finite number within bounds (click's own FloatRange lets nan through)."""
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> float:
+        number = float(super().convert(value, param, ctx))
+        if not math.isfinite(number):
+            self.fail(f"{value!r} is not a finite number.", param, ctx)
+        return number
+
+
+def _is_direction(vector: Values) -> bool:
+    return math.hypot(*vector) > 0
+
+
+WINDOW = CommaSeparated(
+    "X,Y,W,H", "100,100,200,150", int, lambda w: min(w[:2]) >= 0 < min(w[2:]), "X, Y must be 0 or more, W, H 1 or more"
+)
+INTRINSICS = CommaSeparated("FX,FY,CX,CY", "800,800,511.5,383.5", float, lambda k: min(k[:2]) > 0, "FX, FY must be > 0")
+VECTOR = CommaSeparated("X,Y,Z", "0,0,-1", float, _is_direction, "the vector must not be zero")
+UP = Up("X,Y,Z", "0,0,-1", float, _is_direction, "the vector must not be zero")
+GRID = Grid()
+POSITIVE = Between(min=0, min_open=True)
+
+
+def choices_of(option: str) -> click.Choice:
+    """The choices the library itself declares for one of its options."""
+    return click.Choice(get_args(get_type_hints(Options)[option]))

@@ -1,0 +1,189 @@
+"""Options shared by the commands, in groups; parameter names are those of `Options`, and so are the defaults."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import fields
+from functools import reduce
+from pathlib import Path
+from typing import Any
+
+import click
+from click.core import ParameterSource
+
+from slopecli.cli.parameter_types import (
+    GRID,
+    INTRINSICS,
+    POSITIVE,
+    UP,
+    VECTOR,
+    WINDOW,
+    Between,
+    choices_of,
+)
+from slopecli.cli.talk import Talk
+from slopecli.options import Options
+
+Decorator = Callable[[Any], Any]
+
+
+def _group(*decorators: Decorator) -> Decorator:
+    """One decorator that adds options in the order written."""
+    return lambda command: reduce(lambda decorated, add: add(decorated), reversed(decorators), command)
+
+
+def _option(*names: str, **attributes: Any) -> Decorator:
+    return click.option(*names, **{"show_default": attributes.get("default") is not None, **attributes})
+
+
+def _set_talk(ctx: click.Context, parameter: click.Parameter, value: bool) -> None:
+    talk: Talk = ctx.ensure_object(Talk)
+    setattr(talk, str(parameter.name), value)
+    if talk.verbose and talk.quiet:
+        raise click.UsageError("-v and -q contradict each other; give one.", ctx)
+
+
+camera_options = _group(
+    _option("--camera", metavar="FILE", help="Camera file of both images; FILE#NAME takes one of several in it."),
+    _option("--camera2", metavar="FILE", help="Camera file of image 2 where it differs."),
+    _option(
+        "--intrinsics", metavar="FX,FY,CX,CY", type=INTRINSICS, help="Instead of a camera file, px; no distortion."
+    ),
+    _option(
+        "--fov",
+        metavar="DEG",
+        type=Between(0, 180, min_open=True, max_open=True),
+        help="Instead of a camera file: horizontal field of view, principal point in the centre.",
+    ),
+)
+
+window_options = _group(
+    _option(
+        "--grid",
+        metavar="COLSxROWS",
+        type=GRID,
+        default="{}x{}".format(*Options.grid),
+        help="Windows that divide image 1 evenly.",
+    ),
+    _option(
+        "--window",
+        "windows",
+        metavar="X,Y,W,H",
+        type=WINDOW,
+        multiple=True,
+        help="A window of image 1, px; repeat it for more. They get ids 1, 2, ... in this order.",
+    ),
+)
+
+solving_options = _group(
+    _option(
+        "--features",
+        type=choices_of("features"),
+        default=Options.features,
+        help="What is matched first; foerstner: the paper's corners and correlation.",
+    ),
+    _option(
+        "--solver",
+        type=choices_of("solver"),
+        default=Options.solver,
+        help="mle: joint least squares; ha: homography alignment as printed; lh: Longuet-Higgins, averaged.",
+    ),
+    _option(
+        "--seed",
+        metavar="N",
+        type=click.IntRange(0, 2**31 - 1),
+        default=Options.seed,
+        help="Seed of random sampling; the same seed gives the same bytes.",
+    ),
+)
+
+frame_options = _group(
+    _option(
+        "--up",
+        metavar="camera|dominant-plane|X,Y,Z",
+        type=UP,
+        default=Options.up,
+        help="What is level: camera 1 looks straight down; the largest plane; or a vector against gravity in "
+        "camera-1 axes (x right, y down, z forward).",
+    ),
+    _option(
+        "--up-sigma",
+        "up_sigma_deg",
+        metavar="DEG",
+        type=Between(0, 90, max_open=True),
+        default=Options.up_sigma_deg,
+        help="1-sigma uncertainty of that direction; it enters the slopes' intervals.",
+    ),
+    _option(
+        "--north",
+        metavar="X,Y,Z",
+        type=VECTOR,
+        help="Where aspect is 0, in camera-1 axes.  [default: the image's up direction]",
+    ),
+)
+
+scale_options = _group(
+    _option("--baseline", "baseline_m", metavar="M", type=POSITIVE, help="Distance between the cameras, for metres."),
+    _option(
+        "--altitude", "altitude_m", metavar="M", type=POSITIVE, help="Height of camera 1 above the ground, for metres."
+    ),
+)
+
+verdict_options = _group(
+    _option(
+        "--tolerance",
+        "tolerance_deg",
+        metavar="DEG",
+        type=Between(0, 90, min_open=True, max_open=True),
+        default=Options.tolerance_deg,
+        help="The steepest slope that is safe.",
+    ),
+    _option(
+        "--confidence",
+        metavar="P",
+        type=Between(0.5, 1, min_open=True, max_open=True),
+        default=Options.confidence,
+        help="A window is safe if its slope is below the tolerance with this probability, unsafe if it is above "
+        "with this one, undecided in between.",
+    ),
+)
+
+output_options = _group(
+    _option(
+        "-o",
+        "--output",
+        metavar="DIR",
+        type=click.Path(file_okay=False, path_type=Path),
+        help="Where slopes.json, overlay.png, patches.ply and labels.png go; made if need be. "
+        "Required unless --json is given.",
+    ),
+    _option("--json", "as_json", is_flag=True, help="Print slopes.json on stdout instead of the table."),
+    _option("--no-overlay", is_flag=True, help="Leave out overlay.png."),
+    _option("--no-ply", is_flag=True, help="Leave out patches.ply."),
+)
+
+talk_options = _group(
+    _option("-v", "--verbose", is_flag=True, expose_value=False, callback=_set_talk, help="Time of every stage."),
+    _option("-q", "--quiet", is_flag=True, expose_value=False, callback=_set_talk, help="Only errors on stderr."),
+)
+
+
+def given(ctx: click.Context, *names: str) -> list[str]:
+    """Flags, as the user writes them, of those of the named parameters that are on the command line."""
+    return [
+        parameter.opts[-1]
+        for parameter in ctx.command.params
+        if parameter.name in names and ctx.get_parameter_source(parameter.name) is not ParameterSource.DEFAULT
+    ]
+
+
+def at_most_one(ctx: click.Context, *names: str) -> None:
+    """Refuse a command line that has more than one of the named parameters."""
+    flags = given(ctx, *names)
+    if len(flags) > 1:
+        raise click.UsageError(f"{' and '.join(flags)} contradict each other; give one.", ctx)
+
+
+def options_from(parameters: dict[str, Any]) -> Options:
+    """The library's options out of a command's parameters of the same names."""
+    return Options(**{field.name: parameters[field.name] for field in fields(Options) if field.name in parameters})

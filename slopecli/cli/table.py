@@ -1,0 +1,89 @@
+"""A Report as the table on stdout and the talk on stderr."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from typing import TYPE_CHECKING
+
+import click
+
+if TYPE_CHECKING:
+    from slopecli.types import Plane, Rejected, Report
+
+HEADER = ("id", "slope", "95 % interval", "aspect", "verdict", "P(safe)", "roughness", "points", "note")
+LEFT_ALIGNED = ("verdict", "note")
+VERDICT_COLOURS = {"safe": "green", "unsafe": "red", "undecided": "yellow"}
+
+
+def result_table(report: Report) -> str:
+    """One line per window in the order of ids, those without an answer included; angles in degrees."""
+    rows = [(plane.id, _plane_cells(plane, report.scale.unit)) for plane in report.planes]
+    rows += [(window.id, _rejected_cells(window)) for window in report.rejected]
+    return "\n".join(_aligned([HEADER, *(cells for _, cells in sorted(rows))]))
+
+
+def _plane_cells(plane: Plane, unit: str) -> tuple[str, ...]:
+    low, high = plane.slope_ci95_deg
+    return (
+        str(plane.id),
+        f"{_number(plane.slope_deg, 2)} ± {_number(plane.slope_sigma_deg, 2)}°",
+        f"{_number(low, 2)} to {_number(high, 2)}°",
+        "-" if plane.aspect_deg is None else f"{_number(plane.aspect_deg, 0)}°",
+        plane.verdict,
+        _number(plane.p_safe, 3),
+        _number(plane.roughness, 4) + (" m" if unit == "m" else ""),
+        f"{plane.n_inliers}/{plane.n_correspondences}",
+        ": ".join(part for part in (plane.status, plane.reason) if part and part != "ok"),
+    )
+
+
+def _rejected_cells(window: Rejected) -> tuple[str, ...]:
+    return (str(window.id), *"-" * (len(HEADER) - 2), f"no answer: {window.reason}")
+
+
+def _number(value: float, decimals: int) -> str:
+    return f"{value:.{decimals}f}" if math.isfinite(value) else "-"
+
+
+def _aligned(rows: list[tuple[str, ...]]) -> Iterator[str]:
+    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+    for row in rows:
+        cells = [_padded(*cell) for cell in zip(HEADER, row, widths, strict=True)]
+        yield "  ".join(cells).rstrip()
+
+
+def _padded(column: str, cell: str, width: int) -> str:
+    padded = cell.ljust(width) if column in LEFT_ALIGNED else cell.rjust(width)
+    # the escape codes have no width, so they come after padding
+    return click.style(padded, fg=VERDICT_COLOURS[cell]) if cell in VERDICT_COLOURS else padded
+
+
+def talk_lines(report: Report) -> Iterator[str]:
+    """What a reader of the table should know besides: the reference of the slopes, ambiguity, refusals, diagnostics."""
+    yield _up_line(report)
+    if report.ambiguity.status == "unresolved":
+        yield _ambiguity_line(report)
+    for window in report.rejected:
+        yield f"window {window.id}: no answer: {window.reason}: {window.message}"
+    for diagnostic in report.diagnostics:
+        remedy = f"; {diagnostic.remedy}" if diagnostic.remedy else ""
+        yield f"{diagnostic.severity}: {diagnostic.code}: {diagnostic.message}{remedy}"
+
+
+def _up_line(report: Report) -> str:
+    x, y, z = report.up.vector_cam1
+    meaning = {
+        "camera": "camera 1 taken to look straight down; see --up",
+        "given": "given",
+        "dominant-plane": "the largest plane taken as level",
+    }[report.up.source]
+    sigma = f" ± {report.up.sigma_deg:g}°" if report.up.sigma_deg else ""
+    return f"up: ({x:.4f}, {y:.4f}, {z:.4f}){sigma} in camera-1 axes ({meaning})"
+
+
+def _ambiguity_line(report: Report) -> str:
+    remedy = report.ambiguity.resolve_with
+    return "warning: a second motion fits as well, with other slopes; no window is called safe unless it is in both" + (
+        f"; resolve it with {remedy}" if remedy else ""
+    )

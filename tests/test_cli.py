@@ -1,0 +1,304 @@
+"""`slopemap estimate` as a user meets it: streams, files, exit status, refusals. Runs the real command."""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import shutil
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+from slopecli import __version__
+
+ROOT = Path(__file__).resolve().parent.parent
+DESCENT = ROOT / "sample_data" / "descent"
+PAIR = (str(DESCENT / "image1.png"), str(DESCENT / "image2.png"))
+CAMERA = ("--camera", str(DESCENT / "camera.json"))
+FILES = {"slopes.json", "overlay.png", "patches.ply", "labels.png"}
+
+
+def slopemap(*arguments: str, cwd: Path | None = None, **environment: str) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(
+        [sys.executable, "-m", "slopecli", *arguments],
+        capture_output=True,
+        text=True,
+        encoding="utf-8",
+        cwd=cwd,
+        env={**os.environ, **environment},
+        check=False,
+    )
+
+
+@pytest.fixture(scope="module")
+def answer(tmp_path_factory: pytest.TempPathFactory) -> tuple[subprocess.CompletedProcess[str], Path]:
+    """One ordinary run, and its output folder, which did not exist before."""
+    folder = tmp_path_factory.mktemp("answer") / "new" / "out"
+    done = slopemap("estimate", *PAIR, *CAMERA, "-o", str(folder))
+    assert done.returncode == 0, done.stderr
+    return done, folder
+
+
+# ---- help ----
+
+
+def test_version() -> None:
+    assert slopemap("--version").stdout == f"slopemap {__version__}\n"
+
+
+@pytest.mark.parametrize("arguments", [["--help"], ["--version"], ["estimate", "--help"]], ids=" ".join)
+def test_help_answers_at_once(arguments: list[str]) -> None:
+    def seconds() -> float:
+        start = time.perf_counter()
+        assert slopemap(*arguments).returncode == 0
+        return time.perf_counter() - start
+
+    # the fastest of several, as other work on the machine is not our slowness
+    assert min(seconds() for _ in range(7)) < 0.2
+
+
+def test_a_misspelt_command_is_a_usage_error() -> None:
+    done = slopemap("estimat")
+    assert (done.returncode, done.stdout) == (2, "")
+    assert "estimat" in done.stderr
+
+
+# ---- usage errors: exit 2, said before any file is looked at ----
+
+USAGE = {
+    "no camera": ([], "--camera FILE, --intrinsics FX,FY,CX,CY or --fov DEG"),
+    "two cameras": (["--camera", "c.json", "--fov", "60"], "--camera and --fov contradict each other"),
+    "camera and intrinsics": (["--camera", "c.json", "--intrinsics", "8,8,4,4"], "contradict each other"),
+    "field of view 0": (["--fov", "0"], "'--fov'"),
+    "field of view nan": (["--fov", "nan"], "not a finite number"),
+    "three intrinsics": (["--intrinsics", "800,800,512"], "FX,FY,CX,CY (4 numbers)"),
+    "negative focal length": (["--intrinsics", "-800,800,512,512"], "FX, FY must be > 0"),
+    "window of three": (["--fov", "60", "--window", "1,2,3"], "X,Y,W,H (4 whole numbers)"),
+    "window of words": (["--fov", "60", "--window", "a,b,c,d"], "for example 100,100,200,150"),
+    "window of fractions": (["--fov", "60", "--window", "1.5,2,30,40"], "whole numbers"),
+    "empty window": (["--fov", "60", "--window", "1,2,0,40"], "W, H 1 or more"),
+    "window left of the image": (["--fov", "60", "--window", "-5,2,30,40"], "X, Y must be 0 or more"),
+    "grid without rows": (["--fov", "60", "--grid", "3x0"], "COLUMNSxROWS"),
+    "grid of nothing": (["--fov", "60", "--grid", "3"], "COLUMNSxROWS"),
+    "grid and window": (["--fov", "60", "--grid", "3x3", "--window", "1,2,30,40"], "--grid and --window contradict"),
+    "tolerance 0": (["--fov", "60", "--tolerance", "0"], "0<x<90"),
+    "tolerance 90": (["--fov", "60", "--tolerance", "90"], "0<x<90"),
+    "confidence in per cent": (["--fov", "60", "--confidence", "99"], "0.5<x<1"),
+    "confidence of a coin": (["--fov", "60", "--confidence", "0.5"], "0.5<x<1"),
+    "negative baseline": (["--fov", "60", "--baseline", "-1"], "x>0"),
+    "infinite altitude": (["--fov", "60", "--altitude", "inf"], "not a finite number"),
+    "two scales": (["--fov", "60", "--baseline", "1", "--altitude", "9"], "--baseline and --altitude contradict"),
+    "no direction": (["--fov", "60", "--up", "0,0,0"], "must not be zero"),
+    "unknown up": (["--fov", "60", "--up", "sky"], "camera, dominant-plane or X,Y,Z"),
+    "negative up sigma": (["--fov", "60", "--up-sigma", "-1"], "0<=x<90"),
+    "unknown solver": (["--fov", "60", "--solver", "magic"], "'mle', 'ha', 'lh'"),
+    "unknown features": (["--fov", "60", "--features", "orb"], "'sift', 'foerstner'"),
+    "negative seed": (["--fov", "60", "--seed", "-1"], "'--seed'"),
+    "loud and quiet": (["--fov", "60", "-v", "-q"], "-v and -q contradict"),
+}
+
+
+@pytest.mark.parametrize(("arguments", "said"), USAGE.values(), ids=USAGE)
+def test_usage_errors_name_the_option_and_a_way_out(arguments: list[str], said: str, tmp_path: Path) -> None:
+    done = slopemap("estimate", "no1.png", "no2.png", *arguments, "-o", "out", cwd=tmp_path)
+    assert (done.returncode, done.stdout) == (2, "")
+    assert said in done.stderr
+    assert "Traceback" not in done.stderr
+    assert not list(tmp_path.iterdir())
+
+
+def test_an_answer_must_go_somewhere() -> None:
+    done = slopemap("estimate", "no1.png", "no2.png", "--fov", "60")
+    assert done.returncode == 2
+    assert "-o DIR, or --json" in done.stderr
+
+
+def test_a_file_cannot_be_the_output_folder(tmp_path: Path) -> None:
+    (tmp_path / "notes.txt").write_text("mine")
+    done = slopemap("estimate", *PAIR, *CAMERA, "-o", str(tmp_path / "notes.txt"))
+    assert done.returncode == 2
+    assert "notes.txt" in done.stderr
+    assert (tmp_path / "notes.txt").read_text() == "mine"
+
+
+# ---- an answer ----
+
+
+def test_table_has_a_line_for_every_window(answer: tuple[subprocess.CompletedProcess[str], Path]) -> None:
+    header, *rows = answer[0].stdout.splitlines()
+    assert header.split()[:2] == ["id", "slope"]
+    assert [int(row.split()[0]) for row in rows] == list(range(1, 10))
+    assert all(re.search(r"\d+\.\d\d ± \d+\.\d\d° .* (safe|unsafe|undecided) ", row) for row in rows)
+
+
+def test_table_says_what_the_json_says(answer: tuple[subprocess.CompletedProcess[str], Path]) -> None:
+    done, folder = answer
+    for row, plane in zip(
+        done.stdout.splitlines()[1:], json.loads((folder / "slopes.json").read_text())["planes"], strict=True
+    ):
+        assert row.split()[1] == f"{plane['slope_deg']:.2f}"
+        assert plane["verdict"] in row.split()
+
+
+def test_all_files_are_written_and_named(answer: tuple[subprocess.CompletedProcess[str], Path]) -> None:
+    done, folder = answer
+    assert {path.name for path in folder.iterdir()} == FILES
+    assert all(name in done.stderr for name in FILES)
+
+
+def test_stderr_tells_what_slopes_refer_to(answer: tuple[subprocess.CompletedProcess[str], Path]) -> None:
+    assert "camera 1 taken to look straight down" in answer[0].stderr
+
+
+def test_piped_output_has_no_escape_codes(answer: tuple[subprocess.CompletedProcess[str], Path]) -> None:
+    assert "\x1b" not in answer[0].stdout + answer[0].stderr
+
+
+def test_json_on_stdout_is_slopes_json_and_stands_alone(
+    answer: tuple[subprocess.CompletedProcess[str], Path], tmp_path: Path
+) -> None:
+    done = slopemap("estimate", *PAIR, *CAMERA, "--json", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert json.loads(done.stdout) == json.loads((answer[1] / "slopes.json").read_text())
+    assert not list(tmp_path.iterdir())
+
+
+def test_quiet_says_nothing_and_verbose_gives_times() -> None:
+    quiet = slopemap("estimate", *PAIR, *CAMERA, "--json", "-q")
+    assert (quiet.returncode, quiet.stderr) == (0, "")
+    verbose = slopemap("estimate", *PAIR, *CAMERA, "--json", "-v")
+    assert verbose.stdout == quiet.stdout
+    assert len(re.findall(r"^\w[\w ]* +\d+\.\d{3} s$", verbose.stderr, re.MULTILINE)) >= 3
+
+
+def test_windows_keep_their_order_as_ids(tmp_path: Path) -> None:
+    windows = ["--window", "500,500,200,200", "--window", "50,60,220,200"]
+    done = slopemap("estimate", *PAIR, *CAMERA, *windows, "-o", str(tmp_path), "--no-overlay", "--no-ply")
+    assert done.returncode == 0, done.stderr
+    assert {path.name for path in tmp_path.iterdir()} == {"slopes.json", "labels.png"}
+    first, second = json.loads((tmp_path / "slopes.json").read_text())["planes"]
+    assert (first["id"], second["id"]) == (1, 2)
+    assert min(u for u, _ in first["polygon_px"]) > max(u for u, _ in second["polygon_px"])
+
+
+def test_options_reach_the_answer() -> None:
+    up = ("--up", "0.1,0,-2", "--up-sigma", "0.5", "--altitude", "13", "--tolerance", "1", "--confidence", "0.9")
+    done = slopemap("estimate", *PAIR, *CAMERA, "--json", "--solver", "lh", *up)
+    assert done.returncode == 0, done.stderr
+    result = json.loads(done.stdout)
+    assert result["fit"]["solver"] == "lh"
+    assert result["up"]["source"] == "given"
+    assert result["up"]["sigma_deg"] == 0.5
+    assert sum(x * x for x in result["up"]["vector_cam1"]) == pytest.approx(1)
+    assert result["scale"] == {"unit": "m", "source": "altitude"}
+    assert {"unsafe"} <= {plane["verdict"] for plane in result["planes"]}
+
+
+def test_field_of_view_and_intrinsics_stand_in_for_a_file() -> None:
+    camera = json.loads((DESCENT / "camera.json").read_text())
+    by_hand = ",".join(str(camera[key]) for key in ("fx", "fy", "cx", "cy"))
+    done = slopemap("estimate", *PAIR, "--intrinsics", by_hand, "--json")
+    assert done.returncode == 0, done.stderr
+    assert json.loads(done.stdout)["cameras"][0]["fx"] == pytest.approx(camera["fx"])
+    assert slopemap("estimate", *PAIR, "--fov", "60", "--json").returncode == 0
+
+
+def test_second_camera_is_for_image_2(tmp_path: Path) -> None:
+    camera = json.loads((DESCENT / "camera.json").read_text())
+    (tmp_path / "second.json").write_text(json.dumps({**camera, "cx": camera["cx"] + 1}))
+    done = slopemap("estimate", *PAIR, *CAMERA, "--camera2", str(tmp_path / "second.json"), "--json")
+    assert done.returncode == 0, done.stderr
+    first, second = json.loads(done.stdout)["cameras"]
+    assert second["cx"] == pytest.approx(first["cx"] + 1)
+
+
+def test_a_reader_that_leaves_is_no_failure() -> None:
+    process = subprocess.Popen(
+        [sys.executable, "-m", "slopecli", "estimate", *PAIR, *CAMERA, "--json"],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+    )
+    process.stdout.close()
+    stderr = process.stderr.read().decode()
+    process.stderr.close()
+    assert process.wait() == 0
+    assert "Error" not in stderr
+
+
+# ---- no answer: one line, the right status, nothing written ----
+
+
+def refused(tmp_path: Path, exit_code: int, *arguments: str) -> str:
+    """The one line on stderr of a run that must end with `exit_code` and leave no file behind."""
+    done = slopemap("estimate", *arguments, "-o", str(tmp_path / "out"))
+    assert (done.returncode, done.stdout) == (exit_code, ""), done.stderr
+    (line,) = done.stderr.splitlines()
+    assert line.startswith("slopemap: error: ")
+    assert not (tmp_path / "out" / "slopes.json").exists()
+    return line
+
+
+def test_missing_image(tmp_path: Path) -> None:
+    assert "gone.png" in refused(tmp_path, 1, PAIR[0], "gone.png", *CAMERA)
+
+
+def test_missing_camera_file(tmp_path: Path) -> None:
+    assert "gone.json" in refused(tmp_path, 1, *PAIR, "--camera", "gone.json")
+
+
+def test_truncated_image(tmp_path: Path) -> None:
+    (tmp_path / "half.png").write_bytes(Path(PAIR[1]).read_bytes()[:50_000])
+    assert "half.png" in refused(tmp_path, 1, PAIR[0], str(tmp_path / "half.png"), *CAMERA)
+
+
+def test_camera_of_another_image_size(tmp_path: Path) -> None:
+    camera = json.loads((DESCENT / "camera.json").read_text())
+    (tmp_path / "wide.json").write_text(json.dumps({**camera, "width": 2 * camera["width"]}))
+    line = refused(tmp_path, 1, *PAIR, "--camera", str(tmp_path / "wide.json"))
+    assert str(2 * camera["width"]) in line
+
+
+def test_window_outside_the_image(tmp_path: Path) -> None:
+    assert "9000" in refused(tmp_path, 1, *PAIR, *CAMERA, "--window", "9000,10,50,50")
+
+
+def test_identical_images(tmp_path: Path) -> None:
+    refused(tmp_path, 3, PAIR[0], PAIR[0], *CAMERA)
+
+
+def test_output_folder_that_cannot_be_made(tmp_path: Path) -> None:
+    (tmp_path / "notes.txt").write_text("mine")
+    done = slopemap("estimate", *PAIR, *CAMERA, "-o", str(tmp_path / "notes.txt" / "out"))
+    assert (done.returncode, done.stdout) == (1, "")
+    (line,) = done.stderr.splitlines()
+    assert "notes.txt" in line
+
+
+def test_an_earlier_answer_survives_a_failed_run(tmp_path: Path) -> None:
+    shutil.copy(DESCENT / "camera.json", tmp_path / "slopes.json")
+    done = slopemap("estimate", PAIR[0], "gone.png", *CAMERA, "-o", str(tmp_path))
+    assert done.returncode == 1
+    assert (tmp_path / "slopes.json").read_bytes() == (DESCENT / "camera.json").read_bytes()
+
+
+# ---- colour ----
+
+
+@pytest.mark.parametrize("declined", [False, True], ids=["terminal", "NO_COLOR"])
+def test_colour_on_a_terminal_unless_declined(declined: bool, tmp_path: Path) -> None:
+    pty = pytest.importorskip("pty")
+    reader, writer = pty.openpty()
+    environment = {key: value for key, value in os.environ.items() if key != "NO_COLOR"}
+    done = subprocess.run(
+        [sys.executable, "-m", "slopecli", "estimate", *PAIR, *CAMERA, "-o", str(tmp_path), "-q"],
+        stdout=writer,
+        env={**environment, "NO_COLOR": "1"} if declined else environment,
+        check=False,
+    )
+    os.close(writer)
+    assert done.returncode == 0
+    assert (b"\x1b[" in os.read(reader, 65536)) is not declined

@@ -1,0 +1,69 @@
+"""Every exception ends in one line on stderr and the exit status that was promised for it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import click
+import pytest
+
+from slopecli.cli.boundary import run
+from slopecli.cli.shared_options import talk_options
+from slopecli.errors import DegenerateConfiguration, InputError, NoAnswer
+
+
+def command_that(body: Callable[[], object]) -> click.Command:
+    return click.command()(talk_options(lambda: body()))
+
+
+def raises(error: BaseException) -> click.Command:
+    def body() -> None:
+        raise error
+
+    return command_that(body)
+
+
+@pytest.mark.parametrize(
+    ("error", "exit_code", "line"),
+    [
+        (InputError("a.png: empty file; an image is needed"), 1, "a.png: empty file; an image is needed"),
+        (NoAnswer("pure-rotation", "parallax 0.1 px", "move"), 3, "pure-rotation: parallax 0.1 px; move"),
+        (DegenerateConfiguration("3 points on one line"), 3, "3 points on one line"),
+        (KeyboardInterrupt(), 130, "interrupted"),
+        (MemoryError(), 1, "not enough memory"),
+        (ZeroDivisionError("by zero"), 1, "unexpected ZeroDivisionError: by zero"),
+        (InputError("two\nlines"), 1, "two lines"),
+    ],
+    ids=lambda value: type(value).__name__ if isinstance(value, BaseException) else "",
+)
+def test_one_line_and_the_promised_status(
+    error: BaseException, exit_code: int, line: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert run(raises(error), []) == exit_code
+    stdout, stderr = capsys.readouterr()
+    assert stdout == ""
+    (said,) = stderr.strip().splitlines()
+    assert said.startswith(f"slopemap: error: {line}")
+
+
+def test_an_answer_is_status_0() -> None:
+    assert run(command_that(lambda: None), []) == 0
+
+
+def test_the_traceback_of_a_fault_comes_with_verbose_only(capsys: pytest.CaptureFixture[str]) -> None:
+    run(raises(ZeroDivisionError("by zero")), [])
+    assert "run again with -v" in capsys.readouterr().err
+    run(raises(ZeroDivisionError("by zero")), ["-v"])
+    stderr = capsys.readouterr().err
+    assert "Traceback" in stderr
+    assert "run again" not in stderr
+
+
+def test_quiet_still_says_errors(capsys: pytest.CaptureFixture[str]) -> None:
+    assert run(raises(InputError("a.png: missing")), ["-q"]) == 1
+    assert capsys.readouterr().err == "slopemap: error: a.png: missing\n"
+
+
+def test_usage_is_status_2(capsys: pytest.CaptureFixture[str]) -> None:
+    assert run(command_that(lambda: None), ["--unknown"]) == 2
+    assert "--unknown" in capsys.readouterr().err

@@ -1,0 +1,90 @@
+"""The table on stdout and the talk on stderr, from reports made by hand."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import replace
+
+import click
+import pytest
+from report_factory import make_ambiguity, make_report
+
+from slopecli.cli.table import result_table, talk_lines
+from slopecli.types import Scale, Up
+
+
+def rows_of(table: str) -> list[str]:
+    return click.unstyle(table).splitlines()[1:]
+
+
+def test_windows_come_in_the_order_of_ids_with_those_refused_among_them() -> None:
+    report = make_report()
+    refused = replace(report.rejected[0], id=0)
+    rows = rows_of(result_table(replace(report, rejected=(refused,), planes=report.planes[::-1])))
+    assert [int(row.split()[0]) for row in rows] == list(range(9))
+    assert rows[0].endswith("no answer: low-texture")
+
+
+def test_columns_line_up() -> None:
+    lines = click.unstyle(result_table(make_report())).splitlines()
+    assert len({line.index("°") for line in lines[1:9]}) == 1
+    assert len({line.index(word) for line in lines[1:9] for word in ("safe", "undecided") if f" {word}" in line}) <= 2
+    assert all(line == line.rstrip() for line in lines)
+
+
+def test_a_line_has_slope_interval_aspect_verdict_and_support() -> None:
+    (row, *_) = rows_of(result_table(make_report()))
+    assert re.split(r"\s{2,}", row.strip()) == [
+        "1", "4.00 ± 0.30°", "3.41 to 4.59°", "0°", "safe", "1.000", "0.0040", "131/140",
+    ]  # fmt: skip
+
+
+def test_what_is_unknown_is_a_dash() -> None:
+    report = make_report()
+    unknown = replace(report.planes[0], aspect_deg=None, slope_sigma_deg=float("nan"))
+    (row, *_) = rows_of(result_table(replace(report, planes=(unknown, *report.planes[1:]))))
+    assert "4.00 ± -°" in row
+    assert "nan" not in row
+
+
+def test_a_poor_plane_says_why() -> None:
+    report = make_report()
+    poor = replace(report.planes[0], status="poor", reason="non-planar-patch")
+    (row, *_) = rows_of(result_table(replace(report, planes=(poor,))))
+    assert row.endswith("poor: non-planar-patch")
+
+
+def test_roughness_has_its_unit_once_there_is_a_scale() -> None:
+    metric = make_report(scale=Scale("m", "altitude"))
+    assert "0.0040 m" in result_table(metric)
+    assert "0.0040 m" not in result_table(make_report())
+
+
+def test_verdicts_differ_by_colour_too() -> None:
+    codes = dict(re.findall(r"\x1b\[(\d+)m(safe|unsafe|undecided)", result_table(make_report())))
+    assert sorted(codes.values()) == ["safe", "undecided", "unsafe"]
+
+
+@pytest.mark.parametrize(
+    ("up", "said"),
+    [
+        (Up((0.0, 0.0, -1.0), "camera"), "camera 1 taken to look straight down"),
+        (Up((0.0, 1.0, 0.0), "given", 0.5), "(0.0000, 1.0000, 0.0000) ± 0.5° in camera-1 axes (given)"),
+        (Up((0.0, 0.0, -1.0), "dominant-plane"), "the largest plane taken as level"),
+    ],
+)
+def test_talk_says_what_is_level(up: Up, said: str) -> None:
+    assert said in next(iter(talk_lines(make_report(up=up))))
+
+
+def test_talk_names_refusals_and_diagnostics_with_their_remedy() -> None:
+    talk = "\n".join(talk_lines(make_report()))
+    assert "window 9: no answer: low-texture: 12 correspondences; 20 are needed" in talk
+    assert "warning: low-parallax: median parallax 3.1 px; take a longer baseline" in talk
+
+
+def test_talk_warns_of_a_second_answer_only_if_there_is_one() -> None:
+    report = make_report()
+    assert not any("second motion" in line for line in talk_lines(report))
+    (warning,) = (line for line in talk_lines(make_report(ambiguity=make_ambiguity(report))) if "second motion" in line)
+    assert warning.endswith("resolve it with a third image, or a known altitude")

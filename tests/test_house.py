@@ -1,0 +1,159 @@
+"""The house holds: which way imports point, who opens files, what a help text may load, what is declared."""
+
+from __future__ import annotations
+
+import ast
+import re
+import subprocess
+import sys
+import tomllib
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parent.parent
+PACKAGE = ROOT / "slopecli"
+MODULES = sorted(PACKAGE.rglob("*.py"))
+FLOORS = (
+    "__init__",
+    "errors types options",
+    "geometry",
+    "vision",
+    "planes",
+    "simulate",
+    "pipeline",
+    "io",
+    "cli",
+    "__main__",
+)
+FLOOR_OF = {room: floor for floor, rooms in enumerate(FLOORS) for room in rooms.split()}
+FILE_CALLS = {"open", "imread", "imwrite", "imreadmulti", "read_text", "read_bytes", "write_text", "write_bytes"}
+SLOW_TO_IMPORT = {"scipy", "skimage", "matplotlib", "trimesh", "rich"}
+DISTRIBUTION_OF = {"cv2": "opencv-contrib-python-headless", "PIL": "pillow", "yaml": "PyYAML"}
+
+
+def name_of(path: Path) -> str:
+    return str(path.relative_to(PACKAGE))
+
+
+def room_of(path: Path) -> str:
+    return path.relative_to(PACKAGE).parts[0].removesuffix(".py")
+
+
+def imports_of(tree: ast.AST, package: str = "slopecli") -> Iterator[tuple[int, str]]:
+    """Line and dotted name of everything imported anywhere below `tree`, in function bodies too."""
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Import):
+            yield from ((node.lineno, alias.name) for alias in node.names)
+        elif isinstance(node, ast.ImportFrom):
+            assert node.level == 0, f"line {node.lineno}: relative import; write it from slopecli on"
+            # `from slopecli import pipeline` names a room, not something in the package itself
+            names = [f"{package}.{alias.name}" for alias in node.names] if node.module == package else [node.module]
+            yield from ((node.lineno, str(name)) for name in names)
+
+
+def parse(path: Path) -> ast.Module:
+    return ast.parse(path.read_text(encoding="utf-8"))
+
+
+def third_party(tree: ast.AST) -> set[str]:
+    roots = {name.split(".")[0] for _, name in imports_of(tree)}
+    return roots - set(sys.stdlib_module_names) - {"slopecli"}
+
+
+def top_level(tree: ast.Module) -> ast.Module:
+    statements = [node for node in tree.body if isinstance(node, ast.Import | ast.ImportFrom)]
+    return ast.Module(body=statements, type_ignores=[])
+
+
+@pytest.mark.parametrize("path", MODULES, ids=name_of)
+def test_imports_point_up_the_list_only(path: Path) -> None:
+    room = room_of(path)
+    assert room in FLOOR_OF, "a new room needs its place in FLOORS"
+    for line, name in imports_of(parse(path)):
+        package, _, rest = name.partition(".")
+        imported = rest.split(".")[0]
+        if package == "slopecli" and imported in FLOOR_OF:
+            below = FLOOR_OF[imported] < FLOOR_OF[room]
+            nouns = FLOOR_OF[imported] == FLOOR_OF[room] == FLOOR_OF["types"]
+            assert below or imported == room or nouns, f"{name_of(path)}:{line} ({room}) imports {name}"
+
+
+@pytest.mark.parametrize("path", MODULES, ids=name_of)
+def test_every_room_uses_only_what_it_may(path: Path) -> None:
+    room, used = room_of(path), third_party(parse(path))
+    if room == "geometry":
+        assert used <= {"numpy", "scipy"}
+    if room != "cli":
+        assert not used & {"click", "rich"}
+    if room in ("cli", "errors", "options"):
+        assert used <= {"click"}, "the command line must answer --help without loading anything heavy"
+
+
+@pytest.mark.parametrize("path", MODULES, ids=name_of)
+def test_nothing_slow_is_imported_before_it_is_needed(path: Path) -> None:
+    assert not third_party(top_level(parse(path))) & SLOW_TO_IMPORT
+
+
+@pytest.mark.parametrize("path", MODULES, ids=name_of)
+def test_only_io_opens_files_and_nobody_prints_or_asserts(path: Path) -> None:
+    for node in ast.walk(parse(path)):
+        assert not isinstance(node, ast.Assert), f"{name_of(path)}:{node.lineno}: raise a SlopemapError instead"
+        if isinstance(node, ast.Call):
+            called = getattr(node.func, "id", getattr(node.func, "attr", ""))
+            assert called != "print", f"{name_of(path)}:{node.lineno}: only the command line talks"
+            opens = called in FILE_CALLS and not (called == "open" and ast.unparse(node.func) == "os.open")
+            assert not opens or room_of(path) == "io", f"{name_of(path)}:{node.lineno} opens a file"
+
+
+@pytest.mark.parametrize("path", MODULES, ids=name_of)
+def test_modules_stay_short(path: Path) -> None:
+    assert len(path.read_text(encoding="utf-8").splitlines()) <= 350
+
+
+def test_dependencies_are_those_imported() -> None:
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    declared = {re.split(r"[<>=!~ ;\[]", requirement)[0].lower() for requirement in project["dependencies"]}
+    used = set().union(*(third_party(parse(path)) for path in MODULES))
+    assert {DISTRIBUTION_OF.get(name, name).lower() for name in used} == declared
+
+
+def loaded_by(*arguments: str) -> set[str]:
+    """Top-level packages that a Python process with these arguments imports."""
+    done = subprocess.run(
+        [sys.executable, "-X", "importtime", *arguments], capture_output=True, text=True, encoding="utf-8", check=True
+    )
+    names = re.findall(r"^import time:[^|]*\|[^|]*\|\s*(\S+)$", done.stderr, re.MULTILINE)
+    return {name.split(".")[0] for name in names}
+
+
+@pytest.mark.parametrize("arguments", [["--help"], ["--version"], ["estimate", "--help"]], ids=" ".join)
+def test_help_loads_nothing_heavy(arguments: list[str]) -> None:
+    loaded = loaded_by("-m", "slopecli", *arguments)
+    assert "click" in loaded
+    assert not loaded & {"numpy", "cv2", "PIL", "yaml", *SLOW_TO_IMPORT}
+
+
+def test_geometry_works_without_opencv() -> None:
+    loaded = loaded_by("-c", "import slopecli.geometry")
+    assert not loaded & {"cv2", "PIL", "click", *SLOW_TO_IMPORT}
+
+
+def tracked_files() -> list[Path]:
+    done = subprocess.run(["git", "ls-files", "-z"], cwd=ROOT, capture_output=True, text=True, check=False)
+    if done.returncode:
+        pytest.skip("not a git checkout")
+    return [ROOT / name for name in done.stdout.split("\0") if name and (ROOT / name).is_file()]
+
+
+def test_no_path_of_a_machine_is_in_the_project() -> None:
+    paths = re.compile(rb"(?<![\w.>-])/(?:home|Users|root|work|builds|workspace|mnt)/[\w.]+|[A-Z]:\\\\?Users")
+    found = [
+        f"{path.relative_to(ROOT)}: {match[0].decode()}"
+        for path in tracked_files()
+        if b"\0" not in (content := path.read_bytes())
+        for match in [paths.search(content)]
+        if match
+    ]
+    assert not found
