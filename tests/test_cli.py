@@ -270,9 +270,9 @@ def test_identical_images(tmp_path: Path) -> None:
     refused(tmp_path, 3, PAIR[0], PAIR[0], *CAMERA)
 
 
-def test_output_folder_that_cannot_be_made(tmp_path: Path) -> None:
+def test_output_folder_that_cannot_be_made_is_said_before_the_images_are_read(tmp_path: Path) -> None:
     (tmp_path / "notes.txt").write_text("mine")
-    done = slopemap("estimate", *PAIR, *CAMERA, "-o", str(tmp_path / "notes.txt" / "out"))
+    done = slopemap("estimate", "no1.png", "no2.png", *CAMERA, "-o", str(tmp_path / "notes.txt" / "out"))
     assert (done.returncode, done.stdout) == (1, "")
     (line,) = done.stderr.splitlines()
     assert "notes.txt" in line

@@ -53,6 +53,8 @@ def estimate(ctx: click.Context, image1: str, image2: str, **parameters: Any) ->
     """
     _check_usage(ctx)
     talk = ctx.ensure_object(Talk)
+    if parameters["output"]:
+        _check_output(parameters["output"])
     images = _load_images(image1, image2, talk)
     cameras = _load_cameras(images, parameters, talk)
     report = _solve(images, cameras, parameters, talk)
@@ -67,6 +69,12 @@ def _check_usage(ctx: click.Context) -> None:
         raise click.UsageError("No camera: give --camera FILE, --intrinsics FX,FY,CX,CY or --fov DEG.", ctx)
     if not given(ctx, "output", "as_json"):
         raise click.UsageError("Nowhere to put the answer: give -o DIR, or --json to print it.", ctx)
+
+
+def _check_output(folder: Path) -> None:
+    from slopecli.io.outputs import check_directory
+
+    check_directory(folder)
 
 
 def _load_images(image1: str, image2: str, talk: Talk) -> tuple[Image, Image]:
