@@ -1,0 +1,195 @@
+"""What every camera format has in common: numbers, lens names, coefficient counts, and the checks before a Camera."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from slopecli.errors import InputError
+from slopecli.types import Camera, CameraModel
+
+Size = tuple[int, int]
+Intrinsics = tuple[float, float, float, float]
+
+# The names under which the lens models go, lower case. A model that is not here is refused by its name.
+LENS_NAMES: dict[str, CameraModel] = {
+    "": "pinhole",
+    "none": "pinhole",
+    "pinhole": "pinhole",
+    "simple_pinhole": "pinhole",
+    "brown": "brown",
+    "opencv": "brown",
+    "full_opencv": "brown",
+    "perspective": "brown",
+    "plumb_bob": "brown",
+    "radtan": "brown",
+    "radial-tangential": "brown",
+    "rational_polynomial": "brown",
+    "simple_radial": "brown",
+    "radial": "brown",
+    "fisheye": "fisheye",
+    "equidistant": "fisheye",
+    "equi": "fisheye",
+    "opencv_fisheye": "fisheye",
+    "fisheye_opencv": "fisheye",
+    "simple_radial_fisheye": "fisheye",
+    "radial_fisheye": "fisheye",
+}
+BROWN_ORDER = ("k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6")
+FISHEYE_ORDER = ("k1", "k2", "k3", "k4")
+MIN_FOCAL_RATIO = 0.02  # of the longer side; a focal length in millimetres or normalised units falls far below
+
+
+def lens_model(name: Any, what: str = "lens model") -> CameraModel:
+    """Our name of a lens model, or InputError naming the one that is not understood."""
+    model = LENS_NAMES.get(str("" if name is None else name).strip().lower())
+    if model is None:
+        known = "pinhole, radial-tangential, rational and equidistant fisheye"
+        raise InputError(f"{what} {name!r} is not supported, only {known} lenses are; undistort the images first")
+    return model
+
+
+def number(value: Any, name: str) -> float:
+    """A finite float; YAML readers leave 1e-05 as text, so text that is a number counts."""
+    if isinstance(value, bool) or not isinstance(value, int | float | str):
+        raise InputError(f"{name} is {value!r}, needed a number")
+    try:
+        found = float(value)
+    except ValueError:
+        raise InputError(f"{name} is {value!r}, needed a number") from None
+    if not math.isfinite(found):
+        raise InputError(f"{name} is {value!r}, needed a finite number; calibrate again")
+    return found
+
+
+def numbers(value: Any, name: str) -> list[float]:
+    """All numbers of a list, of nested lists, or of a matrix stored as {rows, cols, data}; none for null."""
+    if value is None:
+        return []
+    if isinstance(value, Mapping):
+        return _matrix_data(value, name)
+    if isinstance(value, str) or not isinstance(value, Sequence):
+        return [number(value, name)]
+    return [x for element in value for x in numbers(element, name)]
+
+
+def _matrix_data(matrix: Mapping[str, Any], name: str) -> list[float]:
+    if "data" not in matrix:
+        raise InputError(f"{name} holds {', '.join(map(str, matrix))}, needed a list or rows, cols and data")
+    data = numbers(matrix["data"], name)
+    if "rows" in matrix and "cols" in matrix:
+        rows, cols = number(matrix["rows"], f"rows of {name}"), number(matrix["cols"], f"cols of {name}")
+        if rows * cols != len(data):
+            raise InputError(f"{name} has {len(data)} numbers, needed rows x cols = {rows:g} x {cols:g}")
+    return data
+
+
+def intrinsics_of_matrix(value: Any, name: str) -> Intrinsics:
+    """fx, fy, cx, cy of a 3x3 intrinsic matrix without skew."""
+    k = numbers(value, name)
+    if len(k) != 9:
+        raise InputError(f"{name} has {len(k)} numbers, needed a 3x3 matrix")
+    if k[1] != 0:
+        raise InputError(f"{name} has skew {k[1]:g}, which is not supported; calibrate with square axes (skew 0)")
+    if k[3] != 0 or k[6:] != [0, 0, 1]:
+        raise InputError(f"{name} is not an intrinsic matrix [fx 0 cx; 0 fy cy; 0 0 1]; is it transposed?")
+    return k[0], k[4], k[2], k[5]
+
+
+def size_of(width: Any, height: Any) -> Size | None:
+    """Image size, or None when neither is given."""
+    if width is None and height is None:
+        return None
+    return _side(width, "width"), _side(height, "height")
+
+
+def known_size(size: Size | None) -> Size:
+    """The size, or InputError when neither the file nor the caller knows it."""
+    if size is None:
+        raise InputError("gives no image size; add the width and height in pixels")
+    return size
+
+
+def _side(value: Any, name: str) -> int:
+    side = number(value, name)
+    if side < 1 or side != int(side):
+        raise InputError(f"{name} is {value!r}, needed a whole number of pixels")
+    return int(side)
+
+
+def named_coefficients(values: Mapping[str, Any], model: CameraModel) -> list[float]:
+    """Coefficients in OpenCV's order from their names; a missing one is 0."""
+    order = FISHEYE_ORDER if model == "fisheye" else BROWN_ORDER
+    return [number(values.get(name) or 0, name) for name in order]
+
+
+def refuse_nonzero(values: Mapping[str, Any], names: Sequence[str], what: str) -> None:
+    """Refuse a model that needs terms we do not have."""
+    for name in names:
+        if number(values.get(name) or 0, name) != 0:
+            raise InputError(f"{name} = {values[name]} ({what}) is not supported; undistort the images first")
+
+
+def make_camera(
+    source: str,
+    size: Size | None,
+    intrinsics: Sequence[float],
+    model: CameraModel = "pinhole",
+    coefficients: Sequence[float] = (),
+) -> Camera:
+    """Build a camera from what a file says, in OpenCV's pixel convention, or refuse it by name.
+
+    Parameters
+    ----------
+    source : name of the format, kept in the camera.
+    size : (width, height) px; None when neither the file nor the caller knows it.
+    intrinsics : fx, fy, cx, cy, px.
+    model, coefficients : lens; a "brown" lens whose coefficients are all 0 becomes a "pinhole" one.
+
+    Raises
+    ------
+    InputError : unknown size, values no camera has, or a number of coefficients the model does not come with.
+    """
+    size = known_size(size)
+    fx, fy, cx, cy = (number(value, name) for name, value in zip(("fx", "fy", "cx", "cy"), intrinsics, strict=True))
+    _check_focal(fx, "fx", size)
+    _check_focal(fy, "fy", size)
+    for name, centre, side in (("cx", cx, size[0]), ("cy", cy, size[1])):
+        if not -side <= centre <= 2 * side:
+            raise InputError(f"{name} = {centre:g} is far outside an image of {size[0]}x{size[1]} px; is it in pixels?")
+    model, coefficients = _lens(model, [number(k, "a distortion coefficient") for k in coefficients])
+    return Camera(*size, fx, fy, cx, cy, model, tuple(coefficients), source)
+
+
+def _check_focal(value: float, name: str, size: Size) -> None:
+    if value == 0:
+        raise InputError(f"{name} is 0: the camera is not calibrated; needed a focal length in pixels")
+    if value < 0:
+        raise InputError(f"{name} = {value:g} is negative, needed a focal length in pixels")
+    if value < MIN_FOCAL_RATIO * max(size):
+        raise InputError(
+            f"{name} = {value:g} is too short for {size[0]}x{size[1]} px; "
+            "it must be in pixels, not in millimetres or normalised"
+        )
+
+
+def _lens(model: CameraModel, coefficients: list[float]) -> tuple[CameraModel, list[float]]:
+    if model == "pinhole" and any(coefficients):
+        raise InputError("the lens is a pinhole without distortion, but coefficients are given; name the lens model")
+    if model == "fisheye":
+        return model, _counted(coefficients, (0, 4), "fisheye")
+    coefficients = _counted(coefficients, (0, 4, 5, 8, 12, 14), "radial-tangential")
+    if any(coefficients[8:]):
+        raise InputError(
+            f"{len(coefficients)} distortion coefficients with thin prism or tilt terms are not supported; "
+            "calibrate with at most 8 (k1 k2 p1 p2 k3 k4 k5 k6)"
+        )
+    return ("brown", coefficients[:8]) if any(coefficients) else ("pinhole", [])
+
+
+def _counted(coefficients: list[float], counts: tuple[int, ...], lens: str) -> list[float]:
+    if len(coefficients) not in counts:
+        wanted = ", ".join(map(str, counts[1:-1])) + " or " * (len(counts) > 2) + str(counts[-1])
+        raise InputError(f"found {len(coefficients)} distortion coefficients, a {lens} lens takes {wanted}")
+    return coefficients
