@@ -31,7 +31,7 @@ LAST_STEP = 1e-8  # Newton squares the error: after a step this small only round
 def rays_from_pixels(camera: Camera, uv: FloatArray) -> FloatArray:
     """Undistort pixels to normalised coordinates, to rounding error.
 
-    Newton's method on the forward model; OpenCV's five fixed-point iterations leave 0.3 px with k1 = -0.28.
+    Newton's method on the forward model; OpenCV's five fixed-point iterations leave 0.5 px with k1 = -0.28.
 
     Parameters
     ----------
