@@ -229,6 +229,32 @@ def test_a_reader_that_leaves_is_no_failure() -> None:
     assert "Error" not in stderr
 
 
+def check_demo(slopes: Path) -> subprocess.CompletedProcess[str]:
+    script = ROOT / "sample_data" / "check_demo.py"
+    command = [sys.executable, str(script), str(slopes), str(DESCENT / "truth.json")]
+    return subprocess.run(command, capture_output=True, text=True, encoding="utf-8", check=False)
+
+
+def test_demo_agrees_with_the_truth(answer: tuple[subprocess.CompletedProcess[str], Path]) -> None:
+    done = check_demo(answer[1] / "slopes.json")
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert "9 of 9 windows" in done.stdout
+
+
+def test_demo_check_finds_a_wrong_and_a_missing_slope(
+    answer: tuple[subprocess.CompletedProcess[str], Path], tmp_path: Path
+) -> None:
+    result = json.loads((answer[1] / "slopes.json").read_text())
+    result["planes"][0]["slope_deg"] += 5
+    del result["planes"][1]
+    (tmp_path / "slopes.json").write_text(json.dumps(result))
+    done = check_demo(tmp_path / "slopes.json")
+    assert done.returncode == 1
+    assert "7 of 9 windows" in done.stdout
+    assert "WRONG" in done.stdout.splitlines()[1]
+    assert "no answer" in done.stdout.splitlines()[2]
+
+
 # ---- no answer: one line, the right status, nothing written ----
 
 
