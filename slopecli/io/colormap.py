@@ -1,0 +1,29 @@
+"""One colour for a slope, the same in every file and every run, so that pictures of different pairs compare."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+SLOPE_RANGE_DEG = (0.0, 30.0)  # twice what landers bear; fixed, never stretched to the data
+
+
+def slope_colours(slope_deg: ArrayLike) -> NDArray[np.uint8]:
+    """Colour slopes by cividis, which reads the same with and without colour-vision deficiency.
+
+    Source: Nunez, Anderton, Renslow, "Optimizing colormaps with consideration for color vision deficiency", 2018.
+
+    Parameters
+    ----------
+    slope_deg : (n,) slopes in degrees; those outside `SLOPE_RANGE_DEG` take the colour of the nearer end.
+
+    Returns
+    -------
+    (n, 3) uint8 RGB.
+    """
+    low, high = SLOPE_RANGE_DEG
+    fraction = np.clip((np.atleast_1d(np.asarray(slope_deg, float)) - low) / (high - low), 0.0, 1.0)
+    level = np.rint(255.0 * fraction).astype(np.uint8)
+    bgr = cv2.applyColorMap(level[:, None], cv2.COLORMAP_CIVIDIS)  # (n, 1): OpenCV 4 and 5 differ on 1-D input
+    return np.ascontiguousarray(bgr[:, 0, ::-1])

@@ -1,0 +1,160 @@
+"""Shapes of the overlay, drawn by OpenCV with anti-aliasing: hatches, outlines, arrows, badges.
+
+Pictures are (h, w, 3) uint8 RGB and changed in place; points are (k, 2) px of the picture, pixel centres at integers.
+"""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from slopecli.types import FloatArray
+
+Picture = NDArray[np.uint8]
+Colour = tuple[int, int, int]
+
+INK: Colour = (20, 20, 24)
+PAPER: Colour = (250, 250, 250)
+HAZARD: Colour = (224, 82, 6)  # vermilion: apart from every colour of cividis, also without red-green vision
+CAUTION: Colour = (255, 208, 64)
+CALM: Colour = (225, 240, 255)
+NO_ANSWER: Colour = (165, 165, 165)
+NO_ANSWER_INK: Colour = (70, 70, 70)
+FOCUS: Colour = (255, 110, 200)
+BADGE_COLOURS = {"safe": CALM, "undecided": CAUTION, "unsafe": HAZARD, "rejected": NO_ANSWER}
+
+_SHIFT = 4  # OpenCV draws at 1/16 px
+_ONE = 1 << _SHIFT
+_DASH = 0.45  # share of the period; round line ends make it look longer
+
+
+def fixed_point(points: FloatArray) -> NDArray[np.int32]:
+    """Round points (k, 2) to the 1/16 px integers of OpenCV's `shift` argument."""
+    return np.rint(np.asarray(points, float) * _ONE).astype(np.int32)
+
+
+def stroke(picture: Picture, points: FloatArray, colour: Colour, width: int, *, closed: bool = False) -> None:
+    """Draw a line through points (k, 2)."""
+    cv2.polylines(picture, [fixed_point(points)], closed, colour, width, cv2.LINE_AA, _SHIFT)
+
+
+def cased_stroke(picture: Picture, points: FloatArray, colour: Colour, width: int, *, closed: bool = False) -> None:
+    """Draw a line with a dark rim, so that it shows on any ground."""
+    stroke(picture, points, INK, width + 2, closed=closed)
+    stroke(picture, points, colour, width, closed=closed)
+
+
+def fill(picture: Picture, points: FloatArray, colour: Colour) -> None:
+    """Fill a polygon (k, 2)."""
+    cv2.fillPoly(picture, [fixed_point(points)], colour, cv2.LINE_AA, _SHIFT)
+
+
+def disc(picture: Picture, centre: FloatArray, radius: float, colour: Colour, width: int = cv2.FILLED) -> None:
+    """Draw a disc, or a ring where `width` is positive."""
+    u, v = fixed_point(centre)
+    cv2.circle(picture, (int(u), int(v)), round(radius * _ONE), colour, width, cv2.LINE_AA, _SHIFT)
+
+
+def polygon_mask(points: FloatArray, shape: tuple[int, int]) -> NDArray[np.uint8]:
+    """Return (h, w) uint8, 255 inside the polygon."""
+    mask = np.zeros(shape, np.uint8)
+    cv2.fillPoly(mask, [fixed_point(points)], 255, cv2.LINE_8, _SHIFT)
+    return mask
+
+
+def paint_verdict(patch: Picture, polygon: FloatArray, verdict: str, line: int) -> None:
+    """Give a patch the hatch and border of its verdict.
+
+    The border is drawn on the polygon's edge; the caller clips it to the polygon, so that neighbours keep their own.
+
+    Parameters
+    ----------
+    patch : the picture under the polygon's bounding box, its ground already tinted.
+    polygon : (k, 2) in px of `patch`.
+    verdict : "safe", "unsafe", "undecided" or "rejected".
+    line : width of a thin border, px; the other widths and spacings follow from it.
+    """
+    if verdict == "unsafe":
+        # vermilion alone is as light as a middling slope: the dark rim shows on a grey print
+        _hatch(patch, 16 * line, INK, line + 2, rising=True)
+        _hatch(patch, 16 * line, HAZARD, line, rising=True)
+        stroke(patch, polygon, INK, 4 * line + 2, closed=True)
+        stroke(patch, polygon, HAZARD, 4 * line, closed=True)
+    elif verdict == "undecided":
+        stroke(patch, polygon, INK, 3 * line, closed=True)
+        for dash in dashes(polygon, 14 * line):
+            stroke(patch, dash, CAUTION, 3 * line)
+    elif verdict == "safe":
+        stroke(patch, polygon, INK, line + 3, closed=True)
+        stroke(patch, polygon, CALM, line + 1, closed=True)
+    else:
+        _hatch(patch, 5 * line, NO_ANSWER_INK, max(1, round(0.4 * line)), rising=False)
+        stroke(patch, polygon, NO_ANSWER_INK, line + 1, closed=True)
+
+
+def _hatch(patch: Picture, spacing: float, colour: Colour, width: int, *, rising: bool) -> None:
+    """Draw diagonal lines all over; rising ones go up to the right."""
+    height, breadth = patch.shape[:2]
+    starts = np.arange(-height, breadth, spacing * np.sqrt(2))
+    heads, tails = (height, 0) if rising else (0, height)
+    ends = np.array([[[u, heads], [u + height, tails]] for u in starts])
+    cv2.polylines(patch, list(fixed_point(ends)), False, colour, width, cv2.LINE_AA, _SHIFT)
+
+
+def dashes(points: FloatArray, period: float) -> list[FloatArray]:
+    """Cut a closed polygon (k, 2) into dashes, one in every `period`; every corner lies within a dash."""
+    pieces = []
+    for start, end in zip(points, np.roll(points, -1, axis=0), strict=True):
+        count = max(1, round(float(np.linalg.norm(end - start)) / period))
+        cuts = np.clip((np.arange(count + 1)[:, None] + [-_DASH / 2, _DASH / 2]) / count, 0.0, 1.0)
+        pieces += [start + cut[:, None] * (end - start) for cut in cuts]
+    return pieces
+
+
+def arrow(picture: Picture, tail: FloatArray, direction: FloatArray, length: float, width: float) -> None:
+    """Draw a filled arrow from `tail` along the unit vector `direction`, white with a dark rim."""
+    along = np.asarray(direction, float)
+    across = np.array([-along[1], along[0]])
+    head = min(3.2 * width, 0.6 * length)
+    profile = [(0, 0.5), (length - head, 0.5), (length - head, 1.5), (length, 0)]
+    side = [(a, b * width) for a, b in profile]
+    outline = np.array([tail + a * along + b * across for a, b in side + [(a, -b) for a, b in side[-2::-1]]])
+    stroke(picture, outline, INK, max(3, round(0.8 * width)), closed=True)
+    fill(picture, outline, PAPER)
+
+
+def badge(picture: Picture, kind: str, centre: FloatArray, radius: float) -> None:
+    """Draw a verdict as a sign of its own shape: a tick, a cross in a diamond, a question mark, a barred ring."""
+    centre, width = np.asarray(centre, float), max(2, round(0.28 * radius))
+    if kind == "unsafe":
+        diamond = centre + 1.25 * radius * np.array([[0, -1], [1, 0], [0, 1], [-1, 0]])
+        stroke(picture, diamond, INK, 3, closed=True)
+        fill(picture, diamond, HAZARD)
+    else:
+        disc(picture, centre, radius + 1, INK)
+        disc(picture, centre, radius, BADGE_COLOURS[kind])
+    for line in _SIGNS[kind]:
+        stroke(picture, centre + radius * line, PAPER if kind == "unsafe" else INK, width)
+    if kind == "undecided":
+        disc(picture, centre + radius * np.array([0.0, 0.6]), 0.55 * width, INK)
+
+
+def focus_mark(picture: Picture, centre: FloatArray, radius: float) -> None:
+    """Mark the epipole: a ring with four outward ticks, as image motion radiates from it."""
+    width = max(2, round(0.18 * radius))
+    ticks = [centre + radius * np.array([[0.45 * c, 0.45 * s], [1.5 * c, 1.5 * s]]) for c, s in _QUARTERS]
+    for colour, extra in ((INK, 2), (FOCUS, 0)):
+        disc(picture, centre, radius, colour, width + extra)
+        for tick in ticks:
+            stroke(picture, tick, colour, width + extra)
+
+
+_QUARTERS = ((1, 0), (0, 1), (-1, 0), (0, -1))
+_HOOK = np.array([[-0.4, -0.35], [-0.25, -0.6], [0.1, -0.68], [0.4, -0.42], [0.3, -0.1], [0.0, 0.08], [0.0, 0.25]])
+_SIGNS = {
+    "safe": (np.array([[-0.5, 0.05], [-0.12, 0.42], [0.52, -0.4]]),),
+    "unsafe": (np.array([[-0.42, -0.42], [0.42, 0.42]]), np.array([[-0.42, 0.42], [0.42, -0.42]])),
+    "undecided": (_HOOK,),
+    "rejected": (np.array([[-0.6, 0.0], [0.6, 0.0]]),),
+}

@@ -1,0 +1,124 @@
+"""Writing a report's files: all of them or none."""
+
+from __future__ import annotations
+
+import os
+import tempfile
+from contextlib import suppress
+from pathlib import Path
+
+from slopecli.errors import InputError
+from slopecli.types import Image, Report
+
+RESULT, OVERLAY, PLY, LABELS = "slopes.json", "overlay.png", "patches.ply", "labels.png"
+OUTPUT_NAMES = (OVERLAY, PLY, LABELS, RESULT)  # the result comes last: where it is, the others are
+
+
+def write_outputs(
+    report: Report, image: Image, directory: str | Path, *, overlay: bool = True, ply: bool = True
+) -> list[Path]:
+    """Write slopes.json, labels.png and, unless declined, overlay.png and patches.ply.
+
+    Everything is encoded and stored beside before the first file appears under its name. After a failure the folder
+    is as it was. Files of an earlier run that are declined now are removed, as they would not belong to this result.
+
+    Parameters
+    ----------
+    report : the finished answer.
+    image : image 1, drawn under the overlay.
+    directory : folder to write to; made if missing.
+
+    Returns
+    -------
+    Paths of the files written, slopes.json first.
+
+    Raises
+    ------
+    InputError : the folder cannot be made or written to, or the disk is full.
+    """
+    folder = Path(directory)
+    contents = _encode(report, image, overlay, ply)
+    check_directory(folder)
+    try:
+        _store(contents, folder)
+    except OSError as error:
+        raise InputError(_complaint(folder, error.strerror or str(error))) from error
+    return [folder / name for name in reversed(OUTPUT_NAMES) if name in contents]
+
+
+def check_directory(directory: str | Path) -> None:
+    """Raise InputError if results could not be written to a folder. Makes and changes nothing.
+
+    Worth calling before a long computation.
+    """
+    folder = Path(directory)
+    blocked = [name for name in OUTPUT_NAMES if os.path.isdir(folder / name)]
+    if blocked:
+        raise InputError(
+            _complaint(folder, f"{blocked[0]} in it is a folder, and a file of that name is to be written")
+        )
+    nearest = next(place for place in (folder, *folder.absolute().parents) if os.path.lexists(place))
+    if not nearest.is_dir():
+        raise InputError(_complaint(folder, f"{nearest} is a file, and a folder is needed"))
+    if not os.access(nearest, os.W_OK | os.X_OK):
+        raise InputError(_complaint(folder, f"no permission to write in {nearest}"))
+
+
+def _complaint(folder: Path, reason: str) -> str:
+    return f"cannot write results to {folder}: {reason}; choose another folder with -o"
+
+
+def _encode(report: Report, image: Image, overlay: bool, ply: bool) -> dict[str, bytes]:
+    from slopecli.io.png import encode_labels, encode_overlay
+    from slopecli.io.result import report_to_json
+
+    contents = {RESULT: (report_to_json(report) + "\n").encode("ascii"), LABELS: encode_labels(report)}
+    if overlay:
+        from slopecli.io.overlay import draw_overlay
+
+        contents[OVERLAY] = encode_overlay(draw_overlay(report, image))
+    if ply:
+        from slopecli.io.ply import report_to_ply
+
+        contents[PLY] = report_to_ply(report)
+    return contents
+
+
+def _store(contents: dict[str, bytes], folder: Path) -> None:
+    missing = [place for place in (folder, *folder.parents) if not place.exists()]
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        # inside the folder, so that the files need not cross file systems to get their names
+        with tempfile.TemporaryDirectory(prefix=".slopemap-", dir=folder) as beside:
+            for name, content in contents.items():
+                _write_through(Path(beside, name), content)
+            _exchange(folder, Path(beside), list(contents))
+    except BaseException:
+        for place in missing:
+            with suppress(OSError):
+                place.rmdir()
+        raise
+
+
+def _write_through(path: Path, content: bytes) -> None:
+    with open(path, "xb") as file:
+        file.write(content)
+        file.flush()
+        os.fsync(file.fileno())
+
+
+def _exchange(folder: Path, beside: Path, names: list[str]) -> None:
+    """Move the old files out and the new ones in; puts everything back if a move fails."""
+    old = beside / "old"
+    old.mkdir()
+    moves = [(folder / name, old / name) for name in OUTPUT_NAMES if os.path.lexists(folder / name)]
+    moves += [(beside / name, folder / name) for name in OUTPUT_NAMES if name in names]
+    done: list[tuple[Path, Path]] = []
+    try:
+        for source, target in moves:
+            os.rename(source, target)
+            done.append((source, target))
+    except BaseException:
+        for source, target in reversed(done):
+            os.replace(target, source)
+        raise

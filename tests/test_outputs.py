@@ -1,0 +1,175 @@
+"""The output folder: all files or none, never half of one, and none that belongs to another result."""
+
+from __future__ import annotations
+
+import errno
+import json
+import os
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+from report_factory import make_image, make_report
+
+from slopecli.errors import InputError
+from slopecli.io.outputs import check_directory, write_outputs
+from slopecli.io.result import report_to_json
+
+ALL = {"slopes.json", "overlay.png", "patches.ply", "labels.png"}
+REPORT, IMAGE = make_report(), make_image()
+
+
+def contents(folder: Path) -> dict[str, bytes]:
+    return {path.name: path.read_bytes() for path in folder.iterdir()}
+
+
+def one_line(error: pytest.ExceptionInfo[InputError]) -> str:
+    text = str(error.value)
+    assert "\n" not in text
+    assert "-o" in text  # what to try
+    return text
+
+
+@pytest.fixture
+def earlier(tmp_path: Path) -> Path:
+    """A folder with an earlier answer and something of the user's own."""
+    for name in ALL:
+        (tmp_path / name).write_bytes(f"earlier {name}".encode())
+    (tmp_path / "notes.txt").write_text("mine")
+    return tmp_path
+
+
+def test_writes_the_four_files_and_says_which(tmp_path: Path) -> None:
+    folder = tmp_path / "a" / "b"
+    written = write_outputs(REPORT, IMAGE, folder)
+    assert written[0] == folder / "slopes.json"
+    assert {path.name for path in written} == ALL == set(contents(folder))
+    assert json.loads((folder / "slopes.json").read_text()) == json.loads(report_to_json(REPORT))
+
+
+def test_labels_keep_sixteen_bits(tmp_path: Path) -> None:
+    labels = REPORT.labels.copy()
+    labels[10:20, 10:20] = 40_000
+    write_outputs(make_report(labels=labels), IMAGE, tmp_path)
+    read = cv2.imread(str(tmp_path / "labels.png"), cv2.IMREAD_UNCHANGED)
+    assert read.dtype == np.uint16
+    assert np.array_equal(read, labels)
+
+
+def test_overlay_is_the_picture_in_its_colours(tmp_path: Path) -> None:
+    write_outputs(REPORT, IMAGE, tmp_path)
+    picture = cv2.imread(str(tmp_path / "overlay.png"))
+    assert picture.shape[1] == IMAGE.width
+    blue, _, red = np.median(picture[365:375, 20:60].reshape(-1, 3), axis=0)
+    assert blue > red + 30  # window 7: 2 degrees
+
+
+def test_same_report_gives_same_bytes(tmp_path: Path) -> None:
+    for name in ("one", "two"):
+        write_outputs(REPORT, IMAGE, tmp_path / name)
+    assert contents(tmp_path / "one") == contents(tmp_path / "two")
+
+
+def test_replaces_an_earlier_answer_and_nothing_else(earlier: Path) -> None:
+    write_outputs(REPORT, IMAGE, earlier)
+    now = contents(earlier)
+    assert set(now) == ALL | {"notes.txt"}
+    assert now["notes.txt"] == b"mine"
+    assert not any(now[name].startswith(b"earlier") for name in ALL)
+
+
+def test_files_left_out_do_not_stay_from_an_earlier_run(earlier: Path) -> None:
+    written = write_outputs(REPORT, IMAGE, earlier, overlay=False, ply=False)
+    assert {path.name for path in written} == {"slopes.json", "labels.png"}
+    assert set(contents(earlier)) == {"slopes.json", "labels.png", "notes.txt"}
+
+
+def fail_in(monkeypatch: pytest.MonkeyPatch, name: str, at: int, error: BaseException) -> None:
+    """Let the `at`-th call of an os function raise."""
+    real, calls = getattr(os, name), iter(range(1, 1000))
+
+    def function(*arguments: Any) -> Any:
+        if next(calls) == at:
+            raise error
+        return real(*arguments)
+
+    monkeypatch.setattr(os, name, function)
+
+
+@pytest.mark.parametrize(("name", "at"), [("fsync", 1), ("fsync", 4), *(("rename", at) for at in range(1, 9))])
+def test_full_disk_leaves_everything_as_it_was(
+    earlier: Path, monkeypatch: pytest.MonkeyPatch, name: str, at: int
+) -> None:
+    before = contents(earlier)
+    fail_in(monkeypatch, name, at, OSError(errno.ENOSPC, os.strerror(errno.ENOSPC)))
+    with pytest.raises(InputError) as error:
+        write_outputs(REPORT, IMAGE, earlier)
+    assert "No space left" in one_line(error)
+    assert contents(earlier) == before
+
+
+@pytest.mark.parametrize(("name", "at"), [("fsync", 2), ("rename", 3)])
+def test_failure_in_a_new_folder_leaves_no_folder(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str, at: int
+) -> None:
+    fail_in(monkeypatch, name, at, OSError(errno.EIO, "Input/output error"))
+    with pytest.raises(InputError):
+        write_outputs(REPORT, IMAGE, tmp_path / "new" / "folder")
+    assert not list(tmp_path.iterdir())
+
+
+def test_interruption_leaves_everything_as_it_was(earlier: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    before = contents(earlier)
+    fail_in(monkeypatch, "rename", 6, KeyboardInterrupt())
+    with pytest.raises(KeyboardInterrupt):
+        write_outputs(REPORT, IMAGE, earlier)
+    assert contents(earlier) == before
+
+
+def test_a_file_where_the_folder_should_be(tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("mine")
+    for folder in (tmp_path / "file", tmp_path / "file" / "below"):
+        with pytest.raises(InputError) as error:
+            write_outputs(REPORT, IMAGE, folder)
+        assert "is a file" in one_line(error)
+    assert contents(tmp_path) == {"file": b"mine"}
+
+
+def test_a_folder_where_a_file_should_be_is_kept(tmp_path: Path) -> None:
+    (tmp_path / "overlay.png").mkdir()
+    (tmp_path / "overlay.png" / "precious").write_text("mine")
+    with pytest.raises(InputError) as error:
+        write_outputs(REPORT, IMAGE, tmp_path)
+    assert "overlay.png" in one_line(error)
+    assert (tmp_path / "overlay.png" / "precious").read_text() == "mine"
+
+
+def test_a_link_is_replaced_and_its_target_kept(tmp_path: Path) -> None:
+    target, folder = tmp_path / "kept.json", tmp_path / "out"
+    target.write_text("mine")
+    folder.mkdir()
+    (folder / "slopes.json").symlink_to(target)
+    write_outputs(REPORT, IMAGE, folder)
+    assert target.read_text() == "mine"
+    assert not (folder / "slopes.json").is_symlink()
+
+
+@pytest.mark.skipif(not hasattr(os, "geteuid") or os.geteuid() == 0, reason="the superuser may write anywhere")
+def test_no_permission(tmp_path: Path) -> None:
+    tmp_path.chmod(0o500)
+    with pytest.raises(InputError) as error:
+        write_outputs(REPORT, IMAGE, tmp_path / "out")
+    assert "permission" in one_line(error)
+
+
+def test_name_that_no_file_system_takes(tmp_path: Path) -> None:
+    with pytest.raises(InputError) as error:
+        write_outputs(REPORT, IMAGE, tmp_path / ("x" * 300))
+    one_line(error)
+
+
+def test_check_changes_nothing(tmp_path: Path) -> None:
+    check_directory(tmp_path / "new" / "folder")
+    assert not list(tmp_path.iterdir())

@@ -1,0 +1,181 @@
+"""patches.ply: read back by an independent parser, and by trimesh where it is installed."""
+
+from __future__ import annotations
+
+import io
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from report_factory import BASELINE, make_camera, make_plane, make_report, normal_of, rectangle
+
+from slopecli.geometry.camera import pixels_from_rays
+from slopecli.io.colormap import slope_colours
+from slopecli.io.ply import plane_mesh, report_to_ply, triangulate
+from slopecli.types import Camera, Motion, Scale
+
+DISTORTED = Camera(640, 480, 420.0, 421.0, 318.0, 242.0, "brown", (-0.28, 0.07, 2e-4, -1e-4))
+PROPERTIES = (
+    "float x|float y|float z|float nx|float ny|float nz|uchar red|uchar green|uchar blue|float quality|"
+    "float scalar_slope_deg|float scalar_sigma_slope_deg|float scalar_patch_id"
+)
+L_SHAPE = np.array([[10, 10], [200, 10], [200, 60], [80, 60], [80, 300], [10, 300]], float)
+
+
+def parse(data: bytes) -> tuple[list[str], np.ndarray, np.ndarray]:
+    """Header lines, vertices as a table of doubles in the order of `PROPERTIES`, triangles; strict."""
+    head, body = data.split(b"end_header\n", 1)
+    lines = head.decode("ascii").splitlines()
+    assert lines[:2] == ["ply", "format binary_little_endian 1.0"]
+    words = [line for line in lines[2:] if not line.startswith("comment ")]
+    n, m = int(words[0].removeprefix("element vertex ")), int(words[14].removeprefix("element face "))
+    assert words[1:14] == [f"property {name}" for name in PROPERTIES.split("|")]
+    assert words[15:] == ["property list uchar int vertex_indices"]
+    vertex = np.dtype([(p, "<f4" if p.startswith("float") else "u1") for p in PROPERTIES.split("|")])
+    face = np.dtype([("n", "u1"), ("i", "<i4", 3)])
+    assert len(body) == n * vertex.itemsize + m * face.itemsize
+    table = np.frombuffer(body, vertex, n)
+    faces = np.frombuffer(body, face, m, n * vertex.itemsize)
+    assert (faces["n"] == 3).all()
+    assert faces["i"].min() >= 0
+    assert faces["i"].max() < n
+    columns = np.column_stack([table[name].astype(float) for name in table.dtype.names])
+    assert np.isfinite(columns).all()
+    return lines, columns, faces["i"]
+
+
+def of_patch(columns: np.ndarray, triangles: np.ndarray, patch_id: int) -> tuple[np.ndarray, np.ndarray]:
+    return columns[columns[:, 12] == patch_id], triangles[(columns[triangles[:, 0], 12] == patch_id)]
+
+
+def doubled_area(corners: np.ndarray) -> np.ndarray:
+    a, b = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
+    return a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]
+
+
+def polygon_area(polygon: np.ndarray) -> float:
+    u, v = polygon.T
+    return 0.5 * abs(float(u @ np.roll(v, -1) - v @ np.roll(u, -1)))
+
+
+@pytest.mark.parametrize("camera", [make_camera(), DISTORTED], ids=["pinhole", "distorted"])
+def test_patches_lie_on_their_planes_under_their_windows(camera: Camera) -> None:
+    report = make_report(camera)
+    _, columns, triangles = parse(report_to_ply(report))
+    for plane in report.planes:
+        vertices, _ = of_patch(columns, triangles, plane.id)
+        points = vertices[:, :3]
+        assert np.abs(points @ plane.normal_cam1 + plane.distance).max() < 1e-6 * plane.distance
+        uv = pixels_from_rays(camera, points[:, :2] / points[:, 2:])
+        low, high = plane.polygon_px.min(axis=0), plane.polygon_px.max(axis=0)
+        np.testing.assert_allclose(uv.min(axis=0), low, atol=1e-3)
+        np.testing.assert_allclose(uv.max(axis=0), high, atol=1e-3)
+        assert (vertices[:, 3:6] == plane.normal_cam1.astype(np.float32)).all()
+
+
+def test_patches_carry_colour_slope_sigma_and_id() -> None:
+    report = make_report()
+    _, columns, triangles = parse(report_to_ply(report))
+    for plane in report.planes:
+        vertices, _ = of_patch(columns, triangles, plane.id)
+        assert (vertices[:, 6:9] == slope_colours(plane.slope_deg)[0]).all()
+        assert np.allclose(vertices[:, 9:12], [plane.slope_deg, plane.slope_deg, plane.slope_sigma_deg])
+
+
+def test_faces_show_their_front_to_camera_1() -> None:
+    _, columns, triangles = parse(report_to_ply(make_report(DISTORTED)))
+    patches = triangles[columns[triangles[:, 0], 12] > 0]
+    a, b, c = columns[patches][:, :, :3].transpose(1, 0, 2)
+    front = np.cross(b - a, c - a)
+    assert ((front * -a).sum(axis=1) > 0).all()
+
+
+def test_cameras_stand_where_they_were() -> None:
+    """The apex of a camera is at its centre; its base looks along its axis."""
+    turn = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]]) @ np.array(
+        [[1, 0, 0], [0, 0.8, -0.6], [0, 0.6, 0.8]]
+    )
+    report = make_report(motion=Motion(turn, BASELINE, 97.0, 0.01, 0.05))
+    _, columns, triangles = parse(report_to_ply(report))
+    vertices, faces = of_patch(columns, triangles, 0)
+    assert len(vertices) == 10
+    assert len(faces) == 12
+    assert (vertices[:, 9:12] == 0).all()
+    for apex, base, centre, axis in ((0, range(1, 5), np.zeros(3), [0, 0, 1]), (5, range(6, 10), BASELINE, turn[2])):
+        np.testing.assert_allclose(vertices[apex, :3], centre, atol=1e-7)
+        ahead = vertices[list(base), :3].mean(axis=0) - centre
+        np.testing.assert_allclose(
+            ahead / np.linalg.norm(ahead), axis, atol=1e-2
+        )  # the principal point is half a pixel off
+
+
+@pytest.mark.parametrize("polygon", [L_SHAPE, L_SHAPE[::-1], rectangle(0, 0, 30, 20), rectangle(0, 0, 30, 20)[:3]])
+def test_triangles_tile_the_polygon(polygon: np.ndarray) -> None:
+    triangles = triangulate(polygon)
+    areas = 0.5 * np.abs(doubled_area(polygon[triangles]))
+    assert len(triangles) == len(polygon) - 2
+    assert areas.sum() == pytest.approx(polygon_area(polygon), rel=1e-9)
+    assert areas.min() > 0
+
+
+def test_random_stars_are_tiled() -> None:
+    rng = np.random.default_rng(3)
+    for count in (5, 12, 40, 150):
+        angles = 2 * np.pi * np.arange(count) / count
+        polygon = 200 + rng.uniform(20, 190, count)[:, None] * np.column_stack([np.cos(angles), np.sin(angles)])
+        triangles = triangulate(polygon)
+        signed = doubled_area(polygon[triangles])
+        assert 0.5 * np.abs(signed).sum() == pytest.approx(polygon_area(polygon), rel=1e-9)
+        assert len(set(np.sign(signed))) == 1  # none lies outside
+
+
+def test_polygon_that_crosses_itself_still_ends() -> None:
+    assert triangulate(np.array([[0, 0], [10, 10], [10, 0], [0, 10], [5, 20]], float)).shape == (3, 3)
+
+
+def test_ground_beyond_the_horizon_is_left_out() -> None:
+    """A wall seen almost along its surface reaches infinity within its window; the part in front is kept."""
+    camera = make_camera()
+    along = make_plane(1, rectangle(0, 0, 639, 479), 90.0, azimuth_deg=0.0, distance=1.0)
+    mesh = plane_mesh(along, camera)
+    assert mesh is not None
+    assert np.isfinite(mesh.vertices["z"]).all()
+    assert (mesh.vertices["z"] > 0).all()
+    behind = replace(along, normal_cam1=-normal_of(10, 0))
+    assert plane_mesh(behind, camera) is None
+    _, columns, _ = parse(report_to_ply(make_report(planes=(behind,))))
+    assert set(columns[:, 12]) == {0.0}
+
+
+def test_pixels_the_lens_does_not_image_are_left_out() -> None:
+    folded = Camera(640, 480, 300, 300, 320, 240, "brown", (-0.4,))
+    mesh = plane_mesh(make_plane(1, rectangle(0, 0, 639, 479), 5.0), folded)
+    assert mesh is not None
+    assert np.isfinite(mesh.vertices["x"]).all()
+
+
+def test_unknown_sigma_is_written_as_zero_not_nan() -> None:
+    plane = make_plane(1, rectangle(100, 100, 50, 50), 5.0, slope_sigma_deg=float("nan"))
+    _, columns, _ = parse(report_to_ply(make_report(planes=(plane,))))
+    assert (columns[:, 11] == 0).all()
+
+
+def test_header_names_unit_and_frame() -> None:
+    lines, _, _ = parse(report_to_ply(make_report()))
+    assert "comment unit baseline" in lines
+    assert any("x right, y down, z forward" in line for line in lines)
+    assert "comment unit m" in parse(report_to_ply(make_report(scale=Scale("m", "altitude"))))[0]
+
+
+def test_trimesh_reads_what_was_written() -> None:
+    trimesh = pytest.importorskip("trimesh")
+    data = report_to_ply(make_report())
+    _, columns, triangles = parse(data)
+    mesh = trimesh.load(io.BytesIO(data), file_type="ply", process=False)
+    np.testing.assert_allclose(mesh.vertices, columns[:, :3])
+    assert np.array_equal(mesh.faces, triangles)
+    assert np.array_equal(mesh.visual.vertex_colors[:, :3], columns[:, 6:9])
+    cameras = columns[triangles[:, 0], 12] == 0
+    both = mesh.submesh([np.nonzero(cameras)[0]], append=True)
+    assert both.is_watertight
+    assert both.volume > 0  # faces outwards
