@@ -133,7 +133,7 @@ def test_a_file_where_the_folder_should_be(tmp_path: Path) -> None:
     for folder in (tmp_path / "file", tmp_path / "file" / "below"):
         with pytest.raises(InputError) as error:
             write_outputs(REPORT, IMAGE, folder)
-        assert "is a file" in one_line(error)
+        assert "is not a folder" in one_line(error)
     assert contents(tmp_path) == {"file": b"mine"}
 
 

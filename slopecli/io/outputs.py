@@ -58,8 +58,8 @@ def check_directory(directory: str | Path) -> None:
             _complaint(folder, f"{blocked[0]} in it is a folder, and a file of that name is to be written")
         )
     nearest = next(place for place in (folder, *folder.absolute().parents) if os.path.lexists(place))
-    if not nearest.is_dir():
-        raise InputError(_complaint(folder, f"{nearest} is a file, and a folder is needed"))
+    if not os.path.isdir(nearest):
+        raise InputError(_complaint(folder, f"{nearest} is not a folder"))
     if not os.access(nearest, os.W_OK | os.X_OK):
         raise InputError(_complaint(folder, f"no permission to write in {nearest}"))
 
