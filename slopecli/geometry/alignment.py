@@ -1,0 +1,241 @@
+"""Homography alignment (HA) as the paper prints it, and the averaged Longuet-Higgins motion it is compared with."""
+
+from __future__ import annotations
+
+from typing import Literal, NamedTuple
+
+import numpy as np
+
+from slopecli.errors import DegenerateConfiguration
+from slopecli.geometry.decomposition import PlaneMotion, decompose_homography, is_visible
+from slopecli.geometry.epipolar import nearest_rotation
+from slopecli.geometry.fitting import Fit, ranked
+from slopecli.geometry.homography import fit_homography
+from slopecli.geometry.metrics import direction_angle, rotation_angle
+from slopecli.geometry.observations import Observations, linearise, observe, predict
+from slopecli.geometry.refinement import Refined, State, optimal_normals
+from slopecli.geometry.uncertainty import information_system
+from slopecli.types import FloatArray, IntArray
+
+_SETTLED = 1e-4  # relative change of the mean reprojection error in one sweep
+_MAX_SWEEPS = 100
+
+
+class Alignment(NamedTuple):
+    """One root of homography alignment: motion, scaled normals (m, 3), mean reprojection error, sweeps taken."""
+
+    R: FloatArray
+    T: FloatArray
+    normals: FloatArray
+    error: float
+    sweeps: int
+    converged: bool
+
+
+def align_homographies(
+    x1: FloatArray, x2: FloatArray, patch: IntArray, tolerance: float = _SETTLED, max_sweeps: int = _MAX_SWEEPS
+) -> list[Alignment]:
+    """Homography alignment: every patch's homography under one epipolar geometry.
+
+    Source: Cheng, section III, steps 1-8. Departs from the paper: the sweeps stop when the mean reprojection error
+    changes by less than `tolerance` of itself, because no absolute error suits every camera; K keeps its value when
+    all patches are exactly coplanar, where eq. (17) does not determine it. Points on no patch have no place in it.
+
+    Parameters
+    ----------
+    x1, x2 : (n, 2) normalised coordinates; patch : (n,) labels 0..m-1, -1 = on no plane (ignored).
+
+    Returns
+    -------
+    roots : one alignment for each visible motion of the base patch, smaller reprojection error first.
+
+    Raises
+    ------
+    InputError, DegenerateConfiguration : as `solve_planes`; also when the base patch has fewer than four points.
+    """
+    return _align(observe(x1, x2, patch), tolerance, max_sweeps)
+
+
+def _align(observations: Observations, tolerance: float = _SETTLED, max_sweeps: int = _MAX_SWEEPS) -> list[Alignment]:
+    base = int(np.argmax(observations.count))  # step 1: largest in scene
+    x1, x2 = _points(observations, base)
+    H1 = fit_homography(x1, x2)
+    roots = decompose_homography(H1, x1)  # step 2
+    # both roots are run, and the one with the smaller reprojection error is the answer
+    aligned = [_align_root(observations, base, H1, root, tolerance, max_sweeps) for root in roots]
+    return sorted(aligned, key=lambda alignment: alignment.error)
+
+
+def _points(observations: Observations, patch: int) -> tuple[FloatArray, FloatArray]:
+    inside = slice(observations.first[patch], observations.first[patch] + observations.count[patch])
+    return observations.p[:2, inside].T, observations.x2[:, inside].T
+
+
+def _align_root(
+    observations: Observations, base: int, H1: FloatArray, root: PlaneMotion, tolerance: float, max_sweeps: int
+) -> Alignment:
+    H1 = H1 / H1[2, 2]  # eq. (5): the last entry is 1
+    K = root.R @ root.T  # step 2
+    error, settled, sweeps = np.inf, False, 0
+    while not settled and sweeps < max_sweeps:
+        sweeps += 1
+        delta_normals = solve_delta_normals(observations, base, H1, K)  # step 3
+        H1, K = solve_base_homography(observations, delta_normals, K)  # step 4
+        previous, error = error, reprojection_error(observations, H1, K, delta_normals)  # steps 5 and 6
+        settled = abs(previous - error) <= tolerance * error or error < 1e-12
+    motion = _nearest_root(H1, root, _points(observations, base)[0])  # step 7
+    K, s1 = motion.R @ motion.T, _scale(H1, motion)
+    delta_normals = solve_delta_normals(observations, base, H1, K)  # step 8
+    normals = motion.N - delta_normals / s1  # eq. (10): delta N_i = s1 (N1 - N_i)
+    error = reprojection_error(observations, H1, K, delta_normals)
+    return Alignment(motion.R, motion.T, normals, error, sweeps, settled)
+
+
+def solve_delta_normals(
+    observations: Observations, base: int, base_homography: FloatArray, epipole2: FloatArray
+) -> FloatArray:
+    """Fit every patch's normal offset with the base homography and the epipole held fixed.
+
+    Source: Cheng, eqs. (12)-(13). Minimises ||V dN - b|| patch by patch.
+
+    Parameters
+    ----------
+    base : the patch whose offset is zero by definition.
+    base_homography : (3, 3); epipole2 : (3,), the paper's K.
+
+    Returns
+    -------
+    delta_normals : (m, 3), the paper's s1 (N1 - N_i).
+
+    Raises
+    ------
+    DegenerateConfiguration : all points of a patch lie at the epipole, where no plane can be seen.
+    """
+    y = base_homography @ observations.p
+    a = epipole2[:2, None] - epipole2[2] * observations.x2  # eq. (12): V1 = a1 P, V2 = a2 P
+    b = observations.x2 * y[2] - y[:2]  # eq. (13), right-hand side
+    squared, mixed = (a * a).sum(axis=0), (a * b).sum(axis=0)
+    sums = observations.sum_patches(observations.products * squared)
+    normal_matrix = sums[[0, 1, 2, 1, 3, 4, 2, 4, 5]].T.reshape(-1, 3, 3)
+    right = observations.sum_patches(observations.p * mixed).T
+    try:
+        delta_normals = np.linalg.solve(normal_matrix, right[:, :, None])[:, :, 0]
+    except np.linalg.LinAlgError as error:
+        raise DegenerateConfiguration("a patch lies at the epipole, where its plane cannot be seen") from error
+    delta_normals[base] = 0.0
+    return np.asarray(delta_normals, dtype=np.float64)
+
+
+def solve_base_homography(
+    observations: Observations, delta_normals: FloatArray, epipole2: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Update the base homography and the epipole together, every patch's normal offset held fixed.
+
+    Source: Cheng, eqs. (14)-(17): 11 unknowns, linear.
+
+    Parameters
+    ----------
+    delta_normals : (m, 3); epipole2 : (3,), returned as it is when all offsets vanish and leave it undetermined.
+
+    Returns
+    -------
+    base_homography : (3, 3) with last entry 1; epipole2 : (3,).
+    """
+    x, y, one = observations.p
+    u, v = observations.x2
+    offset = (observations.per_point(delta_normals.T) * observations.p).sum(axis=0)
+    zero = np.zeros_like(x)
+    E = np.stack([x, y, one, zero, zero, zero, -x * u, -y * u, offset, zero, -u * offset], axis=1)  # eq. (14)
+    F = np.stack([zero, zero, zero, x, y, one, -x * v, -y * v, zero, offset, -v * offset], axis=1)
+    M, B = np.concatenate([E, F]), np.concatenate([u, v])  # eq. (16)
+    if np.abs(offset).max() <= 1e-12:
+        M = M[:, :8]
+    G = np.linalg.lstsq(M, B, rcond=None)[0]  # eq. (17)
+    H1 = np.append(G[:8], 1.0).reshape(3, 3)
+    return H1, G[8:] if len(G) == 11 else epipole2
+
+
+def reprojection_error(
+    observations: Observations, base_homography: FloatArray, epipole2: FloatArray, delta_normals: FloatArray
+) -> float:
+    """Mean distance in image 2 between found and predicted points, normalised coordinates (steps 5 and 6)."""
+    H = base_homography + epipole2[:, None] * delta_normals[:, None, :]  # eq. (11)
+    y = (observations.per_point(H.transpose(1, 2, 0)) * observations.p).sum(axis=1)
+    return float(np.linalg.norm(y[:2] / y[2] - observations.x2, axis=0).mean())
+
+
+def _nearest_root(H1: FloatArray, root: PlaneMotion, x1: FloatArray) -> PlaneMotion:
+    """The reading of the aligned base homography that continues the root it was started from, visible if it can be."""
+    candidates = decompose_homography(H1)
+    candidates = [c for c in candidates if is_visible(c, x1)] or candidates
+    return min(candidates, key=lambda c: _motion_distance(c, root))
+
+
+def _motion_distance(a: PlaneMotion, b: PlaneMotion) -> float:
+    return float(rotation_angle(a.R, b.R) + direction_angle(a.T, b.T))
+
+
+def _scale(H: FloatArray, motion: PlaneMotion) -> float:
+    """s in H = s R (I - T N^T), by least squares over the nine entries."""
+    unit = motion.R - (motion.R @ motion.T)[:, None] * motion.N
+    return float((H * unit).sum() / (unit * unit).sum())
+
+
+def average_motion(observations: Observations) -> State:
+    """The mean of the patches' own Longuet-Higgins motions, the comparison of the paper's Figure 4.
+
+    Rotations are averaged in the least-squares sense (nearest rotation to their sum), directions as unit vectors. Each
+    patch with two visible roots gives the one nearest to the motion most patches agree on. Normals are the patches'
+    own; a patch of three points, or with no visible root, takes the best normal under the mean motion.
+    """
+    readings = [_patch_roots(observations, i) for i in range(observations.n_patches)]
+    candidates = [c for roots in readings for c in roots]
+    if not candidates:
+        raise DegenerateConfiguration("no patch by itself has a plane in front of both cameras; use solver mle")
+
+    def disagreement(reference: PlaneMotion) -> float:
+        return sum(min(_motion_distance(c, reference) for c in roots) for roots in readings if roots)
+
+    agreed = min(candidates, key=disagreement)
+    chosen = [min(roots, key=lambda c: _motion_distance(c, agreed)) if roots else None for roots in readings]
+    R = nearest_rotation(np.sum([c.R for c in chosen if c], axis=0))
+    T = np.sum([c.T for c in chosen if c], axis=0)
+    state = _best_normals(observations, R, T / np.linalg.norm(T))
+    for i, reading in enumerate(chosen):
+        if reading:
+            state.N[0, i] = reading.N
+    return state
+
+
+def _best_normals(observations: Observations, R: FloatArray, T: FloatArray) -> State:
+    """Normals under a given motion, from infinitely far planes: two closed-form fits, the second with right depths."""
+    state = State(R[None], T[None], np.zeros((1, observations.n_patches, 3)))
+    for _ in range(2):
+        state, _ = optimal_normals(state, linearise(observations, predict(observations, *state)))
+    return state
+
+
+def _patch_roots(observations: Observations, patch: int) -> list[PlaneMotion]:
+    x1, x2 = _points(observations, patch)
+    if len(x1) < 4:
+        return []
+    try:
+        return decompose_homography(fit_homography(x1, x2), x1)
+    except DegenerateConfiguration:
+        return []
+
+
+def closed_form(observations: Observations, solver: Literal["ha", "lh"]) -> Fit:
+    """HA or averaged Longuet-Higgins as a `Fit`, so that both are reported like the joint solution.
+
+    Its information is that of the points at the estimate: the covariance an efficient estimator would have there, with
+    the noise that its own residuals show. Neither method is efficient, so their true errors are larger.
+    """
+    if solver == "ha":
+        roots = _align(observations)
+        state = State(*(np.stack(a) for a in zip(*(root[:3] for root in roots), strict=True)))
+        converged, sweeps = np.array([root.converged for root in roots]), max(root.sweeps for root in roots)
+    else:
+        state, converged, sweeps = average_motion(observations), np.array([True]), 1
+    system = information_system(observations, state)
+    return ranked(observations, Refined(state, system, sweeps, converged), system.chi2)

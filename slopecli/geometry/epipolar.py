@@ -1,0 +1,128 @@
+"""Epipolar geometry of two calibrated views: E = R [T]x, with x2~^T E x1~ = 0 and P2 = R (P1 - T)."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from slopecli.types import FloatArray
+
+# LEVI_CIVITA[k] is the matrix [e_k]x, so that e_k x v = LEVI_CIVITA[k] @ v
+LEVI_CIVITA = np.array(
+    [[[0, 0, 0], [0, 0, -1], [0, 1, 0]], [[0, 0, 1], [0, 0, 0], [-1, 0, 0]], [[0, -1, 0], [1, 0, 0], [0, 0, 0]]],
+    dtype=float,
+)
+
+
+def homogeneous(x: FloatArray) -> FloatArray:
+    """Append a 1 to every point: (n, 2) -> (n, 3)."""
+    return np.column_stack([x, np.ones(len(x))])
+
+
+def skew(v: FloatArray) -> FloatArray:
+    """Cross-product matrices: (..., 3) -> (..., 3, 3) with `skew(v) @ u = v x u`."""
+    return (v @ LEVI_CIVITA.reshape(3, 9)).reshape(*v.shape[:-1], 3, 3)
+
+
+def rotation_from_vector(w: FloatArray) -> FloatArray:
+    """Rotations exp([w]x) by Rodrigues' formula: (..., 3) rad -> (..., 3, 3)."""
+    w = np.asarray(w, float)
+    angle = np.linalg.norm(w, axis=-1)[..., None, None]
+    W = skew(w)
+    # sinc avoids the division by zero: np.sinc(x) is sin(pi x) / (pi x)
+    return np.eye(3) + np.sinc(angle / np.pi) * W + 0.5 * np.sinc(angle / (2 * np.pi)) ** 2 * (W @ W)
+
+
+def tangent_basis(v: FloatArray) -> FloatArray:
+    """(3, 2) orthonormal basis of the plane perpendicular to the unit vector v (3,).
+
+    Source: Duff et al., "Building an Orthonormal Basis, Revisited", JCGT 2017: no branch is ill-conditioned.
+    """
+    x, y, z = (float(c) for c in v)
+    sign = 1.0 if z >= 0.0 else -1.0
+    a = -1.0 / (sign + z)
+    b = x * y * a
+    return np.array([[1.0 + sign * x * x * a, b], [sign * b, sign + y * y * a], [-sign * x, -y]])
+
+
+def essential_matrix(R: FloatArray, T: FloatArray) -> FloatArray:
+    """E = R [T]x for rotations (..., 3, 3) and positions (..., 3) of camera 2 in camera-1 axes."""
+    return R @ skew(T)
+
+
+def epipole_in_image2(R: FloatArray, T: FloatArray) -> FloatArray:
+    """(3,) direction K = R T, the paper's K (eq. 10): where image 2 sees the line through both cameras."""
+    return R @ T
+
+
+def focus_of_expansion(T: FloatArray) -> FloatArray | None:
+    """(2,) normalised point of image 1 the camera moves towards (or away from); None when it lies at infinity."""
+    if abs(T[2]) < 1e-9 * np.linalg.norm(T):
+        return None
+    return np.asarray(T[:2] / T[2])
+
+
+def epipolar_distance(E: FloatArray, x1: FloatArray, x2: FloatArray) -> FloatArray:
+    """Signed distance of x2 from the epipolar line of x1, in image 2.
+
+    Parameters
+    ----------
+    E : (3, 3) essential matrix of any scale.
+    x1, x2 : (n, 2) normalised coordinates.
+
+    Returns
+    -------
+    distance : (n,), normalised coordinates; 0 where the line is undefined (x1 is the epipole of image 1).
+    """
+    lines = homogeneous(x1) @ E.T
+    length = np.hypot(lines[:, 0], lines[:, 1])
+    return np.sum(homogeneous(x2) * lines, axis=1) / np.maximum(length, np.finfo(float).tiny)
+
+
+def decompose_essential(E: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Both rotations of an essential matrix and its baseline direction, whose sign E does not tell.
+
+    Source: Hartley and Zisserman, Multiple View Geometry, result 9.19, for E = R [T]x.
+
+    Parameters
+    ----------
+    E : (3, 3), any scale; it need not satisfy the essential constraint exactly.
+
+    Returns
+    -------
+    R : (2, 3, 3) rotations, T : (3,) unit vector. The four motions are (R[i], +-T).
+    """
+    u, _, vt = np.linalg.svd(E)
+    u = u * np.sign(np.linalg.det(u))
+    vt = vt * np.sign(np.linalg.det(vt))
+    quarter_turn = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
+    return np.stack([u @ quarter_turn @ vt, u @ quarter_turn.T @ vt]), vt[2]
+
+
+def essential_moments(x1: FloatArray, x2: FloatArray, weight: FloatArray | None = None) -> FloatArray:
+    """(9, 9) matrix A with vec(E)^T A vec(E) = sum of weight (x2~^T E x1~)^2, vec taking E row by row.
+
+    x1, x2 : (n, 2) normalised coordinates; weight : (n,) or None for ones.
+    """
+    products = (homogeneous(x2)[:, :, None] * homogeneous(x1)[:, None, :]).reshape(-1, 9)
+    weighted = products if weight is None else products * weight[:, None]
+    return products.T @ weighted
+
+
+def fit_rotation(p: FloatArray, x2: FloatArray, weight: FloatArray) -> FloatArray:
+    """The rotation that best takes the viewing rays of image 1 to those of image 2 (no baseline at all).
+
+    Source: Kabsch, Acta Cryst. A32 (1976): singular value decomposition of the rays' cross moments.
+
+    p : (3, n) homogeneous points of image 1; x2 : (2, n); weight : (n,). Returns R (3, 3).
+    """
+    rays2 = np.ones_like(p)
+    rays2[:2] = x2
+    lengths = np.sqrt((p * p).sum(axis=0) * (rays2 * rays2).sum(axis=0))
+    return nearest_rotation((rays2 * (weight / lengths)) @ p.T)
+
+
+def nearest_rotation(M: FloatArray) -> FloatArray:
+    """The rotation nearest to M (3, 3) in the Frobenius norm; also the mean of rotations when M is their sum."""
+    u, _, vt = np.linalg.svd(M)
+    u[:, 2] *= np.linalg.det(u) * np.linalg.det(vt)
+    return u @ vt

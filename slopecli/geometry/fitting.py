@@ -1,0 +1,134 @@
+"""Maximum likelihood over all points: every root, mismatches left out, terrain relief allowed for."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from slopecli.geometry.observations import Observations, Prediction, QuadraticForm, linearise, predict
+from slopecli.geometry.refinement import Refined, State, System, levenberg_marquardt
+from slopecli.geometry.relief import Relief, estimate_relief
+from slopecli.geometry.robust import Kept, consensus, inliers
+from slopecli.geometry.starts import starting_states
+from slopecli.types import BoolArray, FloatArray
+
+Motion = tuple[FloatArray, FloatArray]
+
+_DISTINCT = 2e-3  # rad; roots closer than this are one
+_ROOTS = 3  # a scene has at most two visible roots; a third start covers a start that strays
+_MAX_TRIMS = 10  # inlier sets usually settle in two or three rounds
+_RELIEF_ROUNDS = 8
+_RELIEF_SETTLED = 0.01  # relative change of noise and relief that changes no weight that matters
+
+
+@dataclass(frozen=True, eq=False)
+class Fit:
+    """Roots fitted to one choice of points, best first.
+
+    The observations carry the choice of points in their weights. prediction: of image 2, roots in the same order.
+    cost (s,): what roots are compared by, in units of noise^2 (chi-square, plus log determinants with relief).
+    relief: of each root, or empty.
+    """
+
+    observations: Observations
+    state: State
+    system: System
+    prediction: Prediction
+    cost: FloatArray
+    converged: BoolArray
+    iterations: int
+    relief: tuple[Relief, ...] = ()
+
+
+def degrees_of_freedom(observations: Observations) -> int:
+    """Residuals less the 5 + 3m parameters, at least 1."""
+    return max(observations.residual_count() - 5 - 3 * observations.n_patches, 1)
+
+
+def maximum_likelihood(
+    observations: Observations, noise: float | None, relief: bool, robust: bool, initial: list[Motion]
+) -> Fit:
+    """All visible roots of the joint least squares. Arguments as in `solve_planes`."""
+    fit = _refit(observations, starting_states(observations, initial).pick(slice(_ROOTS + len(initial))))
+    if robust:
+        fit = _without_mismatches(fit, initial, relief)
+    return _with_relief(fit, noise, robust) if relief else fit
+
+
+def _refit(observations: Observations, state: State, relief: tuple[Relief, ...] = ()) -> Fit:
+    """Exact least squares on the points from given states, under the weights their relief asks for."""
+    W = np.stack([r.W for r in relief]) if relief else None
+
+    def form(state: State) -> QuadraticForm:
+        return linearise(observations, predict(observations, *state), W)
+
+    refined = levenberg_marquardt(state, form, degrees_of_freedom(observations))
+    cost = refined.system.chi2
+    if relief:
+        cost = cost + np.array([r.noise**2 * r.log_determinant for r in relief])
+    return ranked(observations, refined, cost, relief)
+
+
+def ranked(observations: Observations, refined: Refined, cost: FloatArray, relief: tuple[Relief, ...] = ()) -> Fit:
+    """Best visible root first, other visible and settled ones after it, repeated ones dropped."""
+    prediction = predict(observations, *refined.state)
+    visible = _visible(observations, prediction)
+    kept: list[int] = []
+    for i in sorted(range(len(cost)), key=lambda i: (not visible[i], cost[i])):
+        if not kept or (visible[i] and refined.converged[i] and not any(_same(refined.state, i, k) for k in kept)):
+            kept.append(i)
+    system = System(*(a[kept] for a in refined.system))
+    converged = refined.converged[kept] & visible[kept]
+    relief = tuple(relief[i] for i in kept) if relief else ()
+    state, prediction = refined.state.pick(kept), prediction.pick(kept)
+    return Fit(observations, state, system, prediction, cost[kept], converged, refined.iterations, relief)
+
+
+def _visible(observations: Observations, prediction: Prediction) -> BoolArray:
+    """(s,) whether each root has its planes in front of both cameras at every point that counts."""
+    return (prediction.visible() | (observations.weight == 0.0)).all(axis=1)
+
+
+def _same(state: State, i: int, k: int) -> bool:
+    # the Frobenius norm of a difference of rotations is sqrt(2) times the small angle between them
+    turned = np.sqrt(0.5) * np.linalg.norm(state.R[i] - state.R[k])
+    return bool(max(turned, np.linalg.norm(state.T[i] - state.T[k])) < _DISTINCT)
+
+
+def _without_mismatches(fit: Fit, initial: list[Motion], each_patch: bool) -> Fit:
+    """The fit as it is when no residual is out of the ordinary, else one to the points that agree with each other."""
+    full = fit.observations
+    everything = Kept(full.weight > 0.0, full.free_weight > 0.0)
+    kept, _ = inliers(full, fit.prediction, 0, everything, each_patch)
+    if kept.same_as(everything):
+        return fit
+    agreed = Kept(everything.planes & consensus(full), np.zeros_like(everything.free))
+    observations = agreed.applied_to(full)
+    states = starting_states(observations, initial).pick(slice(_ROOTS + len(initial)))
+    kept = agreed
+    for _ in range(_MAX_TRIMS):
+        fit = _refit(kept.applied_to(full), states)
+        choices = [inliers(full, fit.prediction, i, kept, each_patch) for i in range(len(fit.cost))]
+        chosen = min(choices, key=lambda choice: choice[1])[0]
+        if chosen.same_as(kept):
+            break
+        kept, states = chosen, fit.state
+    return fit
+
+
+def _with_relief(fit: Fit, noise: float | None, robust: bool) -> Fit:
+    """Alternate between weights from residuals and the fit under these weights, until noise and relief settle."""
+    matched, before = fit.observations, None
+    for _ in range(_RELIEF_ROUNDS):
+        prediction = fit.prediction
+        best = estimate_relief(matched, prediction, 0, noise, robust)
+        observations = Kept(best.keep, best.keep_free).applied_to(matched)
+        # roots are compared on the same points and the same noise
+        others = [estimate_relief(observations, prediction, i, best.noise, False) for i in range(1, len(fit.cost))]
+        fit = _refit(observations, fit.state, (best, *others))
+        now = np.append(best.relative, best.noise)
+        if before is not None and np.abs(now - before).max() <= _RELIEF_SETTLED * now.max():
+            break
+        before = now
+    return fit

@@ -1,0 +1,191 @@
+"""One motion and one normal per patch from correspondences: the entry point of the geometry."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Literal
+
+import numpy as np
+
+from slopecli.errors import DegenerateConfiguration, InputError, NoAnswer
+from slopecli.geometry.alignment import closed_form
+from slopecli.geometry.epipolar import fit_rotation
+from slopecli.geometry.fitting import Fit, Motion, degrees_of_freedom, maximum_likelihood
+from slopecli.geometry.metrics import rotation_angle
+from slopecli.geometry.observations import Observations, observe
+from slopecli.geometry.uncertainty import covariance_of
+from slopecli.types import Ambiguity, FloatArray, IntArray, Solution
+
+# chi-square with 2 degrees of freedom (the direction of the baseline) at 0.999: a root that fits worse than this is
+# ruled out. Noise that is estimated, or shared between matches, is what `noise_gain` is for.
+RESOLVED_AT = 13.8
+# normalised units (a billionth of a pixel) below which residuals are rounding
+_ROUNDING = 1e-12
+
+
+def solve_planes(
+    x1: FloatArray,
+    x2: FloatArray,
+    patch: IntArray,
+    solver: Literal["mle", "ha", "lh"] = "mle",
+    noise: float | None = None,
+    *,
+    weights: FloatArray | None = None,
+    relief: bool = False,
+    robust: bool = True,
+    initial: list[Motion] | None = None,
+    noise_gain: float = 1.0,
+) -> Solution:
+    """Find the motion and the planes that explain the correspondences, with their covariance and any second answer.
+
+    "mle" minimises the image-2 residuals over the 5 + 3m parameters jointly: two residuals for a point on a patch, the
+    distance to the epipolar line for a point on none. "ha" is homography alignment as printed (Cheng, section III),
+    "lh" the averaged Longuet-Higgins motion it is compared with.
+
+    Parameters
+    ----------
+    x1, x2 : (n, 2) normalised (undistorted) coordinates in images 1 and 2.
+    patch : (n,) int labels 0..m-1; -1 = on no plane, constrains the motion only.
+    noise : 1-sigma of a normalised coordinate in image 2; None estimates it from the residuals.
+    weights : (n,) inverse relative variances of the correspondences, None for equal ones.
+    relief : points of a patch lie near a plane, not on it (terrain): the best-fit plane is found and
+        `Solution.relief` says how rough it is. Used by "mle" only.
+    robust : look for gross mismatches and leave them out. Clean data are fitted by plain least squares either way.
+    initial : motions (R, T) to try besides those found in closed form.
+    noise_gain : how many times larger the standard errors are than independent noise makes them, for correspondences
+        that share errors; multiplies every standard error and divides the chi-square between two roots by its square.
+
+    Returns
+    -------
+    solution : `Solution`. `converged` is False when the iteration did not settle or a plane is not in front of both
+        cameras at every point kept. `ambiguity` holds the other root when it is visible too: "resolved" when its
+        chi-square is larger by more than 13.8, else "unresolved".
+
+    Raises
+    ------
+    InputError : arrays of wrong shape, type or value, or an unknown solver.
+    DegenerateConfiguration : a patch has fewer than three or collinear points, or there are too few points in all.
+    NoAnswer : the images are related by a rotation alone ("pure-rotation"): no baseline, no planes.
+    """
+    _check_options(solver, noise, noise_gain)
+    observations = observe(x1, x2, patch, weights)
+    _check_enough(observations, noise)
+    rotation = _check_baseline(observations)
+    if solver == "mle":
+        fit = maximum_likelihood(observations, noise, relief, robust, initial or [])
+    else:
+        fit = closed_form(observations, solver)
+    sigma = _noise(fit, noise)
+    if fit.observations is not observations:
+        rotation = _rotation_only(fit.observations)
+    _check_parallax(fit, sigma, *rotation)
+    return _with_ambiguity(fit, solver, sigma, noise_gain)
+
+
+def _check_options(solver: str, noise: float | None, noise_gain: float) -> None:
+    if solver not in ("mle", "ha", "lh"):
+        raise InputError(f"solver {solver!r} is unknown; choose mle, ha or lh")
+    if noise is not None and not (np.isfinite(noise) and noise > 0.0):
+        raise InputError(f"noise is {noise}; it must be a positive 1-sigma in normalised coordinates, or None")
+    if not (np.isfinite(noise_gain) and noise_gain > 0.0):
+        raise InputError(f"noise_gain is {noise_gain}; it must be a positive factor, 1 for independent correspondences")
+
+
+def _check_enough(observations: Observations, noise: float | None) -> None:
+    found, needed = observations.residual_count(), 5 + 3 * observations.n_patches + (noise is None)
+    if found < needed:
+        raise DegenerateConfiguration(
+            f"{observations.n_patches} patches and a motion need {needed} measurements, found {found} "
+            "(two a point on a patch, one a point on none); add correspondences"
+            + (", or give the noise if just one is missing" if noise is None else "")
+        )
+
+
+def _rotation_only(observations: Observations) -> tuple[FloatArray, float]:
+    """The rotation that explains all points best, and the weighted sum of squares it leaves."""
+    p = np.concatenate([observations.free1, observations.p], axis=1)
+    x2 = np.concatenate([observations.free2, observations.x2], axis=1)
+    weight = np.concatenate([observations.free_weight, observations.weight])
+    R = fit_rotation(p, x2, weight)
+    y = R @ p
+    residual = y[:2] / y[2] - x2
+    return R, float(((residual * residual) @ weight).sum())
+
+
+def _check_baseline(observations: Observations) -> tuple[FloatArray, float]:
+    """Stop before the solver when a rotation explains the points to rounding: there is nothing to solve then."""
+    R, cost = _rotation_only(observations)
+    if cost <= observations.residual_count() * _ROUNDING**2:
+        raise _pure_rotation(R, "exactly")
+    return R, cost
+
+
+def _check_parallax(fit: Fit, noise: float, R: FloatArray, cost: float) -> None:
+    """Test against the pure rotation R: the parallax must explain more than its parameters do by chance."""
+    extra = 2 + 3 * fit.observations.n_patches + int(np.count_nonzero(fit.observations.free_weight))
+    gained = (cost - float(fit.system.chi2[0])) / max(noise, _ROUNDING) ** 2
+    # mean and five standard deviations of chi-square with that many degrees of freedom, and a little for its tail
+    if gained < extra + 5.0 * np.sqrt(2.0 * extra) + 10.0:
+        raise _pure_rotation(R, "within their noise")
+
+
+def _pure_rotation(R: FloatArray, how_well: str) -> NoAnswer:
+    angle = float(np.degrees(rotation_angle(R)))
+    what = "identical images" if angle < 1e-6 else f"a rotation of {angle:.3g} deg without any translation"
+    return NoAnswer(
+        "pure-rotation",
+        f"{what} explain{'s' if angle >= 1e-6 else ''} all correspondences {how_well}, so there is no parallax",
+        "take the second image from another place",
+        value=angle,
+    )
+
+
+def _noise(fit: Fit, noise: float | None) -> float:
+    """Given, or from the residuals across epipolar lines, or from all residuals over their degrees of freedom."""
+    if noise is not None:
+        return noise
+    if fit.relief:
+        return fit.relief[0].noise
+    return float(np.sqrt(max(fit.system.chi2[0], 0.0) / degrees_of_freedom(fit.observations)))
+
+
+def _with_ambiguity(fit: Fit, solver: str, noise: float, noise_gain: float) -> Solution:
+    best = _solution(fit, 0, solver, noise, noise_gain)
+    if len(fit.cost) == 1:
+        return best
+    worse_by = float(fit.cost[1] - fit.cost[0]) / max(noise * noise_gain, _ROUNDING) ** 2
+    status: Literal["resolved", "unresolved"] = "resolved" if worse_by > RESOLVED_AT else "unresolved"
+    alternative = _solution(fit, 1, solver, noise, noise_gain)
+    return replace(best, ambiguity=Ambiguity(status, worse_by, alternative))
+
+
+def _solution(fit: Fit, index: int, solver: str, noise: float, noise_gain: float) -> Solution:
+    """Root number `index` as a `Solution`, in the caller's order of points."""
+    observations, state = fit.observations, fit.state
+    covariance = covariance_of(fit.system, state.T[index], index, noise * noise_gain)
+    relief = fit.relief[index].relative if fit.relief else np.zeros(observations.n_patches)
+    return Solution(
+        R=state.R[index],
+        T=state.T[index],
+        scaled_normals=state.N[index],
+        normal_covariance=covariance.normal_covariance,
+        motion_covariance=covariance.motion_covariance,
+        tangent=covariance.tangent,
+        normal_gain=covariance.normal_gain,
+        noise=noise,
+        relief=relief,
+        rms=_rms(observations, fit, index),
+        chi2=float(fit.system.chi2[index]) / max(noise, _ROUNDING) ** 2,
+        inlier=observations.in_given_order(observations.free_weight > 0.0, observations.weight > 0.0),
+        converged=bool(fit.converged[index]),
+        iterations=fit.iterations,
+        solver=solver,
+    )
+
+
+def _rms(observations: Observations, fit: Fit, index: int) -> float:
+    """Root mean square length of the residuals of the points kept: distance to the prediction, or to the line."""
+    kept, kept_free = observations.weight > 0.0, observations.free_weight > 0.0
+    total = (fit.prediction.residual[index] ** 2).sum(axis=0) @ kept
+    total += fit.prediction.distance[index] ** 2 @ kept_free
+    return float(np.sqrt(total / (np.count_nonzero(kept) + np.count_nonzero(kept_free))))

@@ -1,0 +1,84 @@
+"""What noise in image 2 does to the motion and the normals: Fisher information and the Cramer-Rao bound."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from slopecli.errors import DegenerateConfiguration, InputError
+from slopecli.geometry.epipolar import tangent_basis
+from slopecli.geometry.observations import Observations, linearise, observe, predict
+from slopecli.geometry.refinement import State, System, normal_equations
+from slopecli.types import FloatArray, IntArray
+
+# information this much smaller than the largest is rounding: that direction is reported as almost unknown
+_LEAST_INFORMATION = 1e-15
+
+
+class Covariance(NamedTuple):
+    """Covariances of one solution, fields as in `types.Solution`."""
+
+    normal_covariance: FloatArray
+    motion_covariance: FloatArray
+    tangent: FloatArray
+    normal_gain: FloatArray
+
+
+def covariance_of(system: System, T: FloatArray, index: int, noise: float) -> Covariance:
+    """Covariance of motion number `index` of a solved system and of its normals.
+
+    The motion's information is the Schur complement U of the normal blocks V_i: C = noise^2 U^-1 on the five free
+    coordinates (w, T along its tangent); each normal adds its own noise^2 V_i^-1 to what it inherits through its gain.
+
+    T : (3,) unit vector; noise : 1-sigma of a unit-weight residual.
+    """
+    tangent = tangent_basis(T)
+    P = np.zeros((6, 5))
+    P[:3, :3], P[3:, 3:] = np.eye(3), tangent
+    C = noise**2 * _inverse(P.T @ system.reduced[index, :6, :6] @ P)
+    gain = -system.response[index, :, :, :6] @ P
+    own = noise**2 * np.linalg.inv(system.plane_block[index])
+    return Covariance(own + gain @ C @ gain.swapaxes(1, 2), C, tangent, gain)
+
+
+def _inverse(information: FloatArray) -> FloatArray:
+    """Inverse of a positive semi-definite matrix whose null directions become very uncertain instead of failing."""
+    values, vectors = np.linalg.eigh(information)
+    return (vectors / np.maximum(values, _LEAST_INFORMATION * values[-1])) @ vectors.T
+
+
+def information_system(observations: Observations, state: State, W: FloatArray | None = None) -> System:
+    """Exact Gauss-Newton system of the points at a state: J^T W J and J^T W e with the normals eliminated."""
+    return normal_equations(state, linearise(observations, predict(observations, *state), W))
+
+
+def cramer_rao_bound(
+    R: FloatArray, T: FloatArray, normals: FloatArray, x1: FloatArray, patch: IntArray, noise: float
+) -> Covariance:
+    """Least covariance any unbiased estimator of motion and normals can reach, at the truth.
+
+    Independent Gaussian noise of the given 1-sigma on both coordinates of image 2, image 1 exact, patches exactly
+    plane. A point on no patch (label -1) has an unknown depth of its own and counts through its epipolar line.
+
+    Parameters
+    ----------
+    R : (3, 3), T : (3,) unit, normals : (m, 3) scaled; x1 : (n, 2); patch : (n,); noise : normalised coordinates.
+
+    Returns
+    -------
+    bound : `normal_covariance` (m, 3, 3), `motion_covariance` (5, 5), `tangent` (3, 2), `normal_gain` (m, 3, 5).
+
+    Raises
+    ------
+    InputError : a point on no patch is given; its true position in image 2 is not determined by the arguments.
+    DegenerateConfiguration : a patch has fewer than three points or collinear ones.
+    """
+    patch = np.asarray(patch)
+    if (patch < 0).any():
+        raise InputError("points on no patch have no known place in image 2; leave them out of the bound")
+    if not np.isfinite(noise) or noise <= 0.0:
+        raise DegenerateConfiguration(f"noise is {noise}, the bound needs a positive 1-sigma in normalised coordinates")
+    state = State(np.asarray(R, float)[None], np.asarray(T, float)[None], np.asarray(normals, float)[None])
+    blank = observe(x1, np.zeros_like(np.asarray(x1, dtype=float)), patch)
+    return covariance_of(information_system(blank, state), state.T[0], 0, noise)
