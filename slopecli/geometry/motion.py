@@ -1,0 +1,89 @@
+"""The motion alone, from correspondences that lie on no plane in particular: residual, refinement, inverse depth."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from slopecli.geometry.epipolar import homogeneous, rotation_from_vector, skew, tangent_basis
+from slopecli.types import FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class MotionEstimate:
+    """R (3, 3), T (3,) unit; `scale`: robust 1-sigma of the epipolar residual; `cost`: its truncated mean square."""
+
+    R: FloatArray
+    T: FloatArray
+    scale: float
+    cost: float
+    front: float
+
+
+def epipolar_residual(R: FloatArray, T: FloatArray, x1: FloatArray, x2: FloatArray) -> FloatArray:
+    """Signed first-order distance (n,) to the epipolar constraint, as if all error were in image 2 (Sampson, times sqrt 2)."""
+    return _residual_parts(R, T, homogeneous(x1), homogeneous(x2))[0]
+
+
+def _residual_parts(R: FloatArray, T: FloatArray, p1: FloatArray, p2: FloatArray) -> tuple[FloatArray, ...]:
+    E = R @ skew(T)
+    line2, line1 = p1 @ E.T, p2 @ E
+    square = line2[:, 0] ** 2 + line2[:, 1] ** 2 + line1[:, 0] ** 2 + line1[:, 1] ** 2
+    factor = np.sqrt(2.0 / np.maximum(square, 1e-20))
+    return np.einsum("ij,ij->i", p2, line2) * factor, line2, factor
+
+
+def refine_motion(
+    R: FloatArray, T: FloatArray, x1: FloatArray, x2: FloatArray, bounds: tuple[float, float], iterations: int = 15
+) -> MotionEstimate:
+    """Robust Gauss-Newton on the epipolar residual over the five parameters of the motion.
+
+    Geman-McClure weights at 2.5 robust sigmas. `bounds`: smallest and largest sigma believed, normalised coordinates;
+    the upper one keeps a majority of mismatches from passing for noise.
+    """
+    p1, p2 = homogeneous(x1), homogeneous(x2)
+    scale = bounds[0]
+    for _ in range(iterations):
+        residual, line2, factor = _residual_parts(R, T, p1, p2)
+        scale = float(np.clip(1.4826 * np.median(np.abs(residual)), *bounds))
+        weight = 1 / (1 + (residual / (2.5 * scale)) ** 2) ** 2
+        basis = tangent_basis(T)
+        d_rotation = np.cross(line2, p2)
+        d_direction = np.cross(p1, p2 @ R) @ basis
+        jacobian = np.hstack([d_rotation, d_direction]) * factor[:, None]
+        weighted = jacobian * weight[:, None]
+        normal = weighted.T @ jacobian
+        step = -np.linalg.solve(normal + 1e-12 * np.trace(normal) * np.eye(5), weighted.T @ residual)
+        R = rotation_from_vector(step[:3]) @ R
+        T = T + basis @ step[3:]
+        T = T / np.linalg.norm(T)
+        if np.abs(step).max() < 1e-9:
+            break
+    return assess_motion(R, T, x1, x2, scale)
+
+
+def assess_motion(R: FloatArray, T: FloatArray, x1: FloatArray, x2: FloatArray, scale: float) -> MotionEstimate:
+    """Score a motion; of T and -T the one that puts more of the scene in front of the camera."""
+    w, leverage = inverse_depth(R, T, x1, x2)
+    residual = np.abs(epipolar_residual(R, T, x1, x2))
+    near = residual < 4 * scale
+    if near.any() and np.median(w[near] * leverage[near]) < 0:
+        return assess_motion(R, -T, x1, x2, scale)
+    # a far point's inverse depth may fall below zero by noise alone; further behind it is a mismatch
+    behind = w * leverage < -4 * scale
+    limit = 4 * scale
+    cost = float(np.mean(np.where(behind, limit**2, np.minimum(residual, limit) ** 2)))
+    front = float(np.mean(~behind[near])) if near.any() else 0.0
+    return MotionEstimate(R, T, scale, cost, front)
+
+
+def inverse_depth(R: FloatArray, T: FloatArray, x1: FloatArray, x2: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Inverse depth w (n,) of each match, with x2 ~ R (x1 - w T), and its leverage |d x2 / d w| (n,)."""
+    a, b = homogeneous(x1) @ R.T, R @ T
+    along = b[:2] - x2 * b[2]
+    offset = a[:, :2] - x2 * a[:, 2:]
+    square = np.einsum("ij,ij->i", along, along)
+    w = np.einsum("ij,ij->i", along, offset) / np.maximum(square, 1e-18)
+    z2 = a[:, 2] - w * b[2]
+    return w, np.sqrt(square) / np.maximum(np.abs(z2), 1e-12)

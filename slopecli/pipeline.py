@@ -1,0 +1,200 @@
+"""Two images and their cameras in, slopes out: the whole line, top to bottom."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from slopecli.diagnosis import check_parallax, parallax_px, refuse_identical, refuse_unmatched
+from slopecli.errors import NoAnswer
+from slopecli.geometry.camera import rays_from_pixels
+from slopecli.geometry.motion import MotionEstimate, assess_motion, epipolar_residual, refine_motion
+from slopecli.geometry.solve import solve_planes
+from slopecli.options import Options
+from slopecli.planes.evidence import Evidence, gather_evidence, scene_planes
+from slopecli.planes.windows import Scene, Window, WindowMatch, check_windows, grid_windows, match_window
+from slopecli.report import Matched, build_report
+from slopecli.types import BoolArray, Camera, Correspondences, Diagnostic, FloatArray, Image, Report, Solution
+from slopecli.vision.features import EFFORTS, match_sift, shrink
+from slopecli.vision.overview import MAX_PIXELS, overview_cells
+from slopecli.vision.sampling import correlation_gain, sample_grey, thin
+from slopecli.vision.starts import distinct_motions, inliers_of, starting_motions
+from slopecli.vision.warp import Layer, Pyramid
+
+OnStage = Callable[[str, float], None]
+
+ENOUGH_INLIERS, ENOUGH_SHARE = 300, 0.7  # sparse matches that need no second, costlier look
+DENSE_SIGMA_PX = (0.02, 0.7)
+OUTSIDE_POINTS = 1500  # matches outside the windows that join the solution: more add time, not accuracy
+OUTSIDE_SIGMA_PX = 0.10  # of a cell of the overview, px of its working grid
+REFERENCE_PX = 0.05  # weights are relative to a match this good
+
+
+@dataclass(frozen=True, eq=False)
+class Sparse:
+    """Sparse matches that agree on a motion, and the motions they allow, best first."""
+
+    uv1: FloatArray
+    uv2: FloatArray
+    motions: list[MotionEstimate]
+
+
+def estimate(
+    image1: Image,
+    image2: Image,
+    camera1: Camera,
+    camera2: Camera,
+    options: Options,
+    *,
+    on_stage: OnStage | None = None,
+) -> Report:
+    """Estimate the slope of every window of image 1, with its uncertainty.
+
+    Parameters
+    ----------
+    image1, image2 : images as stored (distorted), of the cameras' sizes.
+    options : `Options`; windows in px of image 1.
+    on_stage : called with (name, seconds of processor time) after each stage.
+
+    Raises
+    ------
+    InputError : a window is not inside image 1.
+    NoAnswer : the pair cannot tell (no overlap, no texture, no parallax, pure rotation), with reason and remedy.
+    """
+    clock = _Clock(on_stage)
+    windows = list(options.windows) or grid_windows(*options.grid, image1.width, image1.height)
+    check_windows(windows, image1.width, image1.height)
+    refuse_identical(image1, image2)
+
+    sparse = find_motions(image1, image2, camera1, camera2)
+    clock.tick("features")
+    scene, motions, diagnostics = survey(image1, image2, camera1, camera2, sparse)
+    clock.tick("overview")
+    matches = [match_window(window, scene) for window in windows]
+    clock.tick("windows")
+    matched, solution = solve(windows, matches, scene, motions, options)
+    clock.tick("solve")
+    report = build_report((image1, image2), (camera1, camera2), options, matched, solution, diagnostics)
+    clock.tick("report")
+    return report
+
+
+def find_motions(image1: Image, image2: Image, camera1: Camera, camera2: Camera) -> Sparse:
+    """Sparse features, and the camera motions they allow; a costlier search where the first finds little."""
+    focal = camera2.focal_px
+    best: tuple[int, int, tuple[int, int], Sparse | None] = (0, 0, (0, 0), None)
+    for effort, settings in enumerate(EFFORTS):
+        uv1, uv2, n_features = match_sift(image1.grey, image2.grey, settings)
+        x1, x2 = rays_from_pixels(camera1, uv1), rays_from_pixels(camera2, uv2)
+        seen = np.isfinite(x1).all(1) & np.isfinite(x2).all(1)
+        uv1, uv2, x1, x2 = uv1[seen], uv2[seen], x1[seen], x2[seen]
+        motions = starting_motions(x1, x2, focal, effort)
+        inlier = _agreeing(motions, x1, x2, focal)
+        if inlier.sum() >= best[0]:
+            best = (int(inlier.sum()), len(uv1), n_features, Sparse(uv1[inlier], uv2[inlier], motions))
+        if inlier.sum() >= ENOUGH_INLIERS and inlier.mean() > ENOUGH_SHARE:
+            break
+    n_inliers, n_matches, n_features, sparse = best
+    refuse_unmatched(n_features, n_matches, n_inliers)
+    if sparse is None or not sparse.motions:
+        raise NoAnswer("no-overlap", "no camera motion explains the matches", "give two images of the same ground")
+    return sparse
+
+
+def _agreeing(motions: list[MotionEstimate], x1: FloatArray, x2: FloatArray, focal_px: float) -> BoolArray:
+    if not motions:
+        return np.zeros(len(x1), bool)
+    return inliers_of(epipolar_residual(motions[0].R, motions[0].T, x1, x2), focal_px)
+
+
+def survey(
+    image1: Image, image2: Image, camera1: Camera, camera2: Camera, sparse: Sparse
+) -> tuple[Scene, list[MotionEstimate], list[Diagnostic]]:
+    """Match the whole image densely once: the motion from it, and what it says about every part of the scene."""
+    layer = Layer(*shrink(image1.grey, MAX_PIXELS))
+    pyramid1, pyramid2 = Pyramid(image1.grey, layer.scale), Pyramid(image2.grey)
+    cells = overview_cells(layer, pyramid2, (image2.height, image2.width), sparse.uv1, sparse.uv2)
+    cells = cells.take(np.linalg.eigvalsh(cells.information)[:, 0] > MIN_INFORMATION)
+    uv1, uv2 = np.vstack([cells.uv1, sparse.uv1]), np.vstack([cells.uv2, sparse.uv2])
+    x1, x2 = rays_from_pixels(camera1, uv1), rays_from_pixels(camera2, uv2)
+    seen = np.isfinite(x1).all(1) & np.isfinite(x2).all(1)
+    uv1, x1, x2 = uv1[seen], x1[seen], x2[seen]
+    motions = refine_motions(sparse.motions, x1, x2, camera2.focal_px)
+    best = motions[0]
+    grey = sample_grey(image1.grey, uv1)
+    evidence = gather_evidence(uv1, x1, x2, grey, best.R, best.T, camera2.focal_px)
+    noise_px = best.scale * camera2.focal_px
+    diagnostics = check_parallax(parallax_px(evidence.x1, evidence.x2, camera2.focal_px), noise_px)
+    scene = Scene(
+        camera1, camera2, pyramid1, pyramid2, best.R, best.T, evidence, scene_planes(evidence)
+    )
+    return scene, motions, diagnostics
+
+
+MIN_INFORMATION = 100.0  # grey^2/px^2 over a cell of the overview: weaker texture moves with the noise
+
+
+def refine_motions(
+    motions: list[MotionEstimate], x1: FloatArray, x2: FloatArray, focal_px: float
+) -> list[MotionEstimate]:
+    """All starting motions refined on the dense matches, best first."""
+    bounds = (DENSE_SIGMA_PX[0] / focal_px, DENSE_SIGMA_PX[1] / focal_px)
+    refined = [refine_motion(m.R, m.T, x1, x2, bounds) for m in motions]
+    common = max(0.5 / focal_px, min(m.scale for m in refined))
+    scored = [replace(assess_motion(m.R, m.T, x1, x2, common), scale=m.scale) for m in refined]
+    return distinct_motions(sorted(scored, key=lambda m: m.cost))
+
+
+def solve(
+    windows: list[Window], matches: list[WindowMatch], scene: Scene, motions: list[MotionEstimate], options: Options
+) -> tuple[Matched, Solution]:
+    """One motion and all planes together, from the windows' matches and, for the motion, those outside them."""
+    answered = [i for i, match in enumerate(matches) if match.origin != "none"]
+    if not answered:
+        raise NoAnswer(
+            "low-texture",
+            f"none of the {len(windows)} windows can be matched: {matches[0].reason}",
+            "choose windows with texture that both images show",
+        )
+    outside = _outside(scene.evidence, [windows[i] for i in answered])
+    parts = [matches[i] for i in answered]
+    uv1 = np.vstack([*(p.uv1 for p in parts), scene.evidence.uv1[outside]])
+    x1 = np.vstack([*(p.x1 for p in parts), scene.evidence.x1[outside]])
+    x2 = np.vstack([*(p.x2 for p in parts), scene.evidence.x2[outside]])
+    labels = [np.full(len(p.x1), k) for k, p in enumerate(parts)]
+    patch = np.concatenate([*labels, np.full(len(outside), -1)])
+    spread = OUTSIDE_SIGMA_PX / float(scene.pyramid1.overview_scale.mean())
+    variance = np.concatenate([*(p.variance_px[:, 0] for p in parts), np.full(len(outside), spread**2)])
+    weights = REFERENCE_PX**2 / variance
+    gain = correlation_gain([(p.index, epipolar_residual(scene.R, scene.T, p.x1, p.x2)) for p in parts])
+    initial = [(m.R, m.T) for m in motions]
+    relief = options.solver == "mle"
+    solution = solve_planes(
+        x1, x2, patch, options.solver, weights=weights, relief=relief, initial=initial, noise_gain=gain
+    )
+    correspondences = Correspondences(uv1, np.empty((0, 2)), x1, x2, patch)
+    return Matched(windows, matches, answered, correspondences, weights), solution
+
+
+def _outside(evidence: Evidence, windows: list[Window]) -> np.ndarray:
+    free = np.ones(len(evidence), bool)
+    for window in windows:
+        free &= ~evidence.near(window, 0.0)
+    return thin(evidence.uv1, np.flatnonzero(free), OUTSIDE_POINTS)
+
+
+class _Clock:
+    """Processor time between ticks, for whoever listens."""
+
+    def __init__(self, on_stage: OnStage | None) -> None:
+        self._on_stage = on_stage
+        self._last = time.process_time()
+
+    def tick(self, name: str) -> None:
+        now = time.process_time()
+        if self._on_stage is not None:
+            self._on_stage(name, now - self._last)
+        self._last = now

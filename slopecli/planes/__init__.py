@@ -1,0 +1,1 @@
+"""Which correspondences are held coplanar: one module per finder of planes."""

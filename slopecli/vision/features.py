@@ -1,0 +1,96 @@
+"""Sparse features: where the images look alike, before anything is known about the motion."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from slopecli.types import FloatArray, IntArray
+
+Grey = NDArray[np.uint8]
+Descriptors = NDArray[np.float32]
+
+
+@dataclass(frozen=True)
+class FeatureEffort:
+    """How hard to look. Pixels beyond `max_pixels` are averaged away: SIFT's cost grows with area, its accuracy does not."""
+
+    max_pixels: float
+    n_features: int
+    contrast: float
+    ratio: float  # Lowe's ratio of best to second-best descriptor distance
+
+
+# The first suffices for textured ground; the second is spent only where the first found little.
+EFFORTS = (
+    FeatureEffort(max_pixels=0.4e6, n_features=4000, contrast=0.02, ratio=0.80),
+    FeatureEffort(max_pixels=1.6e6, n_features=7000, contrast=0.005, ratio=0.85),
+)
+
+
+def shrink(grey: Grey, max_pixels: float) -> tuple[Grey, FloatArray]:
+    """Area-average an image down to at most `max_pixels`.
+
+    Returns the image and its exact scale per axis, (2,): rounding the size makes the two differ, and assuming
+    otherwise shifts matches by half a pixel at the far side.
+    """
+    height, width = grey.shape
+    factor = np.sqrt(max_pixels / grey.size)
+    if factor >= 1:
+        return grey, np.ones(2)
+    size = (max(1, round(width * factor)), max(1, round(height * factor)))
+    small = cv2.resize(grey, size, interpolation=cv2.INTER_AREA)
+    return np.asarray(small, np.uint8), np.array([size[0] / width, size[1] / height])
+
+
+def to_full(uv: FloatArray, scale: FloatArray) -> FloatArray:
+    """Pixels of a shrunken image as pixels of the full one; centres at integers in both."""
+    return (np.asarray(uv, float) + 0.5) / scale - 0.5
+
+
+def detect_sift(grey: Grey, effort: FeatureEffort) -> tuple[FloatArray, Descriptors]:
+    """SIFT points (n, 2) px of the full image and RootSIFT descriptors (n, 128) (Arandjelovic and Zisserman 2012)."""
+    small, scale = shrink(grey, effort.max_pixels)
+    sift = cv2.SIFT_create(nfeatures=effort.n_features, contrastThreshold=effort.contrast)
+    keypoints, descriptors = sift.detectAndCompute(small, None)  # type: ignore[call-overload]
+    if descriptors is None or len(keypoints) == 0:
+        return np.empty((0, 2)), np.empty((0, 128), np.float32)
+    root = np.sqrt(descriptors / np.maximum(descriptors.sum(1, keepdims=True), 1e-9))
+    return to_full(cv2.KeyPoint_convert(keypoints).reshape(-1, 2), scale), root.astype(np.float32)
+
+
+def match_descriptors(first: Descriptors, second: Descriptors, ratio: float) -> tuple[IntArray, IntArray]:
+    """Mutual nearest neighbours that beat the second best by `ratio`, as index pairs.
+
+    The descriptors are unit vectors, so distances follow from one matrix product.
+    """
+    if len(first) < 2 or len(second) < 2:
+        return np.empty(0, int), np.empty(0, int)
+    similarity = first @ second.T
+    rows = np.arange(len(first))
+    best = similarity.argmax(1)
+    mutual = similarity.argmax(0)[best] == rows
+    best_value = similarity[rows, best]
+    similarity[rows, best] = -np.inf
+    distance = np.sqrt(np.maximum(2 - 2 * best_value, 0))
+    runner_up = np.sqrt(np.maximum(2 - 2 * similarity.max(1), 1e-12))
+    keep = mutual & (distance < ratio * runner_up)
+    return rows[keep], best[keep]
+
+
+def match_sift(grey1: Grey, grey2: Grey, effort: FeatureEffort) -> tuple[FloatArray, FloatArray, tuple[int, int]]:
+    """Tentative matches as pixels of the full images, (n, 2) each, about a third of them wrong; features per image."""
+    uv1, descriptors1 = detect_sift(grey1, effort)
+    uv2, descriptors2 = detect_sift(grey2, effort)
+    i, j = match_descriptors(descriptors1, descriptors2, effort.ratio)
+    return (*_drop_repeats(uv1[i], uv2[j]), (len(uv1), len(uv2)))
+
+
+def _drop_repeats(uv1: FloatArray, uv2: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """SIFT gives one point several orientations; counted twice, a mismatch votes twice."""
+    _, first = np.unique(np.round(np.hstack([uv1, uv2]), 1), axis=0, return_index=True)
+    first = np.sort(first)
+    return uv1[first], uv2[first]

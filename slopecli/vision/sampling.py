@@ -1,0 +1,64 @@
+"""Small measurements on matches: brightness under them, an even choice among them, how far their errors are shared."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+
+from slopecli.types import FloatArray, IntArray
+from slopecli.vision.features import Grey
+
+LAGS = ((0, 1), (1, 0), (1, 1), (1, -1), (0, 2), (2, 0), (0, 3), (3, 0))  # rows, columns between two cells
+MAX_GAIN = 4.0
+
+
+def sample_grey(grey: Grey, uv: FloatArray) -> FloatArray:
+    """(n,) bilinear brightness of an image at pixels (n, 2)."""
+    at = uv.astype(np.float32)[None]
+    return np.asarray(cv2.remap(grey, at[..., 0], at[..., 1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)[0], float)
+
+
+def thin(uv: FloatArray, index: IntArray, limit: int) -> IntArray:
+    """At most `limit` of the points `index`, spread evenly over the image: one a bin, round after round."""
+    if len(index) <= limit:
+        return index
+    points = uv[index]
+    low, extent = points.min(0), np.maximum(np.ptp(points, axis=0), 1.0)
+    side = np.sqrt(extent.prod() / limit)
+    bins = np.floor((points - low) / side).astype(np.int64)
+    code = bins[:, 0] * (bins[:, 1].max() + 1) + bins[:, 1]
+    order = np.argsort(code, kind="stable")
+    starts = np.flatnonzero(np.r_[True, np.diff(code[order]) > 0])
+    rank = np.arange(len(order)) - np.repeat(starts, np.diff(np.r_[starts, len(order)]))
+    chosen = order[np.argsort(rank, kind="stable")[:limit]]
+    return np.sort(index[chosen])
+
+
+def correlation_gain(groups: list[tuple[IntArray, FloatArray]]) -> float:
+    """How much larger standard errors are than if errors of neighbouring cells were independent.
+
+    Each group is a window: cell indices (n, 2) and residuals (n,) across the epipolar lines, which hold matching noise
+    and no relief. The variance of a mean over correlated samples grows by one plus twice the sum of their
+    autocorrelations over all lags.
+    """
+    products = np.zeros(len(LAGS))
+    pairs = np.zeros(len(LAGS))
+    square, count = 0.0, 0
+    for index, residual in groups:
+        if len(residual) < 8:
+            continue
+        limit = 3 * 1.4826 * np.median(np.abs(residual)) + 1e-15
+        value = np.clip(residual, -limit, limit)
+        square, count = square + float(value @ value), count + len(value)
+        table = np.full(tuple(np.ptp(index, axis=0) + 7), np.nan)
+        at = index - index.min(0)
+        table[at[:, 0] + 3, at[:, 1] + 3] = value
+        for k, (down, right) in enumerate(LAGS):
+            both = table[at[:, 0] + 3, at[:, 1] + 3] * table[at[:, 0] + 3 + down, at[:, 1] + 3 + right]
+            known = np.isfinite(both)
+            products[k] += float(both[known].sum())
+            pairs[k] += float(known.sum())
+    if count == 0 or square == 0.0:
+        return 1.0
+    correlation = products / np.maximum(pairs, 1) / (square / count)
+    return float(np.sqrt(np.clip(1 + 2 * correlation.sum(), 1.0, MAX_GAIN**2)))

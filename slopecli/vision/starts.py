@@ -1,0 +1,89 @@
+"""Starting motions from matches of which many are wrong. Several, since the best-looking one may be the wrong root."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+
+from slopecli.geometry.motion import MotionEstimate, assess_motion, refine_motion
+from slopecli.types import BoolArray, FloatArray
+
+Motion = tuple[FloatArray, FloatArray]
+
+SIGMA_PX = (0.05, 0.7)  # the noise of sparse matches lies between these; more is mismatch
+SCORE_PX = 0.5  # motions compete on squared residuals truncated at four of these
+DISTINCT_RAD = np.radians(1.0)
+
+
+def starting_motions(x1: FloatArray, x2: FloatArray, focal_px: float, effort: int = 0) -> list[MotionEstimate]:
+    """Robustly estimated and refined motions, best first, duplicates removed.
+
+    Essential matrices come from five-point RANSAC in several variants (more with `effort`), and from the
+    decompositions of the dominant homography, since a flat scene determines the essential matrix badly.
+    Raises nothing; the list is empty when there are fewer than eight matches or no model.
+    """
+    if len(x1) < 8:
+        return []
+    candidates = _essential_motions(x1, x2, focal_px, effort) + _homography_motions(x1, x2)
+    bounds = (SIGMA_PX[0] / focal_px, SIGMA_PX[1] / focal_px)
+    refined = [refine_motion(R, T, x1, x2, bounds) for R, T in candidates]
+    scored = [assess_motion(m.R, m.T, x1, x2, SCORE_PX / focal_px) for m in refined]
+    return distinct_motions(sorted(scored, key=lambda m: m.cost))
+
+
+def distinct_motions(motions: list[MotionEstimate], limit: int = 5) -> list[MotionEstimate]:
+    """Drop motions that repeat a better one."""
+    kept: list[MotionEstimate] = []
+    for motion in motions:
+        if len(kept) < limit and all(_apart(motion, other) for other in kept):
+            kept.append(motion)
+    return kept
+
+
+def _apart(a: MotionEstimate, b: MotionEstimate) -> bool:
+    turn = np.linalg.norm(a.R - b.R) / np.sqrt(2)
+    return bool(turn > DISTINCT_RAD or np.linalg.norm(a.T - b.T) > 2 * DISTINCT_RAD)
+
+
+def _essential_motions(x1: FloatArray, x2: FloatArray, focal_px: float, effort: int) -> list[Motion]:
+    motions: list[Motion] = []
+    for method, threshold_px in ((cv2.USAC_MAGSAC, 1.0), (cv2.RANSAC, 1.5)):
+        motions += _five_point(x1, x2, method, threshold_px / focal_px)
+    if effort > 0:
+        rng = np.random.default_rng(0)
+        for _ in range(12):  # random halves: each run of RANSAC otherwise repeats the same draw
+            half = rng.permutation(len(x1))[: max(8, len(x1) // 2)]
+            motions += _five_point(x1[half], x2[half], cv2.RANSAC, 1.0 / focal_px)
+    return motions
+
+
+def _five_point(x1: FloatArray, x2: FloatArray, method: int, threshold: float) -> list[Motion]:
+    try:
+        stacked, _ = cv2.findEssentialMat(x1, x2, np.eye(3), method=method, prob=0.9999, threshold=threshold)
+    except cv2.error:
+        return []
+    if stacked is None:
+        return []
+    motions: list[Motion] = []
+    for k in range(len(stacked) // 3):
+        _, R, t, _ = cv2.recoverPose(stacked[3 * k : 3 * k + 3], x1, x2, np.eye(3))
+        motions.append((R, -R.T @ t[:, 0]))
+    return motions
+
+
+def _homography_motions(x1: FloatArray, x2: FloatArray) -> list[Motion]:
+    H, _ = cv2.findHomography(x1, x2, cv2.LMEDS)  # no threshold: relief off the dominant plane may be many pixels
+    if H is None:
+        return []
+    count, rotations, translations, _ = cv2.decomposeHomographyMat(H, np.eye(3))
+    motions: list[Motion] = []
+    for R, t in zip(rotations[:count], translations[:count], strict=True):
+        length = float(np.linalg.norm(t))
+        if length > 1e-6:
+            motions.append((R, -R.T @ t[:, 0] / length))
+    return motions
+
+
+def inliers_of(residual: FloatArray, focal_px: float) -> BoolArray:
+    """Matches whose epipolar residual (n,) is small enough to count."""
+    return np.asarray(np.abs(residual) < 4 * SCORE_PX / focal_px)

@@ -1,0 +1,124 @@
+"""Image 2 seen through a model: smooth maps from a working grid over image 1 into image 2, and resampling by them.
+
+A working grid is a rectangle of image 1, possibly shrunken. Whatever map is used to resample image 2 is also used to
+turn a residual flow back into pixels of image 2, so its own interpolation error cancels.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from slopecli.types import FloatArray
+from slopecli.vision.features import Grey
+
+FloatImage = NDArray[np.float32]
+NODE_STEP = 8  # px of the working grid between exactly computed nodes of a map; bilinear in between
+
+Transfer = Callable[[FloatArray], FloatArray]  # (n, 2) px of image 1 -> (n, 2) px of image 2
+
+
+@dataclass(frozen=True, eq=False)
+class Grid:
+    """A working grid: `grey` holds image 1 there; pixel (i, j) of it lies at (x0 + i, y0 + j) of the shrunken image."""
+
+    grey: Grey
+    x0: int
+    y0: int
+    scale: FloatArray  # (2,) shrunken px per full px, exact per axis
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        return int(self.grey.shape[0]), int(self.grey.shape[1])
+
+    def full(self, points: FloatArray) -> FloatArray:
+        """Points (..., 2) of the grid as full-resolution pixels of image 1."""
+        return (points + [self.x0 + 0.5, self.y0 + 0.5]) / self.scale - 0.5
+
+    def inside(self, uv: FloatArray) -> FloatArray:
+        """Full-resolution pixels (..., 2) as points of the grid."""
+        return (uv + 0.5) * self.scale - [self.x0 + 0.5, self.y0 + 0.5]
+
+
+def transfer_map(grid: Grid, transfer: Transfer) -> FloatImage:
+    """Map (h, w, 2) float32 of full-resolution image-2 pixels, exact on nodes NODE_STEP apart."""
+    height, width = grid.shape
+    rows, columns = -(-height // NODE_STEP) + 2, -(-width // NODE_STEP) + 2
+    node = lambda n: (np.arange(n) - 0.5) * NODE_STEP - 0.5  # noqa: E731 - one before and one past the border
+    x, y = np.meshgrid(node(columns), node(rows))
+    values = transfer(grid.full(np.stack([x, y], -1).reshape(-1, 2))).reshape(rows, columns, 2)
+    dense = cv2.resize(values.astype(np.float32), (columns * NODE_STEP, rows * NODE_STEP), interpolation=cv2.INTER_LINEAR)
+    return np.ascontiguousarray(dense[NODE_STEP : NODE_STEP + height, NODE_STEP : NODE_STEP + width], np.float32)
+
+
+@dataclass(frozen=True, eq=False)
+class Layer:
+    """One resolution of an image. `scale` (2,): its pixels per full pixel."""
+
+    grey: Grey
+    scale: FloatArray
+
+
+class Pyramid:
+    """An image at full and halved resolutions, each made when first asked for."""
+
+    def __init__(self, grey: Grey, overview_scale: FloatArray | None = None) -> None:
+        self._full = grey
+        self.overview_scale = np.ones(2) if overview_scale is None else overview_scale
+        self._layers = [Layer(grey, np.ones(2))]
+
+    def at(self, shrink_by: float) -> Layer:
+        """The coarsest layer that is no coarser than `shrink_by` full pixels a pixel."""
+        level = max(0, int(np.floor(np.log2(max(shrink_by, 1.0)) + 0.25)))
+        while len(self._layers) <= level:
+            last = self._layers[-1].grey
+            size = (max(1, last.shape[1] // 2), max(1, last.shape[0] // 2))
+            small = np.asarray(cv2.resize(last, size, interpolation=cv2.INTER_AREA), np.uint8)
+            full = np.array([self._full.shape[1], self._full.shape[0]])
+            self._layers.append(Layer(small, np.array(size) / full))
+        return self._layers[level]
+
+
+def cut(layer: Layer, x: float, y: float, width: float, height: float) -> Grid:
+    """Working grid over the rectangle (full-resolution px of image 1), clipped to the image."""
+    rows, columns = layer.grey.shape
+    x0, y0 = max(0, int(np.floor(x * layer.scale[0]))), max(0, int(np.floor(y * layer.scale[1])))
+    x1 = min(columns, int(np.ceil((x + width) * layer.scale[0])))
+    y1 = min(rows, int(np.ceil((y + height) * layer.scale[1])))
+    return Grid(np.ascontiguousarray(layer.grey[y0:y1, x0:x1]), x0, y0, layer.scale)
+
+
+def magnification(transfer_values: FloatImage, grid: Grid) -> float:
+    """Median length in image 2 of one full pixel of image 1, from a map over the grid."""
+    if min(grid.shape) < 3:
+        return 1.0
+    step = max(1, min(grid.shape) // 24)
+    sub = transfer_values[::step, ::step].astype(float)
+    if min(sub.shape[:2]) < 2:
+        return 1.0
+    dx, dy = np.diff(sub, axis=1)[:-1], np.diff(sub, axis=0)[:, :-1]
+    area = np.abs(dx[..., 0] * dy[..., 1] - dx[..., 1] * dy[..., 0]) / step**2
+    return float(np.sqrt(np.median(area) * np.prod(grid.scale)))
+
+
+def resample(pyramid2: Pyramid, mapping: FloatImage, grid: Grid, interpolation: int = cv2.INTER_LINEAR) -> FloatImage:
+    """Image 2 pulled onto the grid by a map of full-resolution pixels; as sharp as image 1 there, not sharper.
+
+    Outside image 2 the border repeats; `covered` says where.
+    """
+    ratio = magnification(mapping, grid) / float(np.sqrt(np.prod(grid.scale)))
+    layer = pyramid2.at(ratio)
+    local = (mapping + 0.5) * layer.scale.astype(np.float32) - 0.5
+    source = layer.grey
+    pulled = cv2.remap(source, local[..., 0], local[..., 1], interpolation, borderMode=cv2.BORDER_REPLICATE)
+    return np.asarray(pulled, np.float32)
+
+
+def covered(mapping: FloatImage, shape2: tuple[int, int], margin: float = 2.0) -> NDArray[np.bool_]:
+    """Where a map of full-resolution pixels lands inside image 2, `margin` px from its border."""
+    u, v = mapping[..., 0], mapping[..., 1]
+    return (u >= margin) & (v >= margin) & (u <= shape2[1] - 1 - margin) & (v <= shape2[0] - 1 - margin)
