@@ -75,12 +75,17 @@ def field_of_view_camera(width: int = 1024, height: int = 1024, fov_deg: float =
     return Camera(width, height, focal, focal, (width - 1) / 2.0, (height - 1) / 2.0, source="simulated")
 
 
-def paper_scene(rng: np.random.Generator, trajectory_deg: float, noise_px: float) -> Scene:
+def paper_scene(
+    rng: np.random.Generator,
+    trajectory_deg: float,
+    noise_px: float,
+    noise_rng: np.random.Generator | None = None,
+) -> Scene:
     """One trial of section 4.1: 3x3 patches of 30 points, baseline one fifth of the height, noise in image 2 only.
 
     trajectory_deg : angle of the flight from the vertical; 0 descends, 45 glides, 90 flies level.
     """
-    return make_scene(rng, trajectory_deg=trajectory_deg, noise_px=noise_px)
+    return make_scene(rng, trajectory_deg=trajectory_deg, noise_px=noise_px, noise_rng=noise_rng)
 
 
 def make_scene(
@@ -101,6 +106,7 @@ def make_scene(
     noise1_px: float = 0.0,
     outliers: float = 0.0,
     outlier_px: float = 40.0,
+    noise_rng: np.random.Generator | None = None,
 ) -> Scene:
     """A downward-looking scene: one plane in each cell of a grid over image 1, seen again after a known motion.
 
@@ -113,6 +119,7 @@ def make_scene(
     relief : RMS height of the points off their plane over the distance of the plane.
     free_points : points on no plane, depths within 20 % of the nominal.
     outliers : share of patch and free points moved by up to outlier_px in each image-2 coordinate.
+    noise_rng : source of noise and outliers, to see one terrain under many noises; None goes on with `rng`.
 
     Raises
     ------
@@ -144,6 +151,7 @@ def make_scene(
         )
     x2 = project(R, T_unit, x1, inverse_depth)
     noise, noise1 = noise_px / camera.focal_px, noise1_px / camera.focal_px
+    rng = noise_rng or rng
     outlier = rng.random(len(x1)) < outliers
     jumps = outlier[:, None] * rng.uniform(-outlier_px, outlier_px, x2.shape) / camera.focal_px
     found1 = x1 + noise1 * rng.standard_normal(x1.shape)
@@ -205,12 +213,13 @@ def paper_study(
 ) -> Iterator[Trial]:
     """Run the simulation study of section 4.1: every solver on the same scenes; 1320 scenes by default.
 
-    The terrain and the noise pattern of one number are the same for every trajectory and noise level.
+    The terrain of one number is the same for every trajectory and noise level, the noise is drawn anew.
     """
-    for trajectory in trajectories_deg:
-        for noise in noises_px:
+    for i, trajectory in enumerate(trajectories_deg):
+        for k, noise in enumerate(noises_px):
             for terrain in range(terrains):
-                scene = paper_scene(np.random.default_rng([seed, terrain]), trajectory, noise)
+                noise_rng = np.random.default_rng([seed, terrain, i, k])
+                scene = paper_scene(np.random.default_rng([seed, terrain]), trajectory, noise, noise_rng)
                 yield from (run_trial(scene, solver, trajectory, noise, terrain) for solver in solvers)
 
 

@@ -156,12 +156,16 @@ class Solution:
 
 @dataclass(frozen=True, eq=False)
 class Slopes:
-    """Per plane: slope (0..pi), its 1-sigma, aspect (downhill azimuth, NaN when undefined) and its 1-sigma, rad."""
+    """Per plane: slope (0..pi), its 1-sigma, aspect (downhill azimuth, NaN when undefined) and its 1-sigma, rad.
+
+    tilt_covariance (m, 2, 2): of the normal's tilt from up, rad^2, along the slope (row 0) and across it (row 1).
+    """
 
     slope_rad: FloatArray
     sigma_rad: FloatArray
     aspect_rad: FloatArray
     aspect_sigma_rad: FloatArray
+    tilt_covariance: FloatArray = field(default_factory=lambda: np.zeros((0, 2, 2)))
 
 
 # ---- what is written: these mirror slopes.json ----

@@ -1,17 +1,34 @@
 """Pure two-view geometry: arrays in, arrays and dataclasses out; float64, radians, rows of points."""
 
-from slopecli.geometry.alignment import align_homographies
-from slopecli.geometry.decomposition import PlaneMotion, decompose_homography
+from slopecli.geometry.alignment import Alignment, align_homographies
+from slopecli.geometry.decomposition import PlaneMotion, decompose_homography, longuet_higgins
+from slopecli.geometry.epipolar import epipolar_distance, essential_matrix, focus_of_expansion
 from slopecli.geometry.homography import apply_homography, fit_homography, homography_in_pixels, homography_of_plane
+from slopecli.geometry.metrics import direction_angle, normal_angle, rotation_angle
+from slopecli.geometry.slope import measure_slopes, probability_below, slope_interval, surface_normals
 from slopecli.geometry.solve import solve_planes
+from slopecli.geometry.uncertainty import cramer_rao_bound
 
 __all__ = [
+    "Alignment",
     "PlaneMotion",
     "align_homographies",
     "apply_homography",
+    "cramer_rao_bound",
     "decompose_homography",
+    "direction_angle",
+    "epipolar_distance",
+    "essential_matrix",
     "fit_homography",
+    "focus_of_expansion",
     "homography_in_pixels",
     "homography_of_plane",
+    "longuet_higgins",
+    "measure_slopes",
+    "normal_angle",
+    "probability_below",
+    "rotation_angle",
+    "slope_interval",
     "solve_planes",
+    "surface_normals",
 ]
