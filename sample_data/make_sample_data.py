@@ -1,0 +1,70 @@
+"""Render the sample pairs and their truth again: `python sample_data/make_sample_data.py [--output DIR] [SCENE ...]`.
+
+Needs numpy, scipy and OpenCV (to write the PNGs) and about a minute. The same seeds give the same pixels.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+from pathlib import Path
+from typing import Any
+
+import cv2
+from descent_pair import render_descent
+from urban_pair import render_urban
+
+
+def write_json(path: Path, content: dict[str, Any]) -> None:
+    """One key per line, and one list entry per line where the entries are objects."""
+    lines = []
+    for key, value in content.items():
+        if isinstance(value, list) and isinstance(value[0], dict):
+            text = "[\n    " + ",\n    ".join(json.dumps(entry) for entry in value) + "\n  ]"
+        else:
+            text = json.dumps(value)
+        lines.append(f"  {json.dumps(key)}: {text}")
+    path.write_text("{\n" + ",\n".join(lines) + "\n}\n", encoding="utf-8")
+
+
+def write_image(path: Path, image: Any) -> None:
+    """PNG at the strongest compression."""
+    if not cv2.imwrite(str(path), image, [cv2.IMWRITE_PNG_COMPRESSION, 9]):
+        raise OSError(f"{path}: the image could not be written")
+
+
+def make_descent(folder: Path) -> None:
+    images, camera, truth = render_descent()
+    write_pair(folder, images, camera, truth)
+
+
+def make_urban(folder: Path) -> None:
+    images, camera, truth, labels = render_urban()
+    write_pair(folder, images, camera, truth)
+    write_image(folder / "labels.png", labels)
+
+
+def write_pair(folder: Path, images: list[Any], camera: dict[str, Any], truth: dict[str, Any]) -> None:
+    folder.mkdir(parents=True, exist_ok=True)
+    for number, image in enumerate(images, 1):
+        write_image(folder / f"image{number}.png", image)
+    write_json(folder / "camera.json", camera)
+    write_json(folder / "truth.json", truth)
+
+
+SCENES = {"descent": make_descent, "urban": make_urban}
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("scenes", nargs="*", metavar="SCENE", help=f"any of {', '.join(SCENES)}; all by default")
+    parser.add_argument("--output", type=Path, default=Path(__file__).parent, help="folder that takes the scenes")
+    arguments = parser.parse_args()
+    for scene in arguments.scenes or SCENES:
+        if scene not in SCENES:
+            parser.error(f"no scene named {scene!r}; there are {', '.join(SCENES)}")
+        SCENES[scene](arguments.output / scene)
+
+
+if __name__ == "__main__":
+    main()
