@@ -24,25 +24,15 @@ class PlaneMotion(NamedTuple):
     N: FloatArray
 
 
-def normalise_homography(H: FloatArray) -> FloatArray:
-    """Scale homographies so that the middle singular value is 1 and the determinant positive.
-
-    Eqs. (6)-(7) hold only for this scaling, which the paper does not state: the middle eigenvalue of
-    W = H^T H is 1 when |T| = 1 and s = 1. H : (..., 3, 3).
-    """
-    middle = np.sqrt(np.linalg.eigvalsh(np.swapaxes(H, -1, -2) @ H)[..., 1])
-    sign = np.where(np.linalg.det(H) < 0.0, -1.0, 1.0)
-    return H * (sign / np.maximum(middle, np.finfo(float).tiny))[..., None, None]
-
-
 def longuet_higgins(H: FloatArray, rounding: float = _ROUNDING) -> tuple[FloatArray, FloatArray, FloatArray]:
     """The two essentially different motions of each homography; (T, N) and (-T, -N) give the same H.
 
-    Source: Cheng, eqs. (6)-(8).
+    Source: Cheng, eqs. (6)-(8). They hold only for |T| = 1 and H scaled so that the middle eigenvalue of W = H^T H is 1
+    and det H > 0, which the paper does not say; any scale and sign is accepted here.
 
     Parameters
     ----------
-    H : (k, 3, 3) homographies, image 1 to image 2, any scale.
+    H : (k, 3, 3) homographies, image 1 to image 2.
     rounding : how far the eigenvalues of W may be from 1 by rounding alone.
 
     Returns

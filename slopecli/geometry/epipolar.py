@@ -32,6 +32,14 @@ def rotation_from_vector(w: FloatArray) -> FloatArray:
     return np.eye(3) + np.sinc(angle / np.pi) * W + 0.5 * np.sinc(angle / (2 * np.pi)) ** 2 * (W @ W)
 
 
+def rotation_vector(R: FloatArray) -> FloatArray:
+    """(3,) rotation vector w, rad, with exp([w]x) = R (3, 3); for angles clearly below pi."""
+    axis = 0.5 * np.array([R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1]])
+    sine = float(np.linalg.norm(axis))
+    angle = np.arctan2(sine, 0.5 * (np.trace(R) - 1.0))
+    return np.asarray(axis * (angle / sine if sine > 0.0 else 1.0))
+
+
 def tangent_basis(v: FloatArray) -> FloatArray:
     """(3, 2) orthonormal basis of the plane perpendicular to the unit vector v (3,).
 

@@ -107,13 +107,14 @@ def _without_mismatches(fit: Fit, initial: list[Motion], each_patch: bool) -> Fi
     observations = agreed.applied_to(full)
     states = starting_states(observations, initial).pick(slice(_ROOTS + len(initial)))
     kept = agreed
-    for _ in range(_MAX_TRIMS):
-        fit = _refit(kept.applied_to(full), states)
-        choices = [inliers(full, fit.prediction, i, kept, each_patch) for i in range(len(fit.cost))]
-        chosen = min(choices, key=lambda choice: choice[1])[0]
-        if chosen.same_as(kept):
-            break
-        kept, states = chosen, fit.state
+    for one_scale in (False, True):
+        for _ in range(_MAX_TRIMS):
+            fit = _refit(kept.applied_to(full), states)
+            choices = [inliers(full, fit.prediction, i, kept, each_patch, one_scale) for i in range(len(fit.cost))]
+            states, chosen = fit.state, min(choices, key=lambda choice: choice[1])[0]
+            if chosen.same_as(kept):
+                break
+            kept = chosen
     return fit
 
 

@@ -62,6 +62,12 @@ def estimate_relief(
     return _weights(observations, slide, prediction.inverse_depth[index], noise, relative, keep, keep_free)
 
 
+def _small_sample(observations: Observations, keep: BoolArray) -> FloatArray:
+    """(m,) factor on relief that widens a patch's errors as Student's t does: its relief rests on n - 3 residuals."""
+    freedom = observations.sum_patches(keep.astype(float)) - 3.0
+    return np.sqrt(np.where(freedom > 2.0, freedom / np.maximum(freedom - 2.0, 1.0), 1.0))
+
+
 def _match_gate(
     across: FloatArray, free: FloatArray, keep: BoolArray, keep_free: BoolArray
 ) -> tuple[BoolArray, BoolArray]:
@@ -123,7 +129,7 @@ def _weights(
 ) -> Relief:
     """Inverse of noise^2 / weight I + (w r)^2 d d^T by Sherman and Morrison, d the slide, w the inverse depth."""
     weight = observations.weight * keep
-    spread = (inverse_depth * observations.per_point(relative) / noise) ** 2
+    spread = (inverse_depth * observations.per_point(relative * _small_sample(observations, keep)) / noise) ** 2
     squared = (slide * slide).sum(axis=0)
     factor = weight**2 * spread / (1.0 + weight * spread * squared)
     W = np.stack([weight - factor * slide[0] ** 2, -factor * slide[0] * slide[1], weight - factor * slide[1] ** 2])

@@ -15,6 +15,8 @@ _MEDIAN_2, _MEDIAN_1 = 1.3863, 0.4549
 _FALSE_ALARMS = 100.0
 # finest residual scale that means anything in double precision, normalised coordinates (a millionth of a pixel)
 _FINEST = 1e-9
+# free points may be this much noisier than patch points and still be judged by their own scale
+_ONE_SCALE = 1.25
 _SAMPLES = 64  # four-point samples a patch: finds a clean one in 20 % outliers for sure, in 40 % with p = 0.9999
 
 
@@ -65,6 +67,7 @@ def inliers(
     index: int,
     kept: Kept,
     each_patch: bool = False,
+    one_scale: bool = False,
 ) -> tuple[Kept, float]:
     """Which points agree with motion number `index`, by their own robust scale, and how badly all of them fit.
 
@@ -72,6 +75,7 @@ def inliers(
     ----------
     observations : every point under its full weight.  kept : the points the motion was fitted to.
     each_patch : judge a patch by its own scale, doubled, when that is larger: its points need not be coplanar.
+    one_scale : judge free points by nearly the scale of the patches, once the motion rests on both.
 
     Returns
     -------
@@ -83,9 +87,12 @@ def inliers(
     gate = gate_squared(len(squared) + len(free_squared))
     scale = np.full(len(squared), residual_scale(squared, kept.planes, 2, lost))
     # a motion that rests on few points predicts epipolar lines badly; judge free points by their own scale then
-    free_scale = max(scale[0], residual_scale(free_squared, np.ones(len(free_squared), dtype=bool), 1, 0.0))
+    trusted = kept.free if kept.free.any() else observations.free_weight > 0.0
+    free_scale = residual_scale(free_squared, trusted, 1, 0.0)
     if each_patch:
         scale = np.maximum(scale, 2.0 * _patch_scales(observations, squared))
+    else:
+        free_scale = max(scale[0], min(free_scale, _ONE_SCALE * scale[0]) if one_scale else free_scale)
     relative, free_relative = squared / scale**2, free_squared / free_scale**2
     planes = (relative <= gate) & (observations.weight > 0.0)
     planes = _enough_each(observations, planes, squared)
@@ -101,9 +108,9 @@ def _patch_scales(observations: Observations, squared: FloatArray) -> FloatArray
 
 
 def _enough_each(observations: Observations, keep: BoolArray, squared: FloatArray) -> BoolArray:
-    """Keep at least the better half of every patch (and four points): a patch is judged poor, never emptied."""
+    """Keep at least the best quarter of every patch (and four points): a patch is judged poor, never emptied."""
     left = observations.sum_patches(keep.astype(np.int64))
-    least = np.minimum(observations.count, np.maximum(4, (observations.count + 1) // 2))
+    least = np.minimum(observations.count, np.maximum(4, observations.count // 4))
     for i in np.flatnonzero(left < least):
         patch = slice(observations.first[i], observations.first[i] + observations.count[i])
         best = np.argsort(squared[patch])[: least[i]]

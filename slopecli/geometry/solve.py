@@ -9,6 +9,7 @@ import numpy as np
 
 from slopecli.errors import DegenerateConfiguration, InputError, NoAnswer
 from slopecli.geometry.alignment import closed_form
+from slopecli.geometry.ambiguity import reaching_across, roots_are_joined
 from slopecli.geometry.epipolar import fit_rotation
 from slopecli.geometry.fitting import Fit, Motion, degrees_of_freedom, maximum_likelihood
 from slopecli.geometry.metrics import rotation_angle
@@ -150,30 +151,29 @@ def _noise(fit: Fit, noise: float | None) -> float:
 
 
 def _with_ambiguity(fit: Fit, solver: str, noise: float, noise_gain: float) -> Solution:
-    best = _solution(fit, 0, solver, noise, noise_gain)
+    """The best root, with the second one attached when there is one."""
     if len(fit.cost) == 1:
-        return best
+        return _solution(fit, 0, solver, noise, noise_gain)
     worse_by = float(fit.cost[1] - fit.cost[0]) / max(noise * noise_gain, _ROUNDING) ** 2
     status: Literal["resolved", "unresolved"] = "resolved" if worse_by > RESOLVED_AT else "unresolved"
-    alternative = _solution(fit, 1, solver, noise, noise_gain)
+    joined = status == "unresolved" and roots_are_joined(fit, noise * noise_gain)
+    best, alternative = (_solution(fit, i, solver, noise, noise_gain, joined) for i in (0, 1))
     return replace(best, ambiguity=Ambiguity(status, worse_by, alternative))
 
 
-def _solution(fit: Fit, index: int, solver: str, noise: float, noise_gain: float) -> Solution:
+def _solution(fit: Fit, index: int, solver: str, noise: float, noise_gain: float, joined: bool = False) -> Solution:
     """Root number `index` as a `Solution`, in the caller's order of points."""
     observations, state = fit.observations, fit.state
     covariance = covariance_of(fit.system, state.T[index], index, noise * noise_gain)
-    relief = fit.relief[index].relative if fit.relief else np.zeros(observations.n_patches)
+    if joined:
+        covariance = reaching_across(covariance, state, index)
     return Solution(
         R=state.R[index],
         T=state.T[index],
         scaled_normals=state.N[index],
-        normal_covariance=covariance.normal_covariance,
-        motion_covariance=covariance.motion_covariance,
-        tangent=covariance.tangent,
-        normal_gain=covariance.normal_gain,
+        **covariance._asdict(),
         noise=noise,
-        relief=relief,
+        relief=fit.relief[index].relative if fit.relief else np.zeros(observations.n_patches),
         rms=_rms(observations, fit, index),
         chi2=float(fit.system.chi2[index]) / max(noise, _ROUNDING) ** 2,
         inlier=observations.in_given_order(observations.free_weight > 0.0, observations.weight > 0.0),

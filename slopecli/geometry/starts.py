@@ -4,18 +4,21 @@ from __future__ import annotations
 
 import numpy as np
 
-from slopecli.geometry.decomposition import longuet_higgins, normalise_homography
+from slopecli.geometry.decomposition import longuet_higgins
 from slopecli.geometry.epipolar import decompose_essential
 from slopecli.geometry.observations import Observations, QuadraticForm, isotropic, patch_moments
 from slopecli.geometry.refinement import State, levenberg_marquardt, optimal_normals
 from slopecli.types import FloatArray, IntArray
 
-_PATCH_STARTS = 3  # single patches whose own homography is tried besides the homography of all points
+_PATCH_STARTS = 2  # single patches whose own homography is tried besides the homography of all points
 _SCORED_PATCHES = 64  # a motion is found from this many patches; the others only add their normals to it
+_COARSE_STEPS = 2  # enough to tell which starts are roots; the exact refinement goes on from there
 _DISTINCT = 2e-3  # rad; closer motions are the same minimum
 _ROUNDING = 1e-15  # of chi-square per residual, where it is a difference of sums of order one
 # a start that fits 10 times worse than the best and by more than 1000 in chi-square is not a second answer
 _HOPELESS, _HOPELESS_CHI2 = 10.0, 1000.0
+# the same before refinement: planes that leave two answers fit one homography, whose roots both start close
+_UNPROMISING = 30.0
 
 
 def starting_states(observations: Observations, initial: list[tuple[FloatArray, FloatArray]]) -> State:
@@ -39,21 +42,26 @@ def starting_states(observations: Observations, initial: list[tuple[FloatArray, 
     sample = _sample(observations)
     form = _form(observations, weighted[:, sample], R, T)
     state, chi2 = _scored(observations, R, T, form, sample)
-    keep = _promising(chi2, len(initial))
-    state = state.pick(keep)
-    form = _form(observations, weighted[:, sample], state.R, state.T)
     dof = observations.residual_count()
+    keep = _promising(chi2, len(initial), dof)
+    form = _form(observations, weighted[:, sample], R[keep], T[keep])
     # chi-square is a difference of sums of order dof here, so nothing below their rounding can be trusted
-    refined = levenberg_marquardt(state, lambda _: form, dof, tolerance=1.0, rounding=_ROUNDING, max_iterations=6)
-    R, T = refined.state.R, refined.state.T
-    order = _distinct(R, T, _plausible(refined.system.chi2, dof))
-    return _scored(observations, R[order], T[order], _form(observations, weighted, R[order], T[order]))[0]
+    refined = levenberg_marquardt(
+        state.pick(keep), lambda _: form, dof, tolerance=1.0, rounding=_ROUNDING, max_iterations=_COARSE_STEPS
+    )
+    state = refined.state
+    order = _distinct(state.R, state.T, _plausible(refined.system.chi2, dof))
+    if isinstance(sample, slice):
+        return state.pick(order)
+    R, T = state.R[order], state.T[order]
+    return _scored(observations, R, T, _form(observations, weighted, R, T))[0]
 
 
 def _plausible(chi2: FloatArray, dof: int) -> list[int]:
     """Starts by chi-square, best first, without those that fit so much worse that they cannot be an answer."""
-    limit = (_HOPELESS + _HOPELESS_CHI2 / dof) * (chi2.min() + dof * _ROUNDING)
-    return [int(i) for i in np.argsort(chi2) if chi2[i] <= limit]
+    values = chi2.tolist()
+    limit = (_HOPELESS + _HOPELESS_CHI2 / dof) * (min(values) + dof * _ROUNDING)
+    return [i for i in sorted(range(len(values)), key=values.__getitem__) if values[i] <= limit]
 
 
 def _null_vectors(observations: Observations, moments: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -61,7 +69,7 @@ def _null_vectors(observations: Observations, moments: FloatArray) -> tuple[Floa
     largest = np.argsort(-observations.count, kind="stable")[:_PATCH_STARTS]
     stacked = np.concatenate([moments.sum(axis=0)[None], moments[largest], _essential_moments(observations)[None]])
     vectors = np.linalg.eigh(stacked)[1][:, :, 0].reshape(-1, 3, 3)
-    return normalise_homography(vectors[:-1]), vectors[-1]
+    return vectors[:-1], vectors[-1]
 
 
 def _essential_moments(observations: Observations) -> FloatArray:
@@ -76,9 +84,9 @@ def _essential_moments(observations: Observations) -> FloatArray:
 
 def _depth_weights(observations: Observations, H: FloatArray) -> FloatArray:
     """Weights over squared depth ratio, the latter from one homography of all points: near enough for a start."""
-    z = H[2] @ observations.p
+    z = (H[2] / np.linalg.svd(H, compute_uv=False)[1]) @ observations.p
     typical = z.mean()
-    z = np.clip(z, 0.3 * typical, 3.0 * typical) if typical > 0.0 else np.ones_like(z)
+    z = np.clip(z / typical, 0.3, 3.0) * abs(typical)
     return isotropic((observations.weight / (z * z))[None])
 
 
@@ -140,21 +148,21 @@ def _scored(
     return State(R, T, N), np.where(possible | ~possible.any(), chi2, np.inf)
 
 
-def _promising(chi2: FloatArray, n_initial: int) -> list[int]:
+def _promising(chi2: FloatArray, n_initial: int, n_residuals: int) -> list[int]:
     """Which starts to refine.
 
-    Both roots of the homography of all points, both of the best other homography, the best of E, all of the caller's.
-    Two noisy versions of one root may score better than the other root, so roots are kept in pairs.
+    Both roots of the homography of all points, both of the best other homography and the best of E, unless they fit
+    far worse than the best of all; and all of the caller's. Roots are kept in pairs, because two noisy versions of one
+    root may score better than the other root.
     """
-    n_homographies = len(chi2) - 2 - n_initial
-    keep = [0, 1]
-    if n_homographies > 2:
-        best = 2 + int(np.argmin(chi2[2:n_homographies]))
-        keep += [best, best ^ 1]
-    keep.append(n_homographies + int(np.argmin(chi2[n_homographies : n_homographies + 2])))
-    keep += range(n_homographies + 2, len(chi2))
-    possible = [i for i in keep if np.isfinite(chi2[i])]
-    return possible or [int(np.argmin(chi2))]
+    values = chi2.tolist()
+    n_homographies = len(values) - 2 - n_initial
+    best = min(range(2, n_homographies), key=values.__getitem__)
+    essential = min((n_homographies, n_homographies + 1), key=values.__getitem__)
+    limit = _UNPROMISING * (min(values) + _ROUNDING * n_residuals)
+    keep = [i for i in (0, 1, best, best ^ 1, essential) if values[i] <= limit]
+    keep += [i for i in range(n_homographies + 2, len(values)) if np.isfinite(values[i])]
+    return keep or [min(range(len(values)), key=values.__getitem__)]
 
 
 def _distinct(R: FloatArray, T: FloatArray, order: list[int]) -> list[int]:
