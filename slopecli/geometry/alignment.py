@@ -211,7 +211,7 @@ def _best_normals(observations: Observations, R: FloatArray, T: FloatArray) -> S
     """Normals under a given motion, from infinitely far planes: two closed-form fits, the second with right depths."""
     state = State(R[None], T[None], np.zeros((1, observations.n_patches, 3)))
     for _ in range(2):
-        state, _ = optimal_normals(state, linearise(observations, predict(observations, *state)))
+        state, _ = optimal_normals(state.R, state.T, linearise(observations, predict(observations, *state)))
     return state
 
 

@@ -33,7 +33,7 @@ def roots_are_joined(fit: Fit, noise: float) -> bool:
     cost = np.inf
     for _ in range(2):  # the second round has the right depths in its weights
         form = linearise(fit.observations, predict(fit.observations, *midway), W)
-        midway, chi2 = optimal_normals(midway, form)
+        midway, chi2 = optimal_normals(midway.R, midway.T, form)
         cost = float(chi2[0])
     return cost - float(fit.system.chi2[0]) < _RIDGE * noise**2
 

@@ -115,10 +115,25 @@ def _solve_blocks(V: FloatArray, X: FloatArray) -> FloatArray:
         return np.asarray(np.linalg.solve(V + lift * np.eye(3), X), dtype=np.float64)
 
 
-def optimal_normals(state: State, form: QuadraticForm) -> tuple[State, FloatArray]:
-    """The best normals for fixed motions, in closed form, and the chi-square they leave (s,)."""
-    system = normal_equations(state, form)
-    return State(state.R, state.T, state.N - system.response[:, :, :, 6]), system.reduced[:, 6, 6]
+def optimal_normals(R: FloatArray, T: FloatArray, form: QuadraticForm) -> tuple[State, FloatArray]:
+    """The best normals for fixed motions R (s, 3, 3), T (s, 3), in closed form, and the chi-square they leave (s,).
+
+    H_i = R - K N_i^T is linear in N_i, so each normal is a 3x3 system of its own.
+    """
+    s, m = len(R), form.A.shape[1]
+    B = np.empty((s, 1, 4, 9))  # rows: d vec(H) / d N, and vec(H) at N = 0
+    B[:, 0, :3] = -((R @ T[:, :, None])[:, :, 0] @ _SPREAD).reshape(s, 3, 9)
+    B[:, 0, 3] = R.reshape(s, 9)
+    F = (B @ form.A) @ B.swapaxes(2, 3)
+    linear = (B @ form.g[..., None])[..., 0]
+    gradient = F[:, :, :3, 3] + linear[:, :, :3]
+    N = -_solve_blocks(F[:, :, :3, :3], gradient[..., None])[..., 0]
+    left = F[:, :, 3, 3] + 2.0 * linear[:, :, 3] + (N * gradient).sum(axis=2)
+    chi2 = form.constant + left.sum(axis=1)
+    if form.AE is not None and form.gE is not None:
+        E = (R @ skew(T)).reshape(s, 1, 9)
+        chi2 = chi2 + (E @ form.AE @ E.swapaxes(1, 2))[:, 0, 0] + 2.0 * (form.gE * E[:, 0]).sum(axis=1)
+    return State(R, T, N.reshape(s, m, 3)), chi2
 
 
 def step(state: State, system: System, damping: FloatArray) -> tuple[State, FloatArray]:

@@ -135,8 +135,7 @@ def _scored(
     sample: IntArray | slice = slice(None),
 ) -> tuple[State, FloatArray]:
     """Motions with their best normals, T signed so that planes lie in front, and chi-square, inf where they do not."""
-    m = form.A.shape[1]
-    state, chi2 = optimal_normals(State(R, T, np.zeros((len(R), m, 3))), form)
+    state, chi2 = optimal_normals(R, T, form)
     count = observations.count[sample]
     centres = observations.sum_patches(observations.p)[:, sample] / count
     inverse_depth = (state.N * centres.T).sum(axis=2)
@@ -151,16 +150,19 @@ def _scored(
 def _promising(chi2: FloatArray, n_initial: int, n_residuals: int) -> list[int]:
     """Which starts to refine.
 
-    Both roots of the homography of all points, both of the best other homography and the best of E, unless they fit
-    far worse than the best of all; and all of the caller's. Roots are kept in pairs, because two noisy versions of one
-    root may score better than the other root.
+    Both roots of the homography of all points, the best of E and the best of another homography (both of its roots if
+    it beats them all), unless they fit far worse than the best; and all of the caller's. Roots are kept in pairs,
+    because two noisy versions of one root may score better than the other root.
     """
     values = chi2.tolist()
     n_homographies = len(values) - 2 - n_initial
     best = min(range(2, n_homographies), key=values.__getitem__)
     essential = min((n_homographies, n_homographies + 1), key=values.__getitem__)
+    candidates = [0, 1, essential, best]
+    if values[best] <= min(values[0], values[1], values[essential]):
+        candidates.append(best ^ 1)
     limit = _UNPROMISING * (min(values) + _ROUNDING * n_residuals)
-    keep = [i for i in (0, 1, best, best ^ 1, essential) if values[i] <= limit]
+    keep = [i for i in candidates if values[i] <= limit]
     keep += [i for i in range(n_homographies + 2, len(values)) if np.isfinite(values[i])]
     return keep or [min(range(len(values)), key=values.__getitem__)]
 
