@@ -30,6 +30,7 @@ ENOUGH_INLIERS, ENOUGH_SHARE = 300, 0.7  # sparse matches that need no second, c
 DENSE_SIGMA_PX = (0.02, 0.7)
 OUTSIDE_POINTS = 1500  # matches outside the windows that join the solution: more add time, not accuracy
 OUTSIDE_SIGMA_PX = 0.10  # of a cell of the overview, px of its working grid
+ENOUGH_CELLS = 500  # of the overview: then the coarser sparse matches, mismatches among them, are left out
 REFERENCE_PX = 0.05  # weights are relative to a match this good
 
 
@@ -118,7 +119,9 @@ def survey(
     pyramid1, pyramid2 = Pyramid(image1.grey, layer.scale), Pyramid(image2.grey)
     cells = overview_cells(layer, pyramid2, (image2.height, image2.width), sparse.uv1, sparse.uv2)
     cells = cells.take(np.linalg.eigvalsh(cells.information)[:, 0] > MIN_INFORMATION)
-    uv1, uv2 = np.vstack([cells.uv1, sparse.uv1]), np.vstack([cells.uv2, sparse.uv2])
+    uv1, uv2 = cells.uv1, cells.uv2
+    if len(cells) < ENOUGH_CELLS:
+        uv1, uv2 = np.vstack([uv1, sparse.uv1]), np.vstack([uv2, sparse.uv2])
     x1, x2 = rays_from_pixels(camera1, uv1), rays_from_pixels(camera2, uv2)
     seen = np.isfinite(x1).all(1) & np.isfinite(x2).all(1)
     uv1, x1, x2 = uv1[seen], x1[seen], x2[seen]

@@ -116,10 +116,12 @@ def _slopes(solution: Solution, matched: Matched, options: Options) -> tuple[Up,
 
 def _borrowed(slopes: Slopes, matched: Matched) -> Slopes:
     """Ground beside a window may tilt otherwise than that inside: add what that is worth to the tilt's covariance."""
-    extra = np.array([BORROWED_SIGMA_DEG if matched.matches[i].origin == "borrowed" else 0.0 for i in matched.answered])
+    chosen = [matched.matches[i] for i in matched.answered]
+    least = np.radians(BORROWED_SIGMA_DEG)
+    extra = np.array([np.hypot(least, m.doubt_rad) if m.origin == "borrowed" else 0.0 for m in chosen])
     if not extra.any():
         return slopes
-    variance = np.radians(extra) ** 2
+    variance = extra**2
     covariance = slopes.tilt_covariance + variance[:, None, None] * np.eye(2)
     sigma = np.sqrt(slopes.sigma_rad**2 + variance)
     known = slopes.slope_rad >= 2 * sigma

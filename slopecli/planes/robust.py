@@ -11,27 +11,35 @@ from slopecli.types import BoolArray, FloatArray
 
 HYPOTHESES = 300
 GATE = 6.0  # robust sigmas; terrain is not Gaussian, and its hillocks belong to the plane one stands on
-# Half-normal quantiles: residuals of one plane alone have these in this ratio. A tighter core is a second surface.
-CORE, HALF = 0.30, 0.50
-CORE_SIGMA, HALF_SIGMA = 0.3853, 0.6745
-SPLIT = 0.4
+CORE, HALF = 0.35, 0.50  # quantiles of the absolute residuals hypotheses are ranked by
+CORE_SIGMA, HALF_SIGMA = 0.4538, 0.6745  # and what they are of a Gaussian's sigma
+STEP_GATE = 3.0  # robust sigmas of the core, where part of the window lies on another surface across a step
+STEP_SIGMAS = 6.0  # how far that part stands off
+STEP_GAP = 0.2  # at most this share of it lies in between: a crease or a hill fills the gap, a step does not
 
 
 @dataclass(frozen=True, eq=False)
 class RobustPlane:
-    """normal (3,): w = normal . (x, y, 1); scale: robust 1-sigma of the image-2 residual, normalised; inlier (n,)."""
+    """normal (3,): w = normal . (x, y, 1); scale: robust 1-sigma of the image-2 residual, normalised;
+    inlier (n,): points within `gate` of those."""
 
     normal: FloatArray
     scale: float
+    gate: float
     inlier: BoolArray
+
+    def over(self, rows: FloatArray, target: FloatArray) -> RobustPlane:
+        """The same plane with the inliers among other points: rows (n, 3), target (n,), both times the leverage."""
+        inlier = np.abs(target - rows @ self.normal) < self.gate * self.scale
+        return RobustPlane(self.normal, self.scale, self.gate, inlier)
 
 
 def robust_plane(x1: FloatArray, w: FloatArray, leverage: FloatArray, floor: float) -> RobustPlane:
     """Least squares over all points but a minority that stands off by far more than the rest.
 
-    Starts from the least median of squares (Rousseeuw 1984) over random triples with a fixed seed. Where the window
-    holds two surfaces, neither with a clear majority, the tighter and larger one is taken: the core quantile of the
-    residuals is then far smaller than that of any single plane with noise.
+    Starts from the least median of squares (Rousseeuw 1984) over random triples with a fixed seed. Where a smaller part
+    of the window lies on a second surface across a step (a projecting bay, ground behind a ledge), the plane of the
+    larger part is taken alone; relief without a step is averaged over, as a foot or a wheel would.
 
     Parameters
     ----------
@@ -43,11 +51,25 @@ def robust_plane(x1: FloatArray, w: FloatArray, leverage: FloatArray, floor: flo
     rows, target = rays * leverage[:, None], w * leverage
     candidates = _triples(rows, target)
     residual = np.abs(target - candidates @ rows.T)
-    half = np.quantile(residual, HALF, axis=1) / HALF_SIGMA
-    core = np.quantile(residual, CORE, axis=1) / CORE_SIGMA
-    split = core.min() < SPLIT * half.min() and half.min() > 3 * floor
-    start = candidates[(core if split else half).argmin()]
-    return _reweighted(rows, target, start, floor, CORE if split else HALF)
+    core = candidates[np.quantile(residual, CORE, axis=1).argmin()]
+    step = _beyond_step(np.abs(target - rows @ core), floor)
+    if step is not None:
+        return _reweighted(rows[~step], target[~step], core, floor, STEP_GATE).over(rows, target)
+    half = candidates[np.quantile(residual, HALF, axis=1).argmin()]
+    return _reweighted(rows, target, half, floor, GATE)
+
+
+def _beyond_step(residual: FloatArray, floor: float) -> BoolArray | None:
+    """(n,) points on the far side of a step, None when there is none."""
+    scale = max(float(np.quantile(residual, CORE)) / CORE_SIGMA, floor)
+    off = residual > STEP_GATE * scale
+    if off.mean() < 0.03 or off.mean() > 0.5:
+        return None
+    distance = float(np.median(residual[off]))
+    between = off & (residual < 0.6 * distance)
+    if distance < STEP_SIGMAS * scale or between.sum() > STEP_GAP * off.sum():
+        return None
+    return off
 
 
 def _triples(rows: FloatArray, target: FloatArray) -> FloatArray:
@@ -63,15 +85,14 @@ def _triples(rows: FloatArray, target: FloatArray) -> FloatArray:
     return np.vstack([np.linalg.solve(matrix[wide], target[index[wide]][..., None])[..., 0], everything])
 
 
-def _reweighted(rows: FloatArray, target: FloatArray, normal: FloatArray, floor: float, quantile: float) -> RobustPlane:
-    consistent = CORE_SIGMA if quantile == CORE else HALF_SIGMA
+def _reweighted(rows: FloatArray, target: FloatArray, normal: FloatArray, floor: float, gate: float) -> RobustPlane:
     inlier, scale = np.ones(len(rows), bool), floor
     for _ in range(6):
         residual = np.abs(target - rows @ normal)
-        scale = max(float(np.quantile(residual, quantile)) / consistent, floor)
-        inlier = residual < GATE * scale
+        scale = max(float(np.quantile(residual, HALF)) / HALF_SIGMA, floor)
+        inlier = residual < gate * scale
         normal = _least_squares(rows[inlier], target[inlier])
-    return RobustPlane(normal, scale, inlier)
+    return RobustPlane(normal, scale, gate, inlier)
 
 
 def _least_squares(rows: FloatArray, target: FloatArray) -> FloatArray:

@@ -11,13 +11,14 @@ from numpy.typing import NDArray
 from slopecli.errors import InputError
 from slopecli.geometry.camera import pixels_from_rays, rays_from_pixels
 from slopecli.geometry.epipolar import homogeneous
+from slopecli.geometry.metrics import normal_angle
 from slopecli.geometry.motion import epipolar_residual, inverse_depth
 from slopecli.planes.evidence import Evidence
 from slopecli.planes.robust import robust_plane
 from slopecli.types import Camera, FloatArray, IntArray
 from slopecli.vision.dense import Cells, dense_cells
-from slopecli.vision.photometric import PlaneFit, View, align_plane, make_view, sweep_planes
-from slopecli.vision.warp import Pyramid, cut
+from slopecli.vision.photometric import PlaneFit, View, align_plane, cell_shifts, make_view, sweep_planes
+from slopecli.vision.warp import Pyramid, cut, sample_map
 
 Window = tuple[int, int, int, int]  # x, y, width, height in px of image 1
 
@@ -83,8 +84,8 @@ class WindowMatch:
     """Matches that speak for a window's plane.
 
     uv1, uv2 (n, 2) px; variance_px (n, 2): relative noise variance along and across the epipolar line, px^2;
-    spacing_px: distance between neighbouring cells; origin "own" when they lie in the window, "borrowed" when they
-    are of the plane around it, because nothing inside can be matched.
+    index (n, 2): row and column of the cells; origin "own" when they lie in the window, "borrowed" when they are of
+    the plane around it, because nothing inside can be matched; doubt_rad: then, how far the planes around disagree.
     """
 
     uv1: FloatArray
@@ -97,6 +98,7 @@ class WindowMatch:
     score: float
     share: float
     reason: str = ""
+    doubt_rad: float = 0.0
 
 
 def match_window(window: Window, scene: Scene) -> WindowMatch:
@@ -190,7 +192,7 @@ def _dense_match(window: Window, scene: Scene, normal: FloatArray) -> WindowMatc
     u, v = cells.uv1.T
     cells = cells.take((u >= x - 0.5) & (u < x + w - 0.5) & (v >= y - 0.5) & (v < y + h - 0.5))
     possible = max(1.0, w * h * float(np.prod(view.grid.scale)) / cell**2)
-    return _usable(cells, scene, possible)
+    return _polish(_usable(cells, scene, possible), window, scene, cell)
 
 
 def _usable(cells: Cells, scene: Scene, possible: float) -> WindowMatch:
@@ -212,6 +214,48 @@ def _usable(cells: Cells, scene: Scene, possible: float) -> WindowMatch:
     )
 
 
+PLANAR_PX = 0.35  # grid px: below this RMS off the plane, relief is no more than noise and all pixels may be aligned as one
+SHIFT_VARIANCE = 4.0  # cells share noise with their neighbours through interpolation and normalisation
+
+
+def _polish(match: WindowMatch, window: Window, scene: Scene, cell: int) -> WindowMatch:
+    """On a flat window, replace the flow's matches by steps of the pixels about the plane aligned on all of them.
+
+    Flow looks no further than its patches and smooths over what it cannot see; the plane has three parameters, so
+    alignment also uses texture too faint for any patch.
+    """
+    if match.origin != "own":
+        return match
+    view = _view(window, scene, FINE_PX, border=False)
+    scale = float(view.grid.scale.mean())
+    w, leverage = inverse_depth(scene.R, scene.T, match.x1, match.x2)
+    root = leverage / np.sqrt(match.variance_px[:, 0])
+    rays = homogeneous(match.x1)
+    normal = np.linalg.lstsq(rays * root[:, None], w * root, rcond=None)[0]
+    off = (w - rays @ normal) * leverage * scene.camera2.focal_px * scale
+    if np.sqrt(np.mean(off**2)) > PLANAR_PX:
+        return match
+    fit = align_plane(view, normal, 4)
+    if fit.score < max(0.5, match.score - 0.2):
+        return match
+    shifts = cell_shifts(view, fit.normal, cell)
+    mapping = view.mapping(fit.normal)
+    uv1 = view.grid.full(shifts.centre)
+    uv2 = sample_map(mapping, shifts.centre + shifts.shift)
+    along, across = _epipolar_axes(uv1, scene)
+    information = [np.einsum("ni,nij,nj->n", d, shifts.information, d) for d in (along, across)]
+    variance = (POLISH_FLOOR_PX**2 + SHIFT_VARIANCE / np.maximum(np.column_stack(information), 1e-6)) / scale**2
+    x1, x2 = rays_from_pixels(scene.camera1, uv1), rays_from_pixels(scene.camera2, uv2)
+    good = np.isfinite(x1).all(1) & np.isfinite(x2).all(1) & (np.abs(shifts.shift).max(1) < 1.0)
+    good &= variance[:, 0] * scale**2 < MAX_SIGMA_PX**2
+    if good.sum() < max(8, 0.5 * len(match.uv1)):
+        return match
+    return WindowMatch(
+        uv1[good], uv2[good], x1[good], x2[good], shifts.index[good], variance[good], "own", fit.score, match.share
+    )
+
+
+POLISH_FLOOR_PX = 0.02
 GREY_NOISE = 2.0  # grey levels; sensor noise of 8-bit images
 FLOOR_PX = 0.03  # px of the grid: what interpolation and the flow's own quantisation leave
 MAX_SIGMA_PX = 0.5
@@ -219,14 +263,17 @@ MAX_SIGMA_PX = 0.5
 
 def _variance_px(cells: Cells, scene: Scene) -> FloatArray:
     """(n, 2) noise variance along and across the epipolar line in full px^2, from each cell's structure tensor."""
-    focus = scene.R.T @ (scene.R @ scene.T)
-    rays = homogeneous(rays_from_pixels(scene.camera1, cells.uv1))
-    along = rays[:, :2] * focus[2] - focus[:2]
-    along /= np.maximum(np.linalg.norm(along, axis=1, keepdims=True), 1e-12)
-    across = np.column_stack([-along[:, 1], along[:, 0]])
-    information = [np.einsum("ni,nij,nj->n", d, cells.information, d) for d in (along, across)]
+    information = [np.einsum("ni,nij,nj->n", d, cells.information, d) for d in _epipolar_axes(cells.uv1, scene)]
     grid = FLOOR_PX**2 + GREY_NOISE**2 / np.maximum(np.column_stack(information), 1e-6)
     return grid / cells.pixel_scale**2
+
+
+def _epipolar_axes(uv1: FloatArray, scene: Scene) -> tuple[FloatArray, FloatArray]:
+    """Unit vectors (n, 2) along and across the epipolar line in image 1: a change of depth moves content along it."""
+    rays = homogeneous(rays_from_pixels(scene.camera1, uv1))
+    along = rays[:, :2] * scene.T[2] - scene.T[:2]
+    along /= np.maximum(np.linalg.norm(along, axis=1, keepdims=True), 1e-12)
+    return along, np.column_stack([-along[:, 1], along[:, 0]])
 
 
 def _borrow(window: Window, scene: Scene) -> WindowMatch:
@@ -260,8 +307,16 @@ def _borrow(window: Window, scene: Scene) -> WindowMatch:
             "borrowed",
             0.0,
             0.0,
+            doubt_rad=_disagreement(planes, support, best),
         )
     return _nothing("nothing in or around the window can be matched")
+
+
+def _disagreement(planes: list[FloatArray], support: list[float], best: int) -> float:
+    """RMS angle between the chosen plane and the others, each weighted by the support it has."""
+    share = np.array(support) / max(sum(support), 1e-9)
+    angles = np.array([float(normal_angle(plane, planes[best])) for plane in planes])
+    return float(np.sqrt(share @ np.minimum(angles, np.pi - angles) ** 2))
 
 
 def scene_pixels(camera: Camera, x: FloatArray) -> FloatArray:

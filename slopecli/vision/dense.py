@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from slopecli.types import FloatArray
 from slopecli.vision.features import Grey
-from slopecli.vision.warp import FloatImage, Grid, Pyramid, covered, resample
+from slopecli.vision.warp import FloatImage, Grid, Pyramid, block_sum, covered, resample
 
 FORWARD_BACKWARD_PX = 0.6  # flow there and back must close within this, px of the grid
 MIN_SIDE = 24  # the flow's own patches and pyramid need this much
@@ -93,10 +93,10 @@ def _collect(
     ours, theirs = grid.grey.astype(np.float32), found.astype(np.float32)
     gx, gy = cv2.Sobel(ours, cv2.CV_32F, 1, 0, scale=1 / 8), cv2.Sobel(ours, cv2.CV_32F, 0, 1, scale=1 / 8)
     mask = seen.astype(np.float32)
-    count = _block_sum(mask, cell)
+    count = block_sum(mask, cell)
     layers = [points[..., 0], points[..., 1], target[..., 0], target[..., 1]]
     layers += [gx * gx, gx * gy, gy * gy, ours, theirs, ours * ours, theirs * theirs, ours * theirs]
-    sums = np.stack([_block_sum(layer * mask, cell) for layer in layers], -1).reshape(rows * columns, -1)
+    sums = np.stack([block_sum(layer * mask, cell) for layer in layers], -1).reshape(rows * columns, -1)
     share = (count / cell**2).reshape(-1)
     keep = share >= 1 / 3
     mean = sums[keep] / count.reshape(-1)[keep, None]
@@ -107,9 +107,3 @@ def _collect(
     index = np.stack(np.divmod(np.flatnonzero(keep), columns), -1)
     scale = float(np.sqrt(np.prod(grid.scale)))
     return Cells(grid.full(mean[:, :2]), mean[:, 2:4].astype(float), tensor.astype(float), index, share[keep], agreement, scale)
-
-
-def _block_sum(layer: FloatImage, cell: int) -> FloatArray:
-    rows, columns = layer.shape[0] // cell, layer.shape[1] // cell
-    blocks = layer[: rows * cell, : columns * cell].reshape(rows, cell, columns, cell)
-    return np.asarray(blocks.sum((1, 3), dtype=np.float64))

@@ -11,9 +11,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from slopecli.geometry.motion import homogeneous
+from slopecli.geometry.epipolar import homogeneous
 from slopecli.types import FloatArray
-from slopecli.vision.warp import FloatImage, Grid, Pyramid, covered, magnification
+from slopecli.vision.warp import FloatImage, Grid, Pyramid, block_sum, covered, magnification
 
 NOISE_GREY = 2.0  # grey levels below which contrast is sensor noise, not texture
 MAX_STEP_PX = 1.0  # a Gauss-Newton step moves no more of the window than this: the image is linear no further
@@ -126,6 +126,52 @@ def _pull(view: View, mapping: FloatImage) -> FloatImage:
     local = (mapping + 0.5) * layer.scale.astype(np.float32) - 0.5
     pulled = cv2.remap(layer.grey, local[..., 0], local[..., 1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
     return np.asarray(pulled, np.float32)
+
+
+CELL_PRIOR_PX = 0.5  # a cell's displacement from the aligned plane is within this; decides where texture does not
+
+
+@dataclass(frozen=True, eq=False)
+class CellShifts:
+    """What the cells of an aligned window still want to move, (n, 2) grid px, and what they know of it.
+
+    centre (n, 2): grid px; information (n, 2, 2): inverse covariance of the shift, px^-2; index (n, 2).
+    """
+
+    centre: FloatArray
+    shift: FloatArray
+    information: FloatArray
+    index: NDArray[np.int64]
+
+
+def cell_shifts(view: View, normal: FloatArray, cell: int) -> CellShifts:
+    """One Gauss-Newton step of every cell by itself (Lucas and Kanade 1981), about a plane aligned on all of them.
+
+    Added up over the cells these steps are the alignment of the plane, so they carry all it knows into the joint
+    solution, and let single cells that disagree be found.
+    """
+    radius = max(4.0, min(view.grid.shape) / 6)
+    mapping = view.mapping(normal)
+    valid = covered(mapping, view.shape2)
+    ours = normalise(view.grid.grey.astype(np.float32), radius)
+    theirs = normalise(_pull(view, mapping), radius)
+    residual = theirs - ours
+    mean = 0.5 * (ours + theirs)
+    gx, gy = cv2.Sobel(mean, cv2.CV_32F, 1, 0, scale=1 / 8), cv2.Sobel(mean, cv2.CV_32F, 0, 1, scale=1 / 8)
+    sigma = 1.4826 * float(np.median(np.abs(residual[valid]))) + 1e-3 if valid.any() else 1.0
+    weight = np.where(valid, 1 / (1 + (residual / (TUKEY * sigma)) ** 2) ** 2, 0.0).astype(np.float32) / sigma**2
+    rows, columns = view.grid.shape[0] // cell, view.grid.shape[1] // cell
+    layers = [gx * gx, gx * gy, gy * gy, gx * residual, gy * residual, valid.astype(np.float32)]
+    scaled = [block_sum(layer * weight if k < 5 else layer, cell).ravel() for k, layer in enumerate(layers)]
+    a, b, c, p, q, seen = scaled
+    keep = seen > 0.5 * cell**2
+    prior = 1 / CELL_PRIOR_PX**2
+    system = np.stack([a + prior, b, b, c + prior], -1).reshape(-1, 2, 2)[keep]
+    shift = -np.linalg.solve(system, np.stack([p, q], -1)[keep][..., None])[..., 0]
+    index = np.stack(np.divmod(np.flatnonzero(keep), columns), -1)
+    centre = index[:, ::-1] * float(cell) + (cell - 1) / 2
+    information = np.stack([a, b, b, c], -1).reshape(-1, 2, 2)[keep]
+    return CellShifts(centre, shift, information, index)
 
 
 TILTS = ((0.0, 0.0), (1.0, 0.0), (-1.0, 0.0), (0.0, 1.0), (0.0, -1.0))  # tangent of the tilt against the line of sight

@@ -122,3 +122,21 @@ def covered(mapping: FloatImage, shape2: tuple[int, int], margin: float = 2.0) -
     """Where a map of full-resolution pixels lands inside image 2, `margin` px from its border."""
     u, v = mapping[..., 0], mapping[..., 1]
     return (u >= margin) & (v >= margin) & (u <= shape2[1] - 1 - margin) & (v <= shape2[0] - 1 - margin)
+
+
+def block_sum(layer: FloatImage, cell: int) -> FloatArray:
+    """Sums over square blocks of `cell` px, (h // cell, w // cell); what is left over at right and bottom is dropped."""
+    rows, columns = layer.shape[0] // cell, layer.shape[1] // cell
+    blocks = layer[: rows * cell, : columns * cell].reshape(rows, cell, columns, cell)
+    return np.asarray(blocks.sum((1, 3), dtype=np.float64))
+
+
+def sample_map(mapping: FloatImage, points: FloatArray) -> FloatArray:
+    """Values (n, 2) of a map at points (n, 2) of its grid, bilinear in double precision."""
+    height, width = mapping.shape[:2]
+    x, y = np.clip(points[:, 0], 0, width - 1), np.clip(points[:, 1], 0, height - 1)
+    i, j = np.minimum(x.astype(int), width - 2), np.minimum(y.astype(int), height - 2)
+    fx, fy = (x - i)[:, None], (y - j)[:, None]
+    top = (1 - fx) * mapping[j, i] + fx * mapping[j, i + 1]
+    bottom = (1 - fx) * mapping[j + 1, i] + fx * mapping[j + 1, i + 1]
+    return np.asarray((1 - fy) * top + fy * bottom, float)
