@@ -18,10 +18,10 @@ from slopecli.planes.evidence import Evidence, gather_evidence, scene_planes
 from slopecli.planes.windows import Scene, Window, WindowMatch, check_windows, grid_windows, match_window
 from slopecli.report import Matched, build_report
 from slopecli.types import BoolArray, Camera, Correspondences, Diagnostic, FloatArray, Image, Report, Solution
-from slopecli.vision.features import EFFORTS, match_sift, shrink
+from slopecli.vision.features import EFFORTS, FeatureEffort, match_sift, shrink
 from slopecli.vision.overview import MAX_PIXELS, overview_cells
 from slopecli.vision.sampling import correlation_gain, sample_grey, thin
-from slopecli.vision.starts import distinct_motions, inliers_of, starting_motions
+from slopecli.vision.starts import distinct_motions, inliers_of, rank_motions, starting_motions
 from slopecli.vision.warp import Layer, Pyramid
 
 OnStage = Callable[[str, float], None]
@@ -31,16 +31,31 @@ DENSE_SIGMA_PX = (0.02, 0.7)
 OUTSIDE_POINTS = 1500  # matches outside the windows that join the solution: more add time, not accuracy
 OUTSIDE_SIGMA_PX = 0.10  # of a cell of the overview, px of its working grid
 ENOUGH_CELLS = 500  # of the overview: then the coarser sparse matches, mismatches among them, are left out
+SYSTEMATIC_PX = 0.02  # RMS misfit that lens models, interpolation and shading leave in the best of pairs
 REFERENCE_PX = 0.05  # weights are relative to a match this good
 
 
 @dataclass(frozen=True, eq=False)
 class Sparse:
-    """Sparse matches that agree on a motion, and the motions they allow, best first."""
+    """Sparse matches, mismatches among them, and the motions they allow, best first."""
+
+    matches: Matches
+    motions: list[MotionEstimate]
+
+    def rivals(self) -> list[MotionEstimate]:
+        """Motions that the sparse matches hardly tell from the best."""
+        return [m for m in self.motions if m.cost <= RIVAL_COST * self.motions[0].cost][:MAX_RIVALS]
+
+
+@dataclass(frozen=True, eq=False)
+class Matches:
+    """Sparse matches uv1 -> uv2 (n, 2) px, and as normalised coordinates x1, x2; features found in each image."""
 
     uv1: FloatArray
     uv2: FloatArray
-    motions: list[MotionEstimate]
+    x1: FloatArray
+    x2: FloatArray
+    n_features: tuple[int, int]
 
 
 def estimate(
@@ -86,29 +101,42 @@ def estimate(
 def find_motions(image1: Image, image2: Image, camera1: Camera, camera2: Camera) -> Sparse:
     """Sparse features, and the camera motions they allow; a costlier search where the first finds little."""
     focal = camera2.focal_px
-    best: tuple[int, int, tuple[int, int], Sparse | None] = (0, 0, (0, 0), None)
-    for effort, settings in enumerate(EFFORTS):
-        uv1, uv2, n_features = match_sift(image1.grey, image2.grey, settings)
-        x1, x2 = rays_from_pixels(camera1, uv1), rays_from_pixels(camera2, uv2)
-        seen = np.isfinite(x1).all(1) & np.isfinite(x2).all(1)
-        uv1, uv2, x1, x2 = uv1[seen], uv2[seen], x1[seen], x2[seen]
-        motions = starting_motions(x1, x2, focal, effort)
-        inlier = _agreeing(motions, x1, x2, focal)
-        if inlier.sum() >= best[0]:
-            best = (int(inlier.sum()), len(uv1), n_features, Sparse(uv1[inlier], uv2[inlier], motions))
-        if inlier.sum() >= ENOUGH_INLIERS and inlier.mean() > ENOUGH_SHARE:
+    found: list[Matches] = []
+    motions: list[MotionEstimate] = []
+    for settings in EFFORTS:
+        found.append(_match(image1, image2, camera1, camera2, settings))
+        every = _joined(found)
+        motions = rank_motions(motions + starting_motions(found[-1].x1, found[-1].x2, focal), every.x1, every.x2, focal)
+        inlier = _agreeing(motions[:1], every, focal)
+        if len(inlier) and inlier.mean() < ENOUGH_SHARE:
+            more = starting_motions(found[-1].x1, found[-1].x2, focal, thorough=True)
+            motions = rank_motions(motions + more, every.x1, every.x2, focal)
+            inlier = _agreeing(motions[:1], every, focal)
+        if len(inlier) and inlier.sum() >= ENOUGH_INLIERS and inlier.mean() > ENOUGH_SHARE:
             break
-    n_inliers, n_matches, n_features, sparse = best
-    refuse_unmatched(n_features, n_matches, n_inliers)
-    if sparse is None or not sparse.motions:
-        raise NoAnswer("no-overlap", "no camera motion explains the matches", "give two images of the same ground")
-    return sparse
+    refuse_unmatched(found[-1].n_features, len(inlier), int(inlier.sum()))
+    return Sparse(every, motions)
 
 
-def _agreeing(motions: list[MotionEstimate], x1: FloatArray, x2: FloatArray, focal_px: float) -> BoolArray:
+def _match(image1: Image, image2: Image, camera1: Camera, camera2: Camera, settings: FeatureEffort) -> Matches:
+    uv1, uv2, n_features = match_sift(image1.grey, image2.grey, settings)
+    x1, x2 = rays_from_pixels(camera1, uv1), rays_from_pixels(camera2, uv2)
+    seen = np.isfinite(x1).all(1) & np.isfinite(x2).all(1)
+    return Matches(uv1[seen], uv2[seen], x1[seen], x2[seen], n_features)
+
+
+def _joined(found: list[Matches]) -> Matches:
+    if len(found) == 1:
+        return found[0]
+    stack = [np.vstack([getattr(m, name) for m in found]) for name in ("uv1", "uv2", "x1", "x2")]
+    return Matches(*stack, found[-1].n_features)
+
+
+def _agreeing(motions: list[MotionEstimate], matches: Matches, focal_px: float) -> BoolArray:
+    """Matches that obey the first of the motions; none when there is none."""
     if not motions:
-        return np.zeros(len(x1), bool)
-    return inliers_of(epipolar_residual(motions[0].R, motions[0].T, x1, x2), focal_px)
+        return np.zeros(len(matches.x1), bool)
+    return inliers_of(epipolar_residual(motions[0].R, motions[0].T, matches.x1, matches.x2), focal_px)
 
 
 def survey(
@@ -117,26 +145,47 @@ def survey(
     """Match the whole image densely once: the motion from it, and what it says about every part of the scene."""
     layer = Layer(*shrink(image1.grey, MAX_PIXELS))
     pyramid1, pyramid2 = Pyramid(image1.grey, layer.scale), Pyramid(image2.grey)
-    cells = overview_cells(layer, pyramid2, (image2.height, image2.width), sparse.uv1, sparse.uv2)
+    surveys = [
+        _survey_under(motion, sparse, layer, pyramid2, camera1, camera2) for motion in sparse.rivals()
+    ]
+    uv1, x1, x2, motions = max(surveys, key=lambda s: _consistent(s[1], s[2], s[3], camera2.focal_px))
+    best = motions[0]
+    evidence = gather_evidence(uv1, x1, x2, sample_grey(image1.grey, uv1), best.R, best.T, camera2.focal_px)
+    parallax = parallax_px(evidence.x1, evidence.x2, camera2.focal_px)
+    diagnostics = check_parallax(parallax, best.scale * camera2.focal_px)
+    planes = scene_planes(evidence)
+    return Scene(camera1, camera2, pyramid1, pyramid2, best.R, best.T, evidence, planes), motions, diagnostics
+
+
+Survey = tuple[FloatArray, FloatArray, FloatArray, list[MotionEstimate]]
+
+
+def _survey_under(
+    motion: MotionEstimate, sparse: Sparse, layer: Layer, pyramid2: Pyramid, camera1: Camera, camera2: Camera
+) -> Survey:
+    """Dense matches led by the sparse ones that obey a motion, uv1, x1, x2 (n, 2), and all motions refined on them."""
+    focal = camera2.focal_px
+    obey = _agreeing([motion], sparse.matches, focal)
+    lead1, lead2 = sparse.matches.uv1[obey], sparse.matches.uv2[obey]
+    cells = overview_cells(layer, pyramid2, (camera2.height, camera2.width), lead1, lead2)
     cells = cells.take(np.linalg.eigvalsh(cells.information)[:, 0] > MIN_INFORMATION)
     uv1, uv2 = cells.uv1, cells.uv2
     if len(cells) < ENOUGH_CELLS:
-        uv1, uv2 = np.vstack([uv1, sparse.uv1]), np.vstack([uv2, sparse.uv2])
+        uv1, uv2 = np.vstack([uv1, lead1]), np.vstack([uv2, lead2])
     x1, x2 = rays_from_pixels(camera1, uv1), rays_from_pixels(camera2, uv2)
     seen = np.isfinite(x1).all(1) & np.isfinite(x2).all(1)
-    uv1, x1, x2 = uv1[seen], x1[seen], x2[seen]
-    motions = refine_motions(sparse.motions, x1, x2, camera2.focal_px)
-    best = motions[0]
-    grey = sample_grey(image1.grey, uv1)
-    evidence = gather_evidence(uv1, x1, x2, grey, best.R, best.T, camera2.focal_px)
-    noise_px = best.scale * camera2.focal_px
-    diagnostics = check_parallax(parallax_px(evidence.x1, evidence.x2, camera2.focal_px), noise_px)
-    scene = Scene(
-        camera1, camera2, pyramid1, pyramid2, best.R, best.T, evidence, scene_planes(evidence)
-    )
-    return scene, motions, diagnostics
+    first = [motion, *(m for m in sparse.motions if m is not motion)]
+    return uv1[seen], x1[seen], x2[seen], refine_motions(first, x1[seen], x2[seen], focal)
 
 
+def _consistent(x1: FloatArray, x2: FloatArray, motions: list[MotionEstimate], focal_px: float) -> int:
+    """How many dense matches the best motion explains: flow led astray does not close and obeys none."""
+    residual = np.abs(epipolar_residual(motions[0].R, motions[0].T, x1, x2)) * focal_px
+    return int((residual < CONSISTENT_PX).sum())
+
+
+RIVAL_COST, MAX_RIVALS = 1.08, 3
+CONSISTENT_PX = 0.7
 MIN_INFORMATION = 100.0  # grey^2/px^2 over a cell of the overview: weaker texture moves with the noise
 
 
@@ -178,8 +227,20 @@ def solve(
     solution = solve_planes(
         x1, x2, patch, options.solver, weights=weights, relief=relief, initial=initial, noise_gain=gain
     )
+    solution = _beyond_systematics(solution, camera2_focal=scene.camera2.focal_px)
     correspondences = Correspondences(uv1, np.empty((0, 2)), x1, x2, patch)
     return Matched(windows, matches, answered, correspondences, weights), solution
+
+
+def _beyond_systematics(solution: Solution, camera2_focal: float) -> Solution:
+    """A second root is ruled out only if it fits worse by more than calibration and interpolation can feign."""
+    found = solution.ambiguity
+    if found.status != "resolved" or found.delta_chi2 is None:
+        return solution
+    excess = solution.noise * np.sqrt(found.delta_chi2 / max(int(solution.inlier.sum()), 1)) * camera2_focal
+    if excess > SYSTEMATIC_PX:
+        return solution
+    return replace(solution, ambiguity=replace(found, status="unresolved"))
 
 
 def _outside(evidence: Evidence, windows: list[Window]) -> np.ndarray:

@@ -106,19 +106,19 @@ def _slopes(solution: Solution, matched: Matched, options: Options) -> tuple[Up,
         k = dominant_plane(matched)
         slopes = measure_slopes(solution, None, sigma, north, up_plane=k)
         up = -solution.scaled_normals[k] / np.linalg.norm(solution.scaled_normals[k])
-        return Up(_triple(up), "dominant-plane", options.up_sigma_deg), _borrowed(slopes, matched)
+        return Up(_triple(up), "dominant-plane", options.up_sigma_deg), _doubted(slopes, matched)
     given = not isinstance(options.up, str)
     up = np.array(options.up if given else CAMERA_UP, float)
     up = up / np.linalg.norm(up)
     slopes = measure_slopes(solution, up, sigma, north)
-    return Up(_triple(up), "given" if given else "camera", options.up_sigma_deg), _borrowed(slopes, matched)
+    return Up(_triple(up), "given" if given else "camera", options.up_sigma_deg), _doubted(slopes, matched)
 
 
-def _borrowed(slopes: Slopes, matched: Matched) -> Slopes:
-    """Ground beside a window may tilt otherwise than that inside: add what that is worth to the tilt's covariance."""
+def _doubted(slopes: Slopes, matched: Matched) -> Slopes:
+    """Add to the tilt what no residual shows: ground beside a window tilts otherwise, part of it was left out."""
     chosen = [matched.matches[i] for i in matched.answered]
     least = np.radians(BORROWED_SIGMA_DEG)
-    extra = np.array([np.hypot(least, m.doubt_rad) if m.origin == "borrowed" else 0.0 for m in chosen])
+    extra = np.array([np.hypot(least if m.origin == "borrowed" else 0.0, m.doubt_rad) for m in chosen])
     if not extra.any():
         return slopes
     variance = extra**2

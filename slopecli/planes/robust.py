@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from slopecli.geometry.epipolar import homogeneous
+from slopecli.geometry.metrics import normal_angle
 from slopecli.types import BoolArray, FloatArray
 
 HYPOTHESES = 300
@@ -15,6 +16,7 @@ CORE, HALF = 0.35, 0.50  # quantiles of the absolute residuals hypotheses are ra
 CORE_SIGMA, HALF_SIGMA = 0.4538, 0.6745  # and what they are of a Gaussian's sigma
 STEP_GATE = 3.0  # robust sigmas of the core, where part of the window lies on another surface across a step
 STEP_SIGMAS = 6.0  # how far that part stands off
+DOUBT_SHARE = 0.35  # of the angle between the plane kept and the plane of all points
 STEP_GAP = 0.2  # at most this share of it lies in between: a crease or a hill fills the gap, a step does not
 
 
@@ -27,6 +29,12 @@ class RobustPlane:
     scale: float
     gate: float
     inlier: BoolArray
+
+    def doubt_rad(self, rows: FloatArray, target: FloatArray) -> float:
+        """How much the answer owes to what was left out: a share of the angle to the plane through everything."""
+        if self.inlier.all():
+            return 0.0
+        return DOUBT_SHARE * float(normal_angle(self.normal, _least_squares(rows, target)))
 
     def over(self, rows: FloatArray, target: FloatArray) -> RobustPlane:
         """The same plane with the inliers among other points: rows (n, 3), target (n,), both times the leverage."""
@@ -67,7 +75,8 @@ def _beyond_step(residual: FloatArray, floor: float) -> BoolArray | None:
         return None
     distance = float(np.median(residual[off]))
     between = off & (residual < 0.6 * distance)
-    if distance < STEP_SIGMAS * scale or between.sum() > STEP_GAP * off.sum():
+    spread = max(float(np.sqrt(np.mean(residual[~off] ** 2))), scale)
+    if distance < STEP_SIGMAS * spread or between.sum() > STEP_GAP * off.sum():
         return None
     return off
 

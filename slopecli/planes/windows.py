@@ -207,11 +207,29 @@ def _usable(cells: Cells, scene: Scene, possible: float) -> WindowMatch:
         return _nothing("too few matches")
     w, leverage = inverse_depth(scene.R, scene.T, x1[good], x2[good])
     plane = robust_plane(x1[good], w, leverage, 0.03 / focal / cells.pixel_scale)
+    doubt = SCARCE_RAD * max(0.0, 1 - share / SCARCE_SHARE)
+    doubt += plane.doubt_rad(homogeneous(x1[good]) * leverage[:, None], w * leverage)
     keep = np.flatnonzero(good)[plane.inlier]
     score = float(np.median(cells.agreement[good]))
+    across = epipolar_residual(scene.R, scene.T, x1[keep], x2[keep]) * focal
+    variance = variance[keep] * _overdispersion(across**2 / variance[keep, 1])
     return WindowMatch(
-        cells.uv1[keep], cells.uv2[keep], x1[keep], x2[keep], cells.index[keep], variance[keep], "own", score, share
-    )
+        cells.uv1[keep], cells.uv2[keep], x1[keep], x2[keep], cells.index[keep], variance, "own", score, share,
+        doubt_rad=doubt,
+    )  # fmt: skip
+
+
+def _overdispersion(normalised_squares: FloatArray) -> float:
+    """By how much a window's own residuals exceed the variance predicted from its texture: a robust ratio.
+
+    Many cells may show that they are better than predicted; few cells agree by chance, so they are not believed.
+    """
+    least = np.interp(len(normalised_squares), [20, 60], [1.0, 0.25])
+    return max(float(np.median(normalised_squares)) / CHI2_MEDIAN, float(least))
+
+
+SCARCE_SHARE, SCARCE_RAD = 0.15, np.radians(10.0)  # matched over less than this, the rest of a window may tilt otherwise
+CHI2_MEDIAN = 0.4549  # of chi-square with one degree of freedom
 
 
 PLANAR_PX = 0.35  # grid px: below this RMS off the plane, relief is no more than noise and all pixels may be aligned as one
@@ -235,7 +253,7 @@ def _polish(match: WindowMatch, window: Window, scene: Scene, cell: int) -> Wind
     off = (w - rays @ normal) * leverage * scene.camera2.focal_px * scale
     if np.sqrt(np.mean(off**2)) > PLANAR_PX:
         return match
-    fit = align_plane(view, normal, 4)
+    fit = _align_best(view, normal, scene, match.score)
     if fit.score < max(0.5, match.score - 0.2):
         return match
     shifts = cell_shifts(view, fit.normal, cell)
@@ -247,15 +265,30 @@ def _polish(match: WindowMatch, window: Window, scene: Scene, cell: int) -> Wind
     variance = (POLISH_FLOOR_PX**2 + SHIFT_VARIANCE / np.maximum(np.column_stack(information), 1e-6)) / scale**2
     x1, x2 = rays_from_pixels(scene.camera1, uv1), rays_from_pixels(scene.camera2, uv2)
     good = np.isfinite(x1).all(1) & np.isfinite(x2).all(1) & (np.abs(shifts.shift).max(1) < 1.0)
-    good &= variance[:, 0] * scale**2 < MAX_SIGMA_PX**2
-    if good.sum() < max(8, 0.5 * len(match.uv1)):
+    good &= variance[:, 0] * scale**2 < FAINTEST_PX**2
+    if good.sum() < max(8, 0.3 * len(match.uv1)):
         return match
+    w, leverage = inverse_depth(scene.R, scene.T, x1, x2)
+    off = (w - homogeneous(x1) @ fit.normal) * leverage * scene.camera2.focal_px
+    variance *= _overdispersion(off[good] ** 2 / variance[good, 0])
     return WindowMatch(
-        uv1[good], uv2[good], x1[good], x2[good], shifts.index[good], variance[good], "own", fit.score, match.share
-    )
+        uv1[good], uv2[good], x1[good], x2[good], shifts.index[good], variance[good], "own", fit.score, match.share,
+        doubt_rad=match.doubt_rad,
+    )  # fmt: skip
 
 
+def _align_best(view: View, normal: FloatArray, scene: Scene, score: float) -> PlaneFit:
+    """Align from the flow's plane; where the window is small and faint, from the scene's planes as well."""
+    fit = align_plane(view, normal, 5)
+    if score > FAINT_SCORE or view.grid.grey.size > FAINT_PIXELS:
+        return fit
+    rivals = [align_plane(view, plane, 8) for plane in scene.planes]
+    return max([fit, *rivals], key=lambda f: f.score)
+
+
+FAINT_SCORE, FAINT_PIXELS = 0.85, 100 * 100
 POLISH_FLOOR_PX = 0.02
+FAINTEST_PX = 1.0  # cells known worse than this add nothing
 GREY_NOISE = 2.0  # grey levels; sensor noise of 8-bit images
 FLOOR_PX = 0.03  # px of the grid: what interpolation and the flow's own quantisation leave
 MAX_SIGMA_PX = 0.5
@@ -307,9 +340,12 @@ def _borrow(window: Window, scene: Scene) -> WindowMatch:
             "borrowed",
             0.0,
             0.0,
-            doubt_rad=_disagreement(planes, support, best),
+            doubt_rad=max(_disagreement(planes, support, best), LONELY_RAD * (1 - support[best] / float(vote.sum()))),
         )
     return _nothing("nothing in or around the window can be matched")
+
+
+LONELY_RAD = np.radians(60.0)  # doubt about a borrowed plane that nothing around the window supports
 
 
 def _disagreement(planes: list[FloatArray], support: list[float], best: int) -> float:

@@ -12,22 +12,29 @@ Motion = tuple[FloatArray, FloatArray]
 
 SIGMA_PX = (0.05, 0.7)  # the noise of sparse matches lies between these; more is mismatch
 SCORE_PX = 0.5  # motions compete on squared residuals truncated at four of these
+HALVES = 16
 DISTINCT_RAD = np.radians(1.0)
 
 
-def starting_motions(x1: FloatArray, x2: FloatArray, focal_px: float, effort: int = 0) -> list[MotionEstimate]:
+def starting_motions(x1: FloatArray, x2: FloatArray, focal_px: float, thorough: bool = False) -> list[MotionEstimate]:
     """Robustly estimated and refined motions, best first, duplicates removed.
 
-    Essential matrices come from five-point RANSAC in several variants (more with `effort`), and from the
-    decompositions of the dominant homography, since a flat scene determines the essential matrix badly.
+    Essential matrices come from five-point RANSAC in several variants (many when `thorough`, for matches of which most
+    may be wrong), and from the decompositions of the dominant homography, since a flat scene determines the essential
+    matrix badly.
     Raises nothing; the list is empty when there are fewer than eight matches or no model.
     """
     if len(x1) < 8:
         return []
-    candidates = _essential_motions(x1, x2, focal_px, effort) + _homography_motions(x1, x2)
+    candidates = _essential_motions(x1, x2, focal_px, thorough) + _homography_motions(x1, x2)
     bounds = (SIGMA_PX[0] / focal_px, SIGMA_PX[1] / focal_px)
     refined = [refine_motion(R, T, x1, x2, bounds) for R, T in candidates]
-    scored = [assess_motion(m.R, m.T, x1, x2, SCORE_PX / focal_px) for m in refined]
+    return rank_motions(refined, x1, x2, focal_px)
+
+
+def rank_motions(motions: list[MotionEstimate], x1: FloatArray, x2: FloatArray, focal_px: float) -> list[MotionEstimate]:
+    """Motions by how well they fit these matches, best first, repeats dropped."""
+    scored = [assess_motion(m.R, m.T, x1, x2, SCORE_PX / focal_px) for m in motions]
     return distinct_motions(sorted(scored, key=lambda m: m.cost))
 
 
@@ -45,13 +52,13 @@ def _apart(a: MotionEstimate, b: MotionEstimate) -> bool:
     return bool(turn > DISTINCT_RAD or np.linalg.norm(a.T - b.T) > 2 * DISTINCT_RAD)
 
 
-def _essential_motions(x1: FloatArray, x2: FloatArray, focal_px: float, effort: int) -> list[Motion]:
+def _essential_motions(x1: FloatArray, x2: FloatArray, focal_px: float, thorough: bool) -> list[Motion]:
     motions: list[Motion] = []
     for method, threshold_px in ((cv2.USAC_MAGSAC, 1.0), (cv2.RANSAC, 1.5)):
         motions += _five_point(x1, x2, method, threshold_px / focal_px)
-    if effort > 0:
+    if thorough:
         rng = np.random.default_rng(0)
-        for _ in range(12):  # random halves: each run of RANSAC otherwise repeats the same draw
+        for _ in range(HALVES):  # random halves: each run of RANSAC otherwise repeats the same draw
             half = rng.permutation(len(x1))[: max(8, len(x1) // 2)]
             motions += _five_point(x1[half], x2[half], cv2.RANSAC, 1.0 / focal_px)
     return motions
