@@ -1,9 +1,8 @@
 """The paper's own features (section IV): Förstner corners matched by correlation, made sub-pixel by least squares.
 
 Sources: Förstner and Gülch, "A fast operator for detection and precise location of distinct points, corners and
-centres of circular features", ISPRS Intercommission Workshop, Interlaken 1987; Gruen, "Adaptive least squares
-correlation", South African Journal of Photogrammetry 14(3), 1985, here in the inverse compositional form of Baker
-and Matthews, "Lucas-Kanade 20 years on", IJCV 56(3), 2004.
+centres of circular features", Interlaken 1987; Gruen, "Adaptive least squares correlation", 1985, in the inverse
+compositional form of Baker and Matthews, "Lucas-Kanade 20 years on", IJCV 56(3), 2004.
 """
 
 from __future__ import annotations
@@ -19,12 +18,12 @@ from slopecli.vision.features import Grey, match_descriptors, shrink, to_full
 from slopecli.vision.warp import FloatImage, Layer
 
 GradientProducts = tuple[FloatImage, FloatImage, FloatImage]  # gx gx, gx gy, gy gy, (h, w) each, grey^2/px^2
-Matches = tuple[FloatArray, FloatArray, tuple[int, int]]
 
 # Corners
 GRADIENT_SIGMA_PX = 0.7  # just enough that single noisy pixels make no edges
 WINDOW_SIGMA_PX = 1.5  # of the structure tensor: what one corner is made of
-WINDOW_RADIUS_PX = 5  # where that Gaussian has faded
+WINDOW_RADIUS_PX = 6  # where that Gaussian has faded
+CORNER_ITERATIONS, MAX_OFFSET_PX = 4, 2.5  # from the maximum of w to where the edges meet, inside the window
 MIN_ROUNDNESS = 0.3  # 0 is a straight edge, along which nothing can be located; 1 is alike in all directions
 MIN_PRECISION_PX = 0.5  # a corner that sensor noise moves by more than this is no corner
 NOISE_GREY = 1.5  # grey levels of that noise
@@ -39,12 +38,13 @@ RATIO = 0.85  # of the distances of best and second-best patch
 LIKELY_SCALES, LIKELY_TURNS_DEG = (1.0, 0.8, 1.25), (0, -12, 12)  # correlation bears half the way to the next
 ALL_SCALES, ALL_TURNS_DEG = (1.0, 0.8, 1.25, 0.625, 1.6), range(-168, 169, 24)
 N_TRIAL = 300  # of the strongest corners decide on scale and turn
-LIKELY_SHARE = 0.1  # of them find a partner at the right turn, 0.03 or fewer at a wrong one
+LIKELY_SHARE = 0.15  # of them at least find a partner if scale and turn are about right
 
 # Sub-pixel matching
 FINE_RADIUS_PX = 8
-MAX_ITERATIONS = 12
-SETTLED_PX = 0.005
+MAX_ITERATIONS = 10
+SETTLED_PX = 0.015
+EXACT = cv2.INTER_LANCZOS4  # for the last step: OpenCV's bicubic shifts smooth images by up to 0.05 px, this by 0.01
 MAX_STEP_PX = 1.5  # the image is linear no further
 MAX_DRIFT_PX = 3.0  # from where a patch began
 MAX_STRETCH = 2.0  # in any direction; beyond, the patch has wandered off
@@ -52,7 +52,7 @@ MIN_CORRELATION = 0.8
 SEARCH_PX = 3  # of `correlate_windows`
 
 
-def match_foerstner(grey1: Grey, grey2: Grey) -> Matches:
+def match_foerstner(grey1: Grey, grey2: Grey) -> tuple[FloatArray, FloatArray, tuple[int, int]]:
     """Tentative matches as pixels of the full images, (n, 2) each, few of them wrong; corners per image.
 
     Bears any turn about the optical axis and changes of scale to about 1.7, but no strong foreshortening.
@@ -75,18 +75,16 @@ def foerstner_corners(grey: Grey, n_features: int, min_distance: float) -> Float
     ----------
     grey : (h, w) uint8 image.
     n_features : the most to return.
-    min_distance : px, between maxima of w along either axis; sub-pixel location may move each by up to one.
+    min_distance : px, between maxima of w along either axis; the corner itself may lie up to MAX_OFFSET_PX off.
 
     Returns
     -------
     corners : (n, 2) px, pixel centres at integers; empty where there is no texture.
     """
-    products = gradient_products(grey)
-    w, q = interest(products)
+    w, q = interest(products := gradient_products(grey))
     good = _maxima(w, min_distance) & (q > MIN_ROUNDNESS) & (w > (NOISE_GREY / MIN_PRECISION_PX) ** 2)
     margin = WINDOW_RADIUS_PX
-    good[:margin], good[-margin:], good[:, :margin], good[:, -margin:] = False, False, False, False
-    row, column = np.nonzero(good)
+    row, column = (index + margin for index in np.nonzero(good[margin:-margin, margin:-margin]))
     cell = row * QUOTA_CELLS // w.shape[0] * QUOTA_CELLS + column * QUOTA_CELLS // w.shape[1]
     chosen = _strongest_of_cells(cell, w[row, column], n_features)
     at = np.stack([column, row], -1)[chosen]
@@ -132,37 +130,38 @@ def _strongest_of_cells(cell: IntArray, strength: FloatImage, limit: int) -> Int
 
 
 def _edge_intersection(products: GradientProducts, at: IntArray) -> FloatArray:
-    """Offset (n, 2) px from pixels `at` (n, 2) to the point nearest to all edges of the window around them.
+    """Offset (n, 2) px from pixels `at` (n, 2) to the point nearest to all edges of the window around it.
 
-    Solves sum(g g^T) d = sum(g g^T p) over the window's pixels p. An offset of more than a pixel says that the edges
-    do not meet here (a blob, two corners); the maximum of w then stays.
+    Solves sum(g g^T) d = sum(g g^T p) over pixels p, and again with the window moved there, since it draws the point
+    to its own centre. A far offset says that the edges do not meet here (a blob); the maximum of w then stays.
     """
     p = _offsets(WINDOW_RADIUS_PX)
     column, row = (at[:, None] + p.astype(int)).transpose(2, 0, 1)
-    weight = np.exp(-(p**2).sum(1) / (2 * WINDOW_SIGMA_PX**2))
-    xx, xy, yy = (product[row, column] * weight for product in products)
-    normal = np.stack([xx.sum(1), xy.sum(1), xy.sum(1), yy.sum(1)], -1).reshape(-1, 2, 2)
-    right = np.stack([xx @ p[:, 0] + xy @ p[:, 1], xy @ p[:, 0] + yy @ p[:, 1]], -1)
-    offset = np.linalg.solve(normal, right[..., None])[..., 0]
-    return np.where(np.abs(offset).max(1, keepdims=True) <= 1, offset, 0.0)
+    xx, xy, yy = (product[row, column] for product in products)
+    system = np.stack([xx, xy, xy, yy], -1).reshape(*xx.shape, 2, 2)
+    right = system @ p[..., None]
+    offset = np.zeros(at.shape)
+    for _ in range(CORNER_ITERATIONS):
+        weight = np.exp(-((p - offset[:, None]) ** 2).sum(2) / (2 * WINDOW_SIGMA_PX**2))
+        normal = np.einsum("nk,nkij->nij", weight, system)
+        offset = np.linalg.solve(normal, np.einsum("nk,nkij->nij", weight, right))[..., 0]
+        offset = np.clip(offset, -MAX_OFFSET_PX, MAX_OFFSET_PX)
+    return np.where(np.abs(offset).max(1, keepdims=True) < MAX_OFFSET_PX, offset, 0.0)
 
 
 @dataclass(frozen=True, eq=False)
 class Patches:
-    """Patches of an image, scaled, turned and sheared: pixel d of patch k lies at `centre[k] + shape[k] d`.
-
-    centre (n, 2) px; shape (n, 2, 2).
-    """
+    """Patches of an image: pixel d of patch k lies at `centre[k] + shape[k] d`; centre (n, 2) px, shape (n, 2, 2)."""
 
     centre: FloatArray
     shape: FloatArray
 
-    def sample(self, image: FloatImage, radius: int) -> FloatImage:
-        """Grey values (n, (2 radius + 1)^2), bicubic; beyond the border it repeats."""
+    def sample(self, image: FloatImage, radius: int, interpolation: int = cv2.INTER_LINEAR) -> FloatImage:
+        """Grey values (n, (2 radius + 1)^2); beyond the border it repeats."""
         at = (self.centre[:, None] + _offsets(radius) @ self.shape.transpose(0, 2, 1)).astype(np.float32)
         if at.size == 0:
             return np.empty(at.shape[:2], np.float32)
-        values = cv2.remap(image, at[..., 0], at[..., 1], cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE)
+        values = cv2.remap(image, at[..., 0], at[..., 1], interpolation, borderMode=cv2.BORDER_REPLICATE)
         return np.asarray(values, np.float32)
 
     def inside(self, image: FloatImage, radius: int) -> BoolArray:
@@ -215,7 +214,7 @@ def match_corners(
 
 
 def _similarities(scales: Iterable[float], turns_deg: Iterable[float]) -> list[FloatArray]:
-    turns = [np.radians(turn) for turn in turns_deg]
+    turns = np.radians(list(turns_deg))
     return [s * np.array([[np.cos(a), -np.sin(a)], [np.sin(a), np.cos(a)]]) for s in scales for a in turns]
 
 
@@ -228,10 +227,9 @@ def _shrunken_pair(grey1: Grey, grey2: Grey, max_pixels: float) -> tuple[Layer, 
 def refine_matches(grey1: Grey, grey2: Grey, uv1: FloatArray, start: Patches) -> tuple[FloatArray, FloatArray]:
     """Sub-pixel matches, (n, 2) px each, from shrunken images on to the full ones; the doubtful are left out."""
     full = max(grey1.size, grey2.size)
-    steps = max(1, round(np.log(full / COARSE_PIXELS) / np.log(4))) if full > COARSE_PIXELS else 0
-    for max_pixels in np.geomspace(min(full, COARSE_PIXELS), full, steps + 1):
-        layer1, layer2 = _shrunken_pair(grey1, grey2, float(max_pixels))
-        uv1, start = _refine_on(layer1, layer2, uv1, start)
+    halvings = max(0, round(np.log(full / COARSE_PIXELS) / np.log(4)))
+    for level in range(halvings, -1, -1):
+        uv1, start = _refine_on(*_shrunken_pair(grey1, grey2, full / 4**level), uv1, start)
     return uv1, start.centre
 
 
@@ -265,7 +263,7 @@ def least_squares_match(
     correlation : (n,), -1 where a patch left its image or did not come to rest.
     """
     template = upright(points1)
-    unit, solver = _linearise(template.sample(image1, FINE_RADIUS_PX), affine)
+    unit, solver = _linearise(template.sample(image1, FINE_RADIUS_PX, EXACT), affine)
     centre, shape = start.centre.copy(), start.shape.copy()
     moving = np.arange(len(points1))
     for _ in range(MAX_ITERATIONS):
@@ -273,8 +271,9 @@ def least_squares_match(
         step = _step(seen, unit[moving], solver[moving])
         centre[moving], shape[moving] = _compose(centre[moving], shape[moving], step)
         moving = moving[np.linalg.norm(step[:, :2], axis=1) > SETTLED_PX]
-    found = Patches(centre, shape)
-    correlation = (unit * normalised(found.sample(image2, FINE_RADIUS_PX))).sum(1)
+    step = _step(Patches(centre, shape).sample(image2, FINE_RADIUS_PX, EXACT), unit, solver)
+    found = Patches(*_compose(centre, shape, step))
+    correlation = (unit * normalised(found.sample(image2, FINE_RADIUS_PX, EXACT))).sum(1)
     good = template.inside(image1, FINE_RADIUS_PX) & found.inside(image2, FINE_RADIUS_PX)
     good[moving] = False
     return found, np.where(good, correlation, -1.0).astype(float)
@@ -345,7 +344,7 @@ def _whole_pixel_shift(image1: FloatImage, image2: FloatImage, corners: FloatArr
     side, searched = 2 * FINE_RADIUS_PX + 1, FINE_RADIUS_PX + SEARCH_PX
     block = upright(corners).sample(image2, searched).reshape(-1, 2 * searched + 1, 2 * searched + 1)
     shifts = _offsets(SEARCH_PX)
-    corner = (shifts + SEARCH_PX).astype(int)
-    patches = (block[:, y : y + side, x : x + side].reshape(template.shape) for x, y in corner)
+    first = (shifts + SEARCH_PX).astype(int)
+    patches = (block[:, y : y + side, x : x + side].reshape(template.shape) for x, y in first)
     score = [(template * normalised(patch)).sum(1) for patch in patches]
     return np.asarray(shifts[np.argmax(score, axis=0)])
