@@ -12,7 +12,7 @@ from slopecli.geometry.epipolar import nearest_rotation
 from slopecli.geometry.fitting import Fit, ranked
 from slopecli.geometry.homography import fit_homography
 from slopecli.geometry.metrics import direction_angle, rotation_angle
-from slopecli.geometry.observations import Observations, linearise, observe, predict
+from slopecli.geometry.observations import Observations, QuadraticForm, isotropic, observe, patch_moments, predict
 from slopecli.geometry.refinement import Refined, State, optimal_normals
 from slopecli.geometry.uncertainty import information_system
 from slopecli.types import FloatArray, IntArray
@@ -208,10 +208,15 @@ def average_motion(observations: Observations) -> State:
 
 
 def _best_normals(observations: Observations, R: FloatArray, T: FloatArray) -> State:
-    """Normals under a given motion, from infinitely far planes: two closed-form fits, the second with right depths."""
-    state = State(R[None], T[None], np.zeros((1, observations.n_patches, 3)))
+    """Normals under a given motion, linear and in two rounds: the second has the depths the first one found."""
+    R, T, m = R[None], T[None], observations.n_patches
+    weight = observations.weight[None]
+    state = State(R, T, np.zeros((1, m, 3)))
     for _ in range(2):
-        state, _ = optimal_normals(state.R, state.T, linearise(observations, predict(observations, *state)))
+        z = predict(observations, *state).depth_ratio
+        moments = patch_moments(observations, observations.x2[None], isotropic(weight / z**2))
+        form = QuadraticForm(moments, np.zeros((1, m, 9)), None, None, np.zeros(1))
+        state, _ = optimal_normals(R, T, form)
     return state
 
 

@@ -24,6 +24,9 @@ _EYE6 = np.eye(6)
 ROUNDING = 1e-30
 # after this many iterations a start that still fits this many times worse than the best one is a stray, not a root
 _GRACE, _HOPELESS = 4, 10.0
+# a start that is not there after so many steps sits in the bent valley where rotation, baseline and normals trade off
+# (a narrow field of view); normals solved anew after every step follow its bend
+_PLAIN_STEPS = 2
 
 
 class State(NamedTuple):
@@ -178,7 +181,7 @@ def levenberg_marquardt(
     *,
     tolerance: float = 1e-3,
     rounding: float = ROUNDING,
-    max_iterations: int = 30,
+    max_iterations: int = 100,
 ) -> Refined:
     """Minimise chi-square from s starts together.
 
@@ -202,9 +205,11 @@ def levenberg_marquardt(
         if _finished(settled, damping, system.chi2, iteration):
             # a step this small needs no check, and moves too little to change the system
             return Refined(_accept(settled & worthwhile, trial, state), system, iteration, settled)
+        if iteration > _PLAIN_STEPS:
+            trial = optimal_normals(trial.R, trial.T, linearise(trial))[0]
         trial_system = normal_equations(trial, linearise(trial))
         better = (trial_system.chi2 <= system.chi2 + 1e-6 * tolerance * floor) & worthwhile
-        damping = np.where(better, np.maximum(0.1 * damping, 1e-12), np.maximum(100.0 * damping, 1e-6))
+        damping = np.where(better, np.maximum(0.1 * damping, 1e-12), np.clip(10.0 * damping, 1e-6, 1e7))
         state, system = _accept(better, trial, state), _accept(better, trial_system, system)
     return Refined(state, system, max_iterations, settled)
 

@@ -108,9 +108,9 @@ def _patch_scales(observations: Observations, squared: FloatArray) -> FloatArray
 
 
 def _enough_each(observations: Observations, keep: BoolArray, squared: FloatArray) -> BoolArray:
-    """Keep at least the best quarter of every patch (and four points): a patch is judged poor, never emptied."""
+    """Keep at least the best quarter of every patch (and three points): a patch is judged poor, never emptied."""
     left = observations.sum_patches(keep.astype(np.int64))
-    least = np.minimum(observations.count, np.maximum(4, observations.count // 4))
+    least = np.minimum(observations.count, np.maximum(3, observations.count // 4))
     for i in np.flatnonzero(left < least):
         patch = slice(observations.first[i], observations.first[i] + observations.count[i])
         best = np.argsort(squared[patch])[: least[i]]

@@ -65,11 +65,28 @@ def _plausible(chi2: FloatArray, dof: int) -> list[int]:
 
 
 def _null_vectors(observations: Observations, moments: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Homographies of all points and of the largest patches (k, 3, 3), and an essential matrix (3, 3), all linear."""
+    """Homographies of all points and of the largest patches (k, 3, 3), and an essential matrix (3, 3), all linear.
+
+    The coordinates are shifted and scaled to unit spread for it: a linear fit is worth little otherwise, the less so
+    the narrower the field of view (Hartley, "In defense of the eight-point algorithm", PAMI 1997).
+    """
     largest = np.argsort(-observations.count, kind="stable")[:_PATCH_STARTS]
     stacked = np.concatenate([moments.sum(axis=0)[None], moments[largest], _essential_moments(observations)[None]])
-    vectors = np.linalg.eigh(stacked)[1][:, :, 0].reshape(-1, 3, 3)
+    C1, C2 = _conditioner(observations.p[:2]), _conditioner(observations.x2)
+    # H = C2^-1 H' C1 and E = C2^T E' C1 for the conditioned H' and E', vec row by row
+    back = np.stack([np.linalg.inv(C2)] * (len(stacked) - 1) + [C2.T])
+    M = (back[:, :, None, :, None] * C1.T[:, None, :]).reshape(-1, 9, 9)
+    conditioned = np.linalg.eigh(M.swapaxes(1, 2) @ stacked @ M)[1][:, :, :1]
+    vectors = (M @ conditioned).reshape(-1, 3, 3)
     return vectors[:-1], vectors[-1]
+
+
+def _conditioner(x: FloatArray) -> FloatArray:
+    """(3, 3) shift and scale that bring points (2, n) to mean 0 and unit spread."""
+    u, v = (x.sum(axis=1) / x.shape[1]).tolist()
+    variance = float(np.vdot(x, x)) / x.shape[1] - u * u - v * v
+    scale = max(0.5 * variance, 1e-18) ** -0.5
+    return np.array([[scale, 0.0, -scale * u], [0.0, scale, -scale * v], [0.0, 0.0, 1.0]])
 
 
 def _essential_moments(observations: Observations) -> FloatArray:
