@@ -139,6 +139,7 @@ def make_scene(
     heights = 1.0 + rng.uniform(-height_spread, height_spread, m)
     normals = _terrain(rng, centres, np.radians(slopes), heights) * baseline_over_height
     x1 = _normalised(camera, uv)
+    # eq. (1): N.P = 1
     inverse_depth = np.sum(normals[patch] * homogeneous(x1), axis=1) / (1.0 + relief * rng.standard_normal(len(x1)))
     if free_points:
         uv_free = rng.uniform([0.0, 0.0], [camera.width - 1.0, camera.height - 1.0], (free_points, 2))
@@ -161,7 +162,7 @@ def make_scene(
 
 def project(R: FloatArray, T: FloatArray, x1: FloatArray, inverse_depth: FloatArray) -> FloatArray:
     """Where image 2 sees the points x1 (n, 2) of image 1: P2 = R (P1 - T), inverse_depth (n,) in 1/baseline."""
-    y = (homogeneous(x1) - inverse_depth[:, None] * T) @ R.T
+    y = (homogeneous(x1) - inverse_depth[:, None] * T) @ R.T  # eq. (2), divided by the depth
     return np.asarray(y[:, :2] / y[:, 2:])
 
 

@@ -165,6 +165,8 @@ def test_too_few_measurements() -> None:
         ({"noise": -1.0}, "noise is -1.0"),
         ({"solver": "magic"}, "solver 'magic' is unknown"),
         ({"weights": np.ones(3)}, "weights must be"),
+        ({"noise_gain": 0.0}, "noise_gain is 0.0"),
+        ({"initial": [(np.ones((3, 3)), np.ones(3))]}, "initial motion"),
     ],
 )
 def test_unusable_input_is_one_clear_line(change: dict[str, object], message: str) -> None:

@@ -145,7 +145,9 @@ def solve_base_homography(
     u, v = observations.x2
     offset = (observations.per_point(delta_normals.T) * observations.p).sum(axis=0)
     zero = np.zeros_like(x)
-    E = np.stack([x, y, one, zero, zero, zero, -x * u, -y * u, offset, zero, -u * offset], axis=1)  # eq. (14)
+    E = np.stack(
+        [x, y, one, zero, zero, zero, -x * u, -y * u, offset, zero, -u * offset], axis=1
+    )  # eq. (14); E . G = x', eq. (15)
     F = np.stack([zero, zero, zero, x, y, one, -x * v, -y * v, zero, offset, -v * offset], axis=1)
     M, B = np.concatenate([E, F]), np.concatenate([u, v])  # eq. (16)
     if np.abs(offset).max() <= 1e-12:
@@ -176,7 +178,7 @@ def _motion_distance(a: PlaneMotion, b: PlaneMotion) -> float:
 
 
 def _scale(H: FloatArray, motion: PlaneMotion) -> float:
-    """s in H = s R (I - T N^T), by least squares over the nine entries."""
+    """s in H = s R (I - T N^T), eq. (9), by least squares over the nine entries."""
     unit = motion.R - (motion.R @ motion.T)[:, None] * motion.N
     return float((H * unit).sum() / (unit * unit).sum())
 

@@ -69,11 +69,12 @@ def solve_planes(
     NoAnswer : the images are related by a rotation alone ("pure-rotation"): no baseline, no planes.
     """
     _check_options(solver, noise, noise_gain)
+    motions = [_checked_motion(R, T) for R, T in initial or []]
     observations = observe(x1, x2, patch, weights)
     _check_enough(observations, noise)
     rotation = _check_baseline(observations)
     if solver == "mle":
-        fit = maximum_likelihood(observations, noise, relief, robust, initial or [])
+        fit = maximum_likelihood(observations, noise, relief, robust, motions)
     else:
         fit = closed_form(observations, solver)
     sigma = _noise(fit, noise)
@@ -90,6 +91,13 @@ def _check_options(solver: str, noise: float | None, noise_gain: float) -> None:
         raise InputError(f"noise is {noise}; it must be a positive 1-sigma in normalised coordinates, or None")
     if not (np.isfinite(noise_gain) and noise_gain > 0.0):
         raise InputError(f"noise_gain is {noise_gain}; it must be a positive factor, 1 for independent correspondences")
+
+
+def _checked_motion(R: FloatArray, T: FloatArray) -> Motion:
+    R, T = np.asarray(R, dtype=float), np.asarray(T, dtype=float)
+    if R.shape != (3, 3) or T.shape != (3,) or not np.abs(R @ R.T - np.eye(3)).max() < 1e-6 or not np.any(T):
+        raise InputError("an initial motion must be a 3x3 rotation and a position that is not zero, (R, T)")
+    return R, T
 
 
 def _check_enough(observations: Observations, noise: float | None) -> None:
