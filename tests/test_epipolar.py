@@ -35,14 +35,6 @@ def test_decomposition_of_the_essential_matrix_holds_the_motion(scene: Scene) ->
     assert np.linalg.det(R) == pytest.approx([1.0, 1.0])
 
 
-def test_moments_give_the_sum_of_squares(scene: Scene) -> None:
-    E = np.random.default_rng(0).standard_normal((3, 3))
-    weight = np.linspace(0.5, 2.0, len(scene.x1))
-    direct = np.einsum("ni,ij,nj->n", epipolar.homogeneous(scene.x2), E, epipolar.homogeneous(scene.x1))
-    moments = epipolar.essential_moments(scene.x1, scene.x2, weight)
-    assert E.ravel() @ moments @ E.ravel() == pytest.approx(weight @ direct**2)
-
-
 def test_focus_of_expansion_does_not_move_without_rotation() -> None:
     assert epipolar.focus_of_expansion(np.array([0.1, 0.2, -1.0])) == pytest.approx([-0.1, -0.2])
     assert epipolar.focus_of_expansion(np.array([1.0, 0.0, 0.0])) is None

@@ -58,11 +58,6 @@ def essential_matrix(R: FloatArray, T: FloatArray) -> FloatArray:
     return R @ skew(T)
 
 
-def epipole_in_image2(R: FloatArray, T: FloatArray) -> FloatArray:
-    """(3,) direction K = R T, the paper's K (eq. 10): where image 2 sees the line through both cameras."""
-    return R @ T
-
-
 def focus_of_expansion(T: FloatArray) -> FloatArray | None:
     """(2,) normalised point of image 1 the camera moves towards (or away from); None when it lies at infinity."""
     if abs(T[2]) < 1e-9 * np.linalg.norm(T):
@@ -105,16 +100,6 @@ def decompose_essential(E: FloatArray) -> tuple[FloatArray, FloatArray]:
     vt = vt * np.sign(np.linalg.det(vt))
     quarter_turn = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
     return np.stack([u @ quarter_turn @ vt, u @ quarter_turn.T @ vt]), vt[2]
-
-
-def essential_moments(x1: FloatArray, x2: FloatArray, weight: FloatArray | None = None) -> FloatArray:
-    """(9, 9) matrix A with vec(E)^T A vec(E) = sum of weight (x2~^T E x1~)^2, vec taking E row by row.
-
-    x1, x2 : (n, 2) normalised coordinates; weight : (n,) or None for ones.
-    """
-    products = (homogeneous(x2)[:, :, None] * homogeneous(x1)[:, None, :]).reshape(-1, 9)
-    weighted = products if weight is None else products * weight[:, None]
-    return products.T @ weighted
 
 
 def fit_rotation(p: FloatArray, x2: FloatArray, weight: FloatArray) -> FloatArray:
