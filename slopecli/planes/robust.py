@@ -56,15 +56,38 @@ def robust_plane(x1: FloatArray, w: FloatArray, leverage: FloatArray, floor: flo
     floor : smallest sigma believed, normalised coordinates of image 2.
     """
     rays = homogeneous(x1)
-    rows, target = rays * leverage[:, None], w * leverage
+    first = _fit(rays * leverage[:, None], w * leverage, floor)
+    weight = _relief_weight(np.abs(w - rays @ first.normal), w, leverage, floor)
+    return _fit(rays * weight[:, None], w * weight, floor)
+
+
+def _relief_weight(misfit: FloatArray, w: FloatArray, leverage: FloatArray, floor: float) -> FloatArray:
+    """(n,) weight of inverse depths, in image-2 units: noise is even in the image, relief is even on the ground.
+
+    Near the focus of expansion relief hardly shows in the image, so residuals there would seem to be all noise.
+    """
+    height = misfit / w
+    seen = leverage * w >= np.median(leverage * w)
+    relief = np.median(height[seen]) / HALF_SIGMA
+    relief = np.sqrt(max(relief**2 - np.median((floor / (leverage * w)[seen]) ** 2), 0.0))
+    spread = np.sqrt(floor**2 + (relief * leverage * w) ** 2)
+    return np.asarray(leverage * np.median(spread) / spread)
+
+
+def _fit(rows: FloatArray, target: FloatArray, floor: float) -> RobustPlane:
     candidates = _triples(rows, target)
     residual = np.abs(target - candidates @ rows.T)
-    core = candidates[np.quantile(residual, CORE, axis=1).argmin()]
+    core = candidates[_row_quantile(residual, CORE).argmin()]
     step = _beyond_step(np.abs(target - rows @ core), floor)
     if step is not None:
         return _reweighted(rows[~step], target[~step], core, floor, STEP_GATE).over(rows, target)
-    half = candidates[np.quantile(residual, HALF, axis=1).argmin()]
+    half = candidates[_row_quantile(residual, HALF).argmin()]
     return _reweighted(rows, target, half, floor, GATE)
+
+
+def _row_quantile(values: FloatArray, quantile: float) -> FloatArray:
+    at = int(quantile * (values.shape[1] - 1))
+    return np.asarray(np.partition(values, at, axis=1)[:, at])
 
 
 def _beyond_step(residual: FloatArray, floor: float) -> BoolArray | None:

@@ -232,7 +232,8 @@ SCARCE_SHARE, SCARCE_RAD = 0.15, np.radians(10.0)  # matched over less than this
 CHI2_MEDIAN = 0.4549  # of chi-square with one degree of freedom
 
 
-PLANAR_PX = 0.35  # grid px: below this RMS off the plane, relief is no more than noise and all pixels may be aligned as one
+CLEAR_SCORE, CLEAR_SHARE = 0.9, 0.6  # where flow sees this much this well, alignment adds nothing
+PLANAR_RATIO = 4.0  # misfit to the plane over the predicted variance of the matches: beyond it there is relief
 SHIFT_VARIANCE = 4.0  # cells share noise with their neighbours through interpolation and normalisation
 
 
@@ -242,7 +243,7 @@ def _polish(match: WindowMatch, window: Window, scene: Scene, cell: int) -> Wind
     Flow looks no further than its patches and smooths over what it cannot see; the plane has three parameters, so
     alignment also uses texture too faint for any patch.
     """
-    if match.origin != "own":
+    if match.origin != "own" or (match.score > CLEAR_SCORE and match.share > CLEAR_SHARE):
         return match
     view = _view(window, scene, FINE_PX, border=False)
     scale = float(view.grid.scale.mean())
@@ -251,7 +252,7 @@ def _polish(match: WindowMatch, window: Window, scene: Scene, cell: int) -> Wind
     rays = homogeneous(match.x1)
     normal = np.linalg.lstsq(rays * root[:, None], w * root, rcond=None)[0]
     off = (w - rays @ normal) * leverage * scene.camera2.focal_px * scale
-    if np.sqrt(np.mean(off**2)) > PLANAR_PX:
+    if np.median(off**2 / (match.variance_px[:, 0] * scale**2)) > PLANAR_RATIO * CHI2_MEDIAN:
         return match
     fit = _align_best(view, normal, scene, match.score)
     if fit.score < max(0.5, match.score - 0.2):

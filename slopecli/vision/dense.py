@@ -72,7 +72,7 @@ def match_exposure(pulled: FloatImage, grey: Grey, valid: NDArray[np.bool_]) -> 
 def dense_cells(grid: Grid, mapping: FloatImage, pyramid2: Pyramid, shape2: tuple[int, int], cell: int, finest: int) -> Cells:
     """Match every cell of `cell` px of the grid; cells with less than a third of checked pixels are left out."""
     valid = covered(mapping, shape2)
-    pulled = match_exposure(resample(pyramid2, mapping, grid, cv2.INTER_CUBIC), grid.grey, valid)
+    pulled = match_exposure(resample(pyramid2, mapping, grid, cv2.INTER_LINEAR), grid.grey, valid)
     engine = flow_engine(finest)
     forward, backward = engine.calc(grid.grey, pulled, None), engine.calc(pulled, grid.grey, None)  # type: ignore[call-overload]
     x, y = np.meshgrid(np.arange(grid.shape[1], dtype=np.float32), np.arange(grid.shape[0], dtype=np.float32))

@@ -174,7 +174,8 @@ def cell_shifts(view: View, normal: FloatArray, cell: int) -> CellShifts:
     return CellShifts(centre, shift, information, index)
 
 
-TILTS = ((0.0, 0.0), (1.0, 0.0), (-1.0, 0.0), (0.0, 1.0), (0.0, -1.0))  # tangent of the tilt against the line of sight
+# tangents of the tilt against the line of sight: facing, slanted, and grazing as ground in front of a level camera
+TILTS = ((0.0, 0.0), *((a * t, b * t) for t in (1.0, 2.5) for a, b in ((1, 0), (-1, 0), (0, 1), (0, -1))))
 
 
 def sweep_planes(view: View, depths: FloatArray, keep: int = 4) -> list[PlaneFit]:
