@@ -17,6 +17,7 @@ from slopecli.vision.warp import FloatImage, Grid, Pyramid, block_sum, covered, 
 
 NOISE_GREY = 2.0  # grey levels below which contrast is sensor noise, not texture
 MAX_STEP_PX = 1.0  # a Gauss-Newton step moves no more of the window than this: the image is linear no further
+LEAST_GREY = 0.5  # no image pair agrees better than this, grey levels
 TUKEY = 2.5  # robust sigmas of the photometric residual
 
 
@@ -55,6 +56,17 @@ def normalise(image: FloatImage, radius: float) -> FloatImage:
     return np.asarray(centred / contrast, np.float32)
 
 
+def detrend(image: FloatImage, radius: float) -> FloatImage:
+    """Local mean removed, so that slow shading does not count; contrast kept, so that noise is equal everywhere."""
+    return np.asarray(image - cv2.GaussianBlur(image, (0, 0), radius), np.float32)
+
+
+def gain_between(ours: FloatImage, theirs: FloatImage, valid: NDArray[np.bool_]) -> float:
+    """Factor that gives theirs the contrast of ours: exposure differs between images."""
+    ratio = float(np.sum(ours[valid] ** 2)) / max(float(np.sum(theirs[valid] ** 2)), 1e-6)
+    return float(np.sqrt(np.clip(ratio, 0.25, 4.0)))
+
+
 def correlation(a: FloatImage, b: FloatImage, valid: NDArray[np.bool_]) -> float:
     """Normalised cross-correlation where valid; -1 when hardly anything is."""
     if valid.sum() < 30 or valid.mean() < 0.3:
@@ -74,9 +86,10 @@ class PlaneFit:
 
 
 def align_plane(view: View, normal: FloatArray, iterations: int = 10) -> PlaneFit:
-    """Gauss-Newton on locally normalised grey values over the three parameters of the plane."""
+    """Gauss-Newton on grey values over the three parameters of the plane, robust, exposure and shading removed."""
     radius = max(4.0, min(view.grid.shape) / 6)
-    ours = normalise(view.grid.grey.astype(np.float32), radius)
+    grey = view.grid.grey.astype(np.float32)
+    ours = detrend(grey, radius)
     system = np.eye(3)
     for _ in range(iterations):
         linear = _linearise(view, normal, ours, radius)
@@ -91,11 +104,14 @@ def align_plane(view: View, normal: FloatArray, iterations: int = 10) -> PlaneFi
             break
     mapping = view.mapping(normal)
     valid = covered(mapping, view.shape2)
-    score = correlation(ours, normalise(_pull(view, mapping), radius), valid)
+    score = correlation(normalise(grey, radius), normalise(_pull(view, mapping), radius), valid)
     return PlaneFit(normal, score, np.linalg.pinv(system))
 
 
-def _linearise(view: View, normal: FloatArray, ours: FloatImage, radius: float):  # type: ignore[no-untyped-def]
+Linear = tuple[FloatArray, FloatArray, float]  # normal matrix (3, 3), gradient (3,), median px per unit of inverse depth
+
+
+def _linearise(view: View, normal: FloatArray, ours: FloatImage, radius: float) -> Linear | None:
     mapping = view.mapping(normal)
     valid = covered(mapping, view.shape2)
     if valid.mean() < 0.3:
@@ -105,18 +121,17 @@ def _linearise(view: View, normal: FloatArray, ours: FloatImage, radius: float):
     per_depth = (view.mapping(normal + [0.0, 0.0, depth_step]) - mapping) / np.float32(depth_step)
     shift = np.linalg.norm(per_depth, axis=2)
     unit = per_depth / np.maximum(shift, 1e-9)[..., None]
-    px = 0.5 / float(np.sqrt(np.prod(view.grid.scale)))
-    half = unit * np.float32(px * max(magnification(mapping, view.grid), 0.2))
-    here, ahead, behind = _pull(view, mapping), _pull(view, mapping + half), _pull(view, mapping - half)
-    mean = cv2.GaussianBlur(here, (0, 0), radius)
-    contrast = np.sqrt(cv2.GaussianBlur((here - mean) ** 2, (0, 0), radius) + NOISE_GREY**2)
-    residual = (here - mean) / contrast - ours
-    slope = (ahead - behind) / contrast / np.maximum(2 * np.linalg.norm(half, axis=2), 1e-9) * shift
-    sigma = 1.4826 * float(np.median(np.abs(residual[valid]))) + 1e-3
+    grid_px = 1.0 / float(np.sqrt(np.prod(view.grid.scale)))
+    half = np.float32(0.5 * grid_px * max(magnification(mapping, view.grid), 0.2))
+    theirs = detrend(_pull(view, mapping), radius)
+    gain = gain_between(ours, theirs, valid)
+    residual = gain * theirs - ours
+    slope = gain * (_pull(view, mapping + half * unit) - _pull(view, mapping - half * unit)) / (2 * half) * shift
+    sigma = max(1.4826 * float(np.median(np.abs(residual[valid]))), LEAST_GREY)
     weight = np.where(valid, 1 / (1 + (residual / (TUKEY * sigma)) ** 2) ** 2, 0).reshape(-1, 1)
     jacobian = slope.reshape(-1, 1) * view.rays
     weighted = jacobian * weight
-    pixel_shift = float(np.median(shift)) * float(np.sqrt(np.prod(view.grid.scale)))
+    pixel_shift = float(np.median(shift)) / grid_px
     return weighted.T @ jacobian / sigma**2, weighted.T @ residual.reshape(-1) / sigma**2, pixel_shift
 
 
@@ -153,12 +168,13 @@ def cell_shifts(view: View, normal: FloatArray, cell: int) -> CellShifts:
     radius = max(4.0, min(view.grid.shape) / 6)
     mapping = view.mapping(normal)
     valid = covered(mapping, view.shape2)
-    ours = normalise(view.grid.grey.astype(np.float32), radius)
-    theirs = normalise(_pull(view, mapping), radius)
+    ours = detrend(view.grid.grey.astype(np.float32), radius)
+    theirs = detrend(_pull(view, mapping), radius)
+    theirs = theirs * np.float32(gain_between(ours, theirs, valid))
     residual = theirs - ours
     mean = 0.5 * (ours + theirs)
     gx, gy = cv2.Sobel(mean, cv2.CV_32F, 1, 0, scale=1 / 8), cv2.Sobel(mean, cv2.CV_32F, 0, 1, scale=1 / 8)
-    sigma = 1.4826 * float(np.median(np.abs(residual[valid]))) + 1e-3 if valid.any() else 1.0
+    sigma = max(1.4826 * float(np.median(np.abs(residual[valid]))), LEAST_GREY) if valid.any() else 1.0
     weight = np.where(valid, 1 / (1 + (residual / (TUKEY * sigma)) ** 2) ** 2, 0.0).astype(np.float32) / sigma**2
     rows, columns = view.grid.shape[0] // cell, view.grid.shape[1] // cell
     layers = [gx * gx, gx * gy, gy * gy, gx * residual, gy * residual, valid.astype(np.float32)]
