@@ -5,8 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from slopecli.errors import NoAnswer
-from slopecli.geometry.epipolar import fit_rotation, homogeneous
-from slopecli.types import Diagnostic, FloatArray, Image
+from slopecli.geometry.camera import pixels_from_rays
+from slopecli.geometry.epipolar import fit_rotation, focus_of_expansion, homogeneous
+from slopecli.types import Camera, Diagnostic, FloatArray, Image, Plane, Solution
 
 MIN_INLIERS = 20  # matches consistent with one motion below which chance explains them
 MIN_SHARE = 0.12  # of the tentative matches
@@ -39,7 +40,7 @@ def refuse_unmatched(n_features: tuple[int, int], n_matches: int, n_inliers: int
     if n_inliers < MIN_INLIERS or n_inliers < MIN_SHARE * n_matches:
         raise NoAnswer(
             "no-overlap",
-            f"of {n_matches} tentative matches only {n_inliers} agree on one camera motion (at least {MIN_INLIERS} needed)",
+            f"of {n_matches} tentative matches only {n_inliers} agree on one motion (at least {MIN_INLIERS} needed)",
             "give two images that show the same ground, at most a factor of two apart in scale",
             value=float(n_inliers),
         )
@@ -85,3 +86,65 @@ def check_parallax(parallax: FloatArray, noise_px: float) -> list[Diagnostic]:
             )
         ]
     return []
+
+
+def epipole1_px(solution: Solution, camera1: Camera) -> tuple[float, float] | None:
+    """Pixel of image 1 the camera moves towards or away from, None when it is not inside the image."""
+    focus = focus_of_expansion(solution.T)
+    if focus is None:
+        return None
+    u, v = pixels_from_rays(camera1, focus[None])[0]
+    inside = -0.5 <= u < camera1.width - 0.5 and -0.5 <= v < camera1.height - 0.5  # False for NaN, too
+    return (float(u), float(v)) if inside else None
+
+
+def diagnose(
+    planes: tuple[Plane, ...], relief: list[float], solution: Solution, epipole: tuple[float, float] | None
+) -> list[Diagnostic]:
+    """What a user should know of an answer: weak windows, a second motion, a solution that did not settle.
+
+    relief : RMS height off the plane over its distance, per plane.  epipole : px of image 1, None when outside.
+    """
+    found = [_focus_in(plane) for plane in planes if epipole is not None and _holds(plane, epipole)]
+    found += [_not_flat(p, r) for p, r in zip(planes, relief, strict=True) if p.reason == "non-planar-patch"]
+    if solution.ambiguity.status == "unresolved":
+        found.append(_second_motion(solution))
+    if not solution.converged:
+        remedy = "check the camera file, and that nothing in view moved"
+        found.append(Diagnostic("poor-fit", "warning", "the joint solution did not settle", None, remedy))
+    return found
+
+
+def _holds(plane: Plane, point: tuple[float, float]) -> bool:
+    low, high = plane.polygon_px.min(0), plane.polygon_px.max(0)
+    return bool((low < point).all() and (point < high).all())
+
+
+def _focus_in(plane: Plane) -> Diagnostic:
+    return Diagnostic(
+        "foe-in-window",
+        "info",
+        f"the camera moves along a line of sight through window {plane.id}: it shows least parallax there",
+        float(plane.id),
+        "move sideways as well, or choose another window",
+    )
+
+
+def _not_flat(plane: Plane, relief: float) -> Diagnostic:
+    return Diagnostic(
+        "non-planar-patch",
+        "warning",
+        f"window {plane.id} is not one plane: relief {100 * relief:.1f} % of its distance",
+        float(plane.id),
+        "use smaller windows",
+    )
+
+
+def _second_motion(solution: Solution) -> Diagnostic:
+    return Diagnostic(
+        "single-plane",
+        "warning",
+        "all that is seen lies on nearly one plane, and a second motion explains it as well",
+        solution.ambiguity.delta_chi2,
+        "use a third image, a known direction of motion, or ground with more relief",
+    )

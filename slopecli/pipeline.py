@@ -15,7 +15,10 @@ from slopecli.geometry.motion import MotionEstimate, assess_motion, epipolar_res
 from slopecli.geometry.solve import solve_planes
 from slopecli.options import Options
 from slopecli.planes.evidence import Evidence, gather_evidence, scene_planes
-from slopecli.planes.windows import Scene, Window, WindowMatch, check_windows, grid_windows, match_window
+from slopecli.planes.matching import match_window
+from slopecli.planes.scene import Scene
+from slopecli.planes.window_match import WindowMatch
+from slopecli.planes.windows import Window, check_windows, grid_windows
 from slopecli.report import Matched, build_report
 from slopecli.types import BoolArray, Camera, Correspondences, Diagnostic, FloatArray, Image, Report, Solution
 from slopecli.vision.features import EFFORTS, FeatureEffort, match_sift, shrink
@@ -128,8 +131,8 @@ def _match(image1: Image, image2: Image, camera1: Camera, camera2: Camera, setti
 def _joined(found: list[Matches]) -> Matches:
     if len(found) == 1:
         return found[0]
-    stack = [np.vstack([getattr(m, name) for m in found]) for name in ("uv1", "uv2", "x1", "x2")]
-    return Matches(*stack, found[-1].n_features)
+    uv1, uv2, x1, x2 = (np.vstack([getattr(m, name) for m in found]) for name in ("uv1", "uv2", "x1", "x2"))
+    return Matches(uv1, uv2, x1, x2, found[-1].n_features)
 
 
 def _agreeing(motions: list[MotionEstimate], matches: Matches, focal_px: float) -> BoolArray:
@@ -145,9 +148,7 @@ def survey(
     """Match the whole image densely once: the motion from it, and what it says about every part of the scene."""
     layer = Layer(*shrink(image1.grey, MAX_PIXELS))
     pyramid1, pyramid2 = Pyramid(image1.grey, layer.scale), Pyramid(image2.grey)
-    surveys = [
-        _survey_under(motion, sparse, layer, pyramid2, camera1, camera2) for motion in sparse.rivals()
-    ]
+    surveys = [_survey_under(motion, sparse, layer, pyramid2, camera1, camera2) for motion in sparse.rivals()]
     uv1, x1, x2, motions = max(surveys, key=lambda s: _consistent(s[1], s[2], s[3], camera2.focal_px))
     best = motions[0]
     evidence = gather_evidence(uv1, x1, x2, sample_grey(image1.grey, uv1), best.R, best.T, camera2.focal_px)

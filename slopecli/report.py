@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 from dataclasses import asdict, dataclass
+from typing import Literal
 
 import numpy as np
 
+from slopecli.diagnosis import diagnose, epipole1_px
 from slopecli.geometry.epipolar import homogeneous
 from slopecli.geometry.homography import homography_in_pixels, homography_of_plane
 from slopecli.geometry.metrics import rotation_angle
 from slopecli.geometry.slope import measure_slopes, probability_below, slope_interval
 from slopecli.options import Options
-from slopecli.planes.windows import Window, WindowMatch, paint_labels, window_polygon
+from slopecli.planes.window_match import WindowMatch
+from slopecli.planes.windows import Window, paint_labels, window_polygon
 from slopecli.types import (
     Alternative,
     AlternativePlane,
@@ -32,6 +35,8 @@ from slopecli.types import (
     Solution,
     Up,
 )
+
+Verdict = Literal["safe", "unsafe", "undecided"]
 
 CAMERA_UP = (0.0, 0.0, -1.0)  # the camera looks straight down
 ROUGH = 0.03  # RMS height off the plane over distance beyond which a window is not one plane
@@ -63,7 +68,9 @@ def build_report(
     planes = tuple(
         _plane(k, matched, solution, slopes, up, cameras, options, scale, length) for k in range(len(matched.answered))
     )
-    ids = [i + 1 for i in matched.answered]
+    ids = [plane.id for plane in planes]
+    relief = [float(r) for r in solution.relief]
+    epipole = epipole1_px(solution, cameras[0])
     shape = (images[0].height, images[0].width)
     return Report(
         images=(_info(images[0]), _info(images[1])),
@@ -76,9 +83,9 @@ def build_report(
         ambiguity=_ambiguity(solution, matched, up, length),
         planes=planes,
         rejected=_rejected(matched),
-        diagnostics=tuple(diagnostics) + tuple(_diagnose(planes, solution, cameras[0], matched)),
+        diagnostics=(*diagnostics, *diagnose(planes, relief, solution, epipole)),
         labels=paint_labels([matched.windows[i] for i in matched.answered], ids, shape),
-        epipole1_px=_epipole_px(solution, cameras[0]),
+        epipole1_px=epipole,
     )
 
 
@@ -234,7 +241,7 @@ def _only(slopes: Slopes, k: int) -> Slopes:
     )
 
 
-def _status(match: WindowMatch, roughness: float, inlier_share: float) -> tuple[str, str | None]:
+def _status(match: WindowMatch, roughness: float, inlier_share: float) -> tuple[Literal["ok", "poor"], str | None]:
     if match.origin == "borrowed":
         return "poor", "nothing inside the window can be matched; this is the plane around it"
     if roughness > ROUGH or inlier_share < 0.5:
@@ -251,7 +258,7 @@ def _alternative_p_safe(solution: Solution, k: int, up: Up, options: Options) ->
     return float(probability_below(_only(slopes, k), float(np.radians(options.tolerance_deg)))[0])
 
 
-def _verdict(p_safe: float, p_other: float, match: WindowMatch, options: Options) -> str:
+def _verdict(p_safe: float, p_other: float, match: WindowMatch, options: Options) -> Verdict:
     if match.origin == "own" and min(p_safe, p_other) >= options.confidence:
         return "safe"
     worst_case_safe = max(p_safe, p_other if p_other < 1.0 else 0.0)
@@ -283,7 +290,9 @@ def _ambiguity(solution: Solution, matched: Matched, up: Up, length: float) -> A
         AlternativePlane(i + 1, normals[k], float(np.degrees(slopes.slope_rad[k])))
         for k, i in enumerate(matched.answered)
     )
-    remedy = "a third image, a known direction of motion, or more relief in view" if found.status == "unresolved" else None
+    remedy = (
+        "a third image, a known direction of motion, or more relief in view" if found.status == "unresolved" else None
+    )
     return AmbiguityReport(found.status, found.delta_chi2, remedy, Alternative(_motion(other, length), planes))
 
 
@@ -293,57 +302,3 @@ def _rejected(matched: Matched) -> tuple[Rejected, ...]:
         for i, (window, match) in enumerate(zip(matched.windows, matched.matches, strict=True))
         if match.origin == "none"
     )
-
-
-def _epipole_px(solution: Solution, camera1: Camera) -> tuple[float, float] | None:
-    from slopecli.geometry.camera import pixels_from_rays
-
-    if abs(solution.T[2]) < 1e-6:
-        return None
-    uv = pixels_from_rays(camera1, (solution.T[:2] / solution.T[2])[None])[0]
-    inside = np.isfinite(uv).all() and (-0.5 <= uv[0] < camera1.width - 0.5) and (-0.5 <= uv[1] < camera1.height - 0.5)
-    return (float(uv[0]), float(uv[1])) if inside else None
-
-
-def _diagnose(planes: tuple[Plane, ...], solution: Solution, camera1: Camera, matched: Matched) -> list[Diagnostic]:
-    found: list[Diagnostic] = []
-    epipole = _epipole_px(solution, camera1)
-    for plane in planes:
-        low, high = plane.polygon_px.min(0), plane.polygon_px.max(0)
-        if epipole is not None and (low < epipole).all() and (epipole < high).all():
-            found.append(
-                Diagnostic(
-                    "foe-in-window",
-                    "info",
-                    f"the camera moves along a line of sight through window {plane.id}: it shows least parallax there",
-                    float(plane.id),
-                    "move sideways as well, or choose another window",
-                )
-            )
-        if plane.reason == "non-planar-patch":
-            found.append(
-                Diagnostic(
-                    "non-planar-patch",
-                    "warning",
-                    f"window {plane.id} is not one plane: relief {100 * float(solution.relief[_index(plane, matched)]):.1f} % of its distance",
-                    float(plane.id),
-                    "use smaller windows",
-                )
-            )
-    if solution.ambiguity.status == "unresolved":
-        found.append(
-            Diagnostic(
-                "single-plane",
-                "warning",
-                "all that is seen lies on nearly one plane, and a second motion explains it as well",
-                solution.ambiguity.delta_chi2,
-                "use a third image, a known direction of motion, or ground with more relief",
-            )
-        )
-    if not solution.converged:
-        found.append(Diagnostic("poor-fit", "warning", "the joint solution did not settle", None, "check the camera file"))
-    return found
-
-
-def _index(plane: Plane, matched: Matched) -> int:
-    return matched.answered.index(plane.id - 1)

@@ -22,6 +22,8 @@ FLOORS = (
     "vision",
     "planes",
     "simulate",
+    "diagnosis",
+    "report",
     "pipeline",
     "io",
     "cli",

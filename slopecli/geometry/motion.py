@@ -22,7 +22,7 @@ class MotionEstimate:
 
 
 def epipolar_residual(R: FloatArray, T: FloatArray, x1: FloatArray, x2: FloatArray) -> FloatArray:
-    """Signed first-order distance (n,) to the epipolar constraint, as if all error were in image 2 (Sampson, times sqrt 2)."""
+    """Signed first-order epipolar distance (n,), scaled as if all error were in image 2 (Sampson's times sqrt 2)."""
     return _residual_parts(R, T, homogeneous(x1), homogeneous(x2))[0]
 
 

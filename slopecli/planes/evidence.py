@@ -1,4 +1,4 @@
-"""What the whole image says before any window is looked at closely: matches, their inverse depths, the planes they form."""
+"""What the whole image says before any window is looked at: matches, their inverse depths, the planes they form."""
 
 from __future__ import annotations
 

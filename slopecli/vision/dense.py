@@ -54,8 +54,10 @@ class Cells:
 
 
 def flow_engine(finest: int) -> cv2.DISOpticalFlow:
-    """Dense inverse search (Kroeger et al. 2016); `finest` 0 measures at full grid resolution, 1 at half for a sixth of the cost."""
-    engine = cv2.DISOpticalFlow_create(cv2.DISOPTICAL_FLOW_PRESET_FAST)
+    """Dense inverse search (Kroeger et al. 2016); `finest` 0 measures at every px, 1 at every second."""
+    engine: cv2.DISOpticalFlow = cv2.DISOpticalFlow_create(  # type: ignore[attr-defined]
+        cv2.DISOPTICAL_FLOW_PRESET_FAST
+    )
     engine.setFinestScale(finest)
     return engine
 
@@ -69,7 +71,9 @@ def match_exposure(pulled: FloatImage, grey: Grey, valid: NDArray[np.bool_]) -> 
     return np.clip((pulled - float(theirs.mean())) * gain + float(ours.mean()) + 0.5, 0, 255).astype(np.uint8)
 
 
-def dense_cells(grid: Grid, mapping: FloatImage, pyramid2: Pyramid, shape2: tuple[int, int], cell: int, finest: int) -> Cells:
+def dense_cells(
+    grid: Grid, mapping: FloatImage, pyramid2: Pyramid, shape2: tuple[int, int], cell: int, finest: int
+) -> Cells:
     """Match every cell of `cell` px of the grid; cells with less than a third of checked pixels are left out."""
     valid = covered(mapping, shape2)
     pulled = match_exposure(resample(pyramid2, mapping, grid, cv2.INTER_LINEAR), grid.grey, valid)
@@ -79,10 +83,10 @@ def dense_cells(grid: Grid, mapping: FloatImage, pyramid2: Pyramid, shape2: tupl
     qx, qy = x + forward[..., 0], y + forward[..., 1]
     back = cv2.remap(backward, qx, qy, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
     closes = np.abs(forward + back).max(2) < FORWARD_BACKWARD_PX
-    target = cv2.remap(mapping, qx, qy, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+    target = cv2.remap(mapping, qx, qy, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE).astype(np.float32)
     inside = (qx >= 0) & (qy >= 0) & (qx <= grid.shape[1] - 1) & (qy <= grid.shape[0] - 1)
     seen = closes & inside & valid & covered(target, shape2)
-    found = cv2.remap(pulled, qx, qy, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+    found = np.asarray(cv2.remap(pulled, qx, qy, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE), np.uint8)
     return _collect(grid, seen, np.stack([x, y], -1), target, found, cell)
 
 
@@ -106,4 +110,6 @@ def _collect(
     tensor = sums[keep][:, [4, 5, 5, 6]].reshape(-1, 2, 2)
     index = np.stack(np.divmod(np.flatnonzero(keep), columns), -1)
     scale = float(np.sqrt(np.prod(grid.scale)))
-    return Cells(grid.full(mean[:, :2]), mean[:, 2:4].astype(float), tensor.astype(float), index, share[keep], agreement, scale)
+    return Cells(
+        grid.full(mean[:, :2]), mean[:, 2:4].astype(float), tensor.astype(float), index, share[keep], agreement, scale
+    )

@@ -16,7 +16,7 @@ Descriptors = NDArray[np.float32]
 
 @dataclass(frozen=True)
 class FeatureEffort:
-    """How hard to look. Pixels beyond `max_pixels` are averaged away: SIFT's cost grows with area, its accuracy does not."""
+    """How hard to look. Pixels beyond `max_pixels` are averaged away: SIFT's cost grows with area, its use does not."""
 
     max_pixels: float
     n_features: int
@@ -55,14 +55,14 @@ def detect_sift(grey: Grey, effort: FeatureEffort) -> tuple[FloatArray, Descript
     """SIFT points (n, 2) px of the full image and RootSIFT descriptors (n, 128) (Arandjelovic and Zisserman 2012)."""
     small, scale = shrink(grey, effort.max_pixels)
     # without precise upscaling SIFT's points are biased by a twentieth of a pixel
-    sift = cv2.SIFT_create(
+    sift = cv2.SIFT_create(  # type: ignore[attr-defined]
         nfeatures=effort.n_features, contrastThreshold=effort.contrast, enable_precise_upscale=True
     )
     keypoints, descriptors = sift.detectAndCompute(small, None)  # type: ignore[call-overload]
     if descriptors is None or len(keypoints) == 0:
         return np.empty((0, 2)), np.empty((0, 128), np.float32)
     root = np.sqrt(descriptors / np.maximum(descriptors.sum(1, keepdims=True), 1e-9))
-    return to_full(cv2.KeyPoint_convert(keypoints).reshape(-1, 2), scale), root.astype(np.float32)
+    return to_full(np.array([point.pt for point in keypoints]), scale), root.astype(np.float32)
 
 
 def match_descriptors(first: Descriptors, second: Descriptors, ratio: float) -> tuple[IntArray, IntArray]:

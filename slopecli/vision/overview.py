@@ -74,4 +74,3 @@ def _pull_push(values: FloatArray, weight: FloatArray) -> FloatArray:
 
 def _quarter(a: FloatArray) -> FloatArray:
     return np.asarray(a[::2, ::2] + a[1::2, ::2] + a[::2, 1::2] + a[1::2, 1::2])
-

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from slopecli.geometry.epipolar import homogeneous
 from slopecli.types import FloatArray
-from slopecli.vision.warp import FloatImage, Grid, Pyramid, block_sum, covered, magnification
+from slopecli.vision.warp import FloatImage, Grid, Pyramid, Transfer, block_sum, covered, magnification
 
 NOISE_GREY = 2.0  # grey levels below which contrast is sensor noise, not texture
 MAX_STEP_PX = 1.0  # a Gauss-Newton step moves no more of the window than this: the image is linear no further
@@ -23,13 +23,13 @@ TUKEY = 2.5  # robust sigmas of the photometric residual
 
 @dataclass(frozen=True, eq=False)
 class View:
-    """A working grid with everything needed to pull image 2 onto it through a plane: rays of its pixels and the motion."""
+    """A working grid with what is needed to pull image 2 onto it through a plane: rays of its pixels and the motion."""
 
     grid: Grid
     rays: FloatArray  # (h * w, 3), homogeneous, of image 1
     turned: FloatArray  # (h * w, 3), rays @ R.T
     epipole2: FloatArray  # (3,), R T
-    pixels2: object  # callable (n, 2) normalised -> (n, 2) px of image 2
+    pixels2: Transfer  # (n, 2) normalised -> (n, 2) px of image 2
     pyramid2: Pyramid
     shape2: tuple[int, int]
 
@@ -37,15 +37,23 @@ class View:
         """Where the plane with this scaled normal sends every pixel, (h, w, 2) full px of image 2."""
         moved = self.turned - (self.rays @ normal)[:, None] * self.epipole2
         depth = np.where(np.abs(moved[:, 2:]) < 1e-9, 1e-9, moved[:, 2:])
-        uv = self.pixels2(moved[:, :2] / depth)  # type: ignore[operator]
+        uv = self.pixels2(moved[:, :2] / depth)
         uv[moved[:, 2] <= 0] = -1e4
         return np.nan_to_num(uv, nan=-1e4).reshape(*self.grid.shape, 2).astype(np.float32)
 
 
-def make_view(grid: Grid, rays_from_px, pixels2, R: FloatArray, T: FloatArray, pyramid2: Pyramid, shape2: tuple[int, int]) -> View:  # type: ignore[no-untyped-def]  # noqa: E501
+def make_view(
+    grid: Grid,
+    rays1: Transfer,
+    pixels2: Transfer,
+    R: FloatArray,
+    T: FloatArray,
+    pyramid2: Pyramid,
+    shape2: tuple[int, int],
+) -> View:
     """View of image 2 from a grid over image 1 under a motion."""
     x, y = np.meshgrid(np.arange(grid.shape[1]), np.arange(grid.shape[0]))
-    rays = homogeneous(rays_from_px(grid.full(np.stack([x, y], -1).reshape(-1, 2).astype(float))))
+    rays = homogeneous(rays1(grid.full(np.stack([x, y], -1).reshape(-1, 2).astype(float))))
     return View(grid, rays, rays @ R.T, R @ T, pixels2, pyramid2, shape2)
 
 
@@ -105,10 +113,12 @@ def align_plane(view: View, normal: FloatArray, iterations: int = 10) -> PlaneFi
     mapping = view.mapping(normal)
     valid = covered(mapping, view.shape2)
     score = correlation(normalise(grey, radius), normalise(_pull(view, mapping), radius), valid)
-    return PlaneFit(normal, score, np.linalg.pinv(system))
+    return PlaneFit(normal, score, np.asarray(np.linalg.pinv(system), float))
 
 
-Linear = tuple[FloatArray, FloatArray, float]  # normal matrix (3, 3), gradient (3,), median px per unit of inverse depth
+Linear = tuple[
+    FloatArray, FloatArray, float
+]  # normal matrix (3, 3), gradient (3,), median px per unit of inverse depth
 
 
 def _linearise(view: View, normal: FloatArray, ours: FloatImage, radius: float) -> Linear | None:
@@ -118,7 +128,7 @@ def _linearise(view: View, normal: FloatArray, ours: FloatImage, radius: float) 
         return None
     # motion of each pixel per unit of inverse depth, by a small finite difference along the ray
     depth_step = 1e-3 * float(np.abs(view.rays @ normal).mean()) + 1e-9
-    per_depth = (view.mapping(normal + [0.0, 0.0, depth_step]) - mapping) / np.float32(depth_step)
+    per_depth = (view.mapping(normal + np.array([0.0, 0.0, depth_step])) - mapping) / np.float32(depth_step)
     shift = np.linalg.norm(per_depth, axis=2)
     unit = per_depth / np.maximum(shift, 1e-9)[..., None]
     grid_px = 1.0 / float(np.sqrt(np.prod(view.grid.scale)))
@@ -176,14 +186,14 @@ def cell_shifts(view: View, normal: FloatArray, cell: int) -> CellShifts:
     gx, gy = cv2.Sobel(mean, cv2.CV_32F, 1, 0, scale=1 / 8), cv2.Sobel(mean, cv2.CV_32F, 0, 1, scale=1 / 8)
     sigma = max(1.4826 * float(np.median(np.abs(residual[valid]))), LEAST_GREY) if valid.any() else 1.0
     weight = np.where(valid, 1 / (1 + (residual / (TUKEY * sigma)) ** 2) ** 2, 0.0).astype(np.float32) / sigma**2
-    rows, columns = view.grid.shape[0] // cell, view.grid.shape[1] // cell
+    columns = view.grid.shape[1] // cell
     layers = [gx * gx, gx * gy, gy * gy, gx * residual, gy * residual, valid.astype(np.float32)]
     scaled = [block_sum(layer * weight if k < 5 else layer, cell).ravel() for k, layer in enumerate(layers)]
     a, b, c, p, q, seen = scaled
     keep = seen > 0.5 * cell**2
     prior = 1 / CELL_PRIOR_PX**2
     system = np.stack([a + prior, b, b, c + prior], -1).reshape(-1, 2, 2)[keep]
-    shift = -np.linalg.solve(system, np.stack([p, q], -1)[keep][..., None])[..., 0]
+    shift = np.asarray(-np.linalg.solve(system, np.stack([p, q], -1)[keep][..., None])[..., 0], float)
     index = np.stack(np.divmod(np.flatnonzero(keep), columns), -1)
     centre = index[:, ::-1] * float(cell) + (cell - 1) / 2
     information = np.stack([a, b, b, c], -1).reshape(-1, 2, 2)[keep]

@@ -15,7 +15,9 @@ MAX_GAIN = 4.0
 def sample_grey(grey: Grey, uv: FloatArray) -> FloatArray:
     """(n,) bilinear brightness of an image at pixels (n, 2)."""
     at = uv.astype(np.float32)[None]
-    return np.asarray(cv2.remap(grey, at[..., 0], at[..., 1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)[0], float)
+    return np.asarray(
+        cv2.remap(grey, at[..., 0], at[..., 1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)[0], float
+    )
 
 
 def thin(uv: FloatArray, index: IntArray, limit: int) -> IntArray:

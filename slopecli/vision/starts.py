@@ -32,7 +32,9 @@ def starting_motions(x1: FloatArray, x2: FloatArray, focal_px: float, thorough: 
     return rank_motions(refined, x1, x2, focal_px)
 
 
-def rank_motions(motions: list[MotionEstimate], x1: FloatArray, x2: FloatArray, focal_px: float) -> list[MotionEstimate]:
+def rank_motions(
+    motions: list[MotionEstimate], x1: FloatArray, x2: FloatArray, focal_px: float
+) -> list[MotionEstimate]:
     """Motions by how well they fit these matches, best first, repeats dropped."""
     scored = [assess_motion(m.R, m.T, x1, x2, SCORE_PX / focal_px) for m in motions]
     return distinct_motions(sorted(scored, key=lambda m: m.cost))
@@ -74,7 +76,7 @@ def _five_point(x1: FloatArray, x2: FloatArray, method: int, threshold: float) -
     motions: list[Motion] = []
     for k in range(len(stacked) // 3):
         _, R, t, _ = cv2.recoverPose(stacked[3 * k : 3 * k + 3], x1, x2, np.eye(3))
-        motions.append((R, -R.T @ t[:, 0]))
+        motions.append(_motion(R, -R.T @ t[:, 0]))
     return motions
 
 
@@ -87,8 +89,12 @@ def _homography_motions(x1: FloatArray, x2: FloatArray) -> list[Motion]:
     for R, t in zip(rotations[:count], translations[:count], strict=True):
         length = float(np.linalg.norm(t))
         if length > 1e-6:
-            motions.append((R, -R.T @ t[:, 0] / length))
+            motions.append(_motion(R, -R.T @ t[:, 0] / length))
     return motions
+
+
+def _motion(R: object, T: object) -> Motion:
+    return np.asarray(R, float), np.asarray(T, float)
 
 
 def inliers_of(residual: FloatArray, focal_px: float) -> BoolArray:

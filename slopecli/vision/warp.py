@@ -37,11 +37,11 @@ class Grid:
 
     def full(self, points: FloatArray) -> FloatArray:
         """Points (..., 2) of the grid as full-resolution pixels of image 1."""
-        return (points + [self.x0 + 0.5, self.y0 + 0.5]) / self.scale - 0.5
+        return (points + np.array([self.x0 + 0.5, self.y0 + 0.5])) / self.scale - 0.5
 
     def inside(self, uv: FloatArray) -> FloatArray:
         """Full-resolution pixels (..., 2) as points of the grid."""
-        return (uv + 0.5) * self.scale - [self.x0 + 0.5, self.y0 + 0.5]
+        return (uv + 0.5) * self.scale - np.array([self.x0 + 0.5, self.y0 + 0.5])
 
 
 def transfer_map(grid: Grid, transfer: Transfer) -> FloatImage:
@@ -51,7 +51,9 @@ def transfer_map(grid: Grid, transfer: Transfer) -> FloatImage:
     node = lambda n: (np.arange(n) - 0.5) * NODE_STEP - 0.5  # noqa: E731 - one before and one past the border
     x, y = np.meshgrid(node(columns), node(rows))
     values = transfer(grid.full(np.stack([x, y], -1).reshape(-1, 2))).reshape(rows, columns, 2)
-    dense = cv2.resize(values.astype(np.float32), (columns * NODE_STEP, rows * NODE_STEP), interpolation=cv2.INTER_LINEAR)
+    dense = cv2.resize(
+        values.astype(np.float32), (columns * NODE_STEP, rows * NODE_STEP), interpolation=cv2.INTER_LINEAR
+    )
     return np.ascontiguousarray(dense[NODE_STEP : NODE_STEP + height, NODE_STEP : NODE_STEP + width], np.float32)
 
 
@@ -125,7 +127,7 @@ def covered(mapping: FloatImage, shape2: tuple[int, int], margin: float = 2.0) -
 
 
 def block_sum(layer: FloatImage, cell: int) -> FloatArray:
-    """Sums over square blocks of `cell` px, (h // cell, w // cell); what is left over at right and bottom is dropped."""
+    """Sums over square blocks of `cell` px, (h // cell, w // cell); the rest at right and bottom is dropped."""
     rows, columns = layer.shape[0] // cell, layer.shape[1] // cell
     blocks = layer[: rows * cell, : columns * cell].reshape(rows, cell, columns, cell)
     return np.asarray(blocks.sum((1, 3), dtype=np.float64))

@@ -1,0 +1,61 @@
+"""What is known before a window is looked at, and views of image 2 from a window through it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from slopecli.geometry.camera import pixels_from_rays, rays_from_pixels
+from slopecli.geometry.epipolar import homogeneous
+from slopecli.planes.evidence import Evidence
+from slopecli.planes.windows import Window
+from slopecli.types import Camera, FloatArray
+from slopecli.vision.photometric import View, make_view
+from slopecli.vision.warp import Pyramid, cut
+
+FINE_PX = 200  # a window is matched at about this many pixels a side, from shrunken images when it is larger
+BORDER_PX = 8  # px of the working grid around a window: flow needs to see past its border
+
+
+@dataclass(frozen=True, eq=False)
+class Scene:
+    """What is known before the windows are looked at: images, cameras, the motion, evidence and the scene's planes."""
+
+    camera1: Camera
+    camera2: Camera
+    pyramid1: Pyramid
+    pyramid2: Pyramid
+    R: FloatArray
+    T: FloatArray
+    evidence: Evidence
+    planes: list[FloatArray]
+
+    @property
+    def shape2(self) -> tuple[int, int]:
+        return self.camera2.height, self.camera2.width
+
+
+def view_of(window: Window, scene: Scene, side_px: int, border: bool) -> View:
+    x, y, w, h = window
+    shrink_by = max(w, h) / side_px
+    layer = scene.pyramid1.at(shrink_by)
+    margin = BORDER_PX / float(layer.scale.min()) if border else 0.0
+    grid = cut(layer, x - margin, y - margin, w + 2 * margin, h + 2 * margin)
+    return make_view(
+        grid,
+        lambda uv: rays_from_pixels(scene.camera1, uv),
+        lambda rays: pixels_from_rays(scene.camera2, rays),
+        scene.R,
+        scene.T,
+        scene.pyramid2,
+        scene.shape2,
+    )
+
+
+def epipolar_axes(uv1: FloatArray, scene: Scene) -> tuple[FloatArray, FloatArray]:
+    """Unit vectors (n, 2) along and across the epipolar line in image 1: a change of depth moves content along it."""
+    rays = homogeneous(rays_from_pixels(scene.camera1, uv1))
+    along = rays[:, :2] * scene.T[2] - scene.T[:2]
+    along /= np.maximum(np.linalg.norm(along, axis=1, keepdims=True), 1e-12)
+    return along, np.column_stack([-along[:, 1], along[:, 0]])

@@ -1,0 +1,48 @@
+"""What a window's matches are, whatever found them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from slopecli.types import FloatArray, IntArray
+
+CHI2_MEDIAN = 0.4549  # of chi-square with one degree of freedom
+
+
+@dataclass(frozen=True, eq=False)
+class WindowMatch:
+    """Matches that speak for a window's plane.
+
+    uv1, uv2 (n, 2) px; variance_px (n, 2): relative noise variance along and across the epipolar line, px^2;
+    index (n, 2): row and column of the cells; origin "own" when they lie in the window, "borrowed" when they are of
+    the plane around it, because nothing inside can be matched; doubt_rad: then, how far the planes around disagree.
+    """
+
+    uv1: FloatArray
+    uv2: FloatArray
+    x1: FloatArray
+    x2: FloatArray
+    index: IntArray
+    variance_px: FloatArray
+    origin: Literal["own", "borrowed", "none"]
+    score: float
+    share: float
+    reason: str = ""
+    doubt_rad: float = 0.0
+
+
+def no_match(reason: str) -> WindowMatch:
+    empty = np.empty((0, 2))
+    return WindowMatch(empty, empty, empty, empty, np.empty((0, 2), np.int64), empty, "none", 0.0, 0.0, reason)
+
+
+def overdispersion(normalised_squares: FloatArray) -> float:
+    """By how much a window's own residuals exceed the variance predicted from its texture: a robust ratio.
+
+    Many cells may show that they are better than predicted; few cells agree by chance, so they are not believed.
+    """
+    least = np.interp(len(normalised_squares), [20, 60], [1.0, 0.25])
+    return max(float(np.median(normalised_squares)) / CHI2_MEDIAN, float(least))
