@@ -99,14 +99,14 @@ def epipole1_px(solution: Solution, camera1: Camera) -> tuple[float, float] | No
 
 
 def diagnose(
-    planes: tuple[Plane, ...], relief: list[float], solution: Solution, epipole: tuple[float, float] | None
+    planes: tuple[Plane, ...], relief: dict[int, float], solution: Solution, epipole: tuple[float, float] | None
 ) -> list[Diagnostic]:
     """What a user should know of an answer: weak windows, a second motion, a solution that did not settle.
 
-    relief : RMS height off the plane over its distance, per plane.  epipole : px of image 1, None when outside.
+    relief : RMS height off the plane over its distance, by plane id.  epipole : px of image 1, None when outside.
     """
     found = [_focus_in(plane) for plane in planes if epipole is not None and _holds(plane, epipole)]
-    found += [_not_flat(p, r) for p, r in zip(planes, relief, strict=True) if p.reason == "non-planar-patch"]
+    found += [_not_flat(plane, relief[plane.id]) for plane in planes if plane.reason == "non-planar-patch"]
     if solution.ambiguity.status == "unresolved":
         found.append(_second_motion(solution))
     if not solution.converged:

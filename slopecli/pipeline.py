@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
@@ -14,6 +15,7 @@ from slopecli.geometry.camera import rays_from_pixels
 from slopecli.geometry.motion import MotionEstimate, assess_motion, epipolar_residual, refine_motion
 from slopecli.geometry.solve import solve_planes
 from slopecli.options import Options
+from slopecli.planes.corners import match_window_corners
 from slopecli.planes.evidence import Evidence, gather_evidence, scene_planes
 from slopecli.planes.matching import match_window
 from slopecli.planes.scene import Scene
@@ -21,13 +23,23 @@ from slopecli.planes.window_match import WindowMatch
 from slopecli.planes.windows import Window, check_windows, grid_windows
 from slopecli.report import Matched, build_report
 from slopecli.types import BoolArray, Camera, Correspondences, Diagnostic, FloatArray, Image, Report, Solution
-from slopecli.vision.features import EFFORTS, FeatureEffort, match_sift, shrink
+from slopecli.vision.features import EFFORTS, Grey, match_sift, shrink
+from slopecli.vision.foerstner import match_foerstner
 from slopecli.vision.overview import MAX_PIXELS, overview_cells
 from slopecli.vision.sampling import correlation_gain, sample_grey, thin
 from slopecli.vision.starts import distinct_motions, inliers_of, rank_motions, starting_motions
 from slopecli.vision.warp import Layer, Pyramid
 
 OnStage = Callable[[str, float], None]
+FeatureMatcher = Callable[[Grey, Grey], tuple[FloatArray, FloatArray, tuple[int, int]]]
+
+# what `--features` names: matchers of whole images, tried in turn, and the matcher of a window
+SIFT_MATCHERS: tuple[FeatureMatcher, ...] = tuple(partial(match_sift, effort=effort) for effort in EFFORTS)
+FEATURE_MATCHERS: dict[str, tuple[FeatureMatcher, ...]] = {"sift": SIFT_MATCHERS, "foerstner": (match_foerstner,)}
+WINDOW_MATCHERS: dict[str, Callable[[Window, Scene], WindowMatch]] = {
+    "sift": match_window,
+    "foerstner": match_window_corners,
+}
 
 ENOUGH_INLIERS, ENOUGH_SHARE = 300, 0.7  # sparse matches that need no second, costlier look
 DENSE_SIGMA_PX = (0.02, 0.7)
@@ -88,11 +100,11 @@ def estimate(
     check_windows(windows, image1.width, image1.height)
     refuse_identical(image1, image2)
 
-    sparse = find_motions(image1, image2, camera1, camera2)
+    sparse = find_motions(image1, image2, camera1, camera2, FEATURE_MATCHERS[options.features])
     clock.tick("features")
     scene, motions, diagnostics = survey(image1, image2, camera1, camera2, sparse)
     clock.tick("overview")
-    matches = [match_window(window, scene) for window in windows]
+    matches = [WINDOW_MATCHERS[options.features](window, scene) for window in windows]
     clock.tick("windows")
     matched, solution = solve(windows, matches, scene, motions, options)
     clock.tick("solve")
@@ -101,13 +113,15 @@ def estimate(
     return report
 
 
-def find_motions(image1: Image, image2: Image, camera1: Camera, camera2: Camera) -> Sparse:
+def find_motions(
+    image1: Image, image2: Image, camera1: Camera, camera2: Camera, matchers: Sequence[FeatureMatcher] = SIFT_MATCHERS
+) -> Sparse:
     """Sparse features, and the camera motions they allow; a costlier search where the first finds little."""
     focal = camera2.focal_px
     found: list[Matches] = []
     motions: list[MotionEstimate] = []
-    for settings in EFFORTS:
-        found.append(_match(image1, image2, camera1, camera2, settings))
+    for matcher in matchers:
+        found.append(_match(image1, image2, camera1, camera2, matcher))
         every = _joined(found)
         motions = rank_motions(motions + starting_motions(found[-1].x1, found[-1].x2, focal), every.x1, every.x2, focal)
         inlier = _agreeing(motions[:1], every, focal)
@@ -121,8 +135,8 @@ def find_motions(image1: Image, image2: Image, camera1: Camera, camera2: Camera)
     return Sparse(every, motions)
 
 
-def _match(image1: Image, image2: Image, camera1: Camera, camera2: Camera, settings: FeatureEffort) -> Matches:
-    uv1, uv2, n_features = match_sift(image1.grey, image2.grey, settings)
+def _match(image1: Image, image2: Image, camera1: Camera, camera2: Camera, matcher: FeatureMatcher) -> Matches:
+    uv1, uv2, n_features = matcher(image1.grey, image2.grey)
     x1, x2 = rays_from_pixels(camera1, uv1), rays_from_pixels(camera2, uv2)
     seen = np.isfinite(x1).all(1) & np.isfinite(x2).all(1)
     return Matches(uv1[seen], uv2[seen], x1[seen], x2[seen], n_features)

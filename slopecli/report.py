@@ -39,6 +39,7 @@ from slopecli.types import (
 Verdict = Literal["safe", "unsafe", "undecided"]
 
 CAMERA_UP = (0.0, 0.0, -1.0)  # the camera looks straight down
+UNKNOWN_DEG = 60.0  # a slope whose 1-sigma is larger than this is no answer
 ROUGH = 0.03  # RMS height off the plane over distance beyond which a window is not one plane
 BORROWED_SIGMA_DEG = 5.0  # terrain next to a window tells its slope no better than this
 
@@ -65,11 +66,12 @@ def build_report(
     """Assemble everything that is written and shown."""
     up, slopes = _slopes(solution, matched, options)
     scale, length = _scale(solution, matched, up, options)
-    planes = tuple(
+    every = tuple(
         _plane(k, matched, solution, slopes, up, cameras, options, scale, length) for k in range(len(matched.answered))
     )
+    planes = tuple(plane for plane in every if plane.slope_sigma_deg <= UNKNOWN_DEG)
     ids = [plane.id for plane in planes]
-    relief = [float(r) for r in solution.relief]
+    relief = {plane.id: float(r) for plane, r in zip(every, solution.relief, strict=True)}
     epipole = epipole1_px(solution, cameras[0])
     shape = (images[0].height, images[0].width)
     return Report(
@@ -82,9 +84,9 @@ def build_report(
         fit=_fit(solution, matched, cameras[1]),
         ambiguity=_ambiguity(solution, matched, up, length),
         planes=planes,
-        rejected=_rejected(matched),
+        rejected=_rejected(matched, every),
         diagnostics=(*diagnostics, *diagnose(planes, relief, solution, epipole)),
-        labels=paint_labels([matched.windows[i] for i in matched.answered], ids, shape),
+        labels=paint_labels([matched.windows[i - 1] for i in ids], ids, shape),
         epipole1_px=epipole,
     )
 
@@ -243,7 +245,7 @@ def _only(slopes: Slopes, k: int) -> Slopes:
 
 def _status(match: WindowMatch, roughness: float, inlier_share: float) -> tuple[Literal["ok", "poor"], str | None]:
     if match.origin == "borrowed":
-        return "poor", "nothing inside the window can be matched; this is the plane around it"
+        return "poor", match.reason
     if roughness > ROUGH or inlier_share < 0.5:
         return "poor", "non-planar-patch"
     return "ok", None
@@ -296,9 +298,16 @@ def _ambiguity(solution: Solution, matched: Matched, up: Up, length: float) -> A
     return AmbiguityReport(found.status, found.delta_chi2, remedy, Alternative(_motion(other, length), planes))
 
 
-def _rejected(matched: Matched) -> tuple[Rejected, ...]:
-    return tuple(
-        Rejected(i + 1, window_polygon(window), "low-texture", match.reason)
+def _rejected(matched: Matched, planes: tuple[Plane, ...]) -> tuple[Rejected, ...]:
+    """Windows without matches, and those whose matches leave the slope open."""
+    bare = [
+        Rejected(i + 1, window_polygon(window), match.code, match.reason)
         for i, (window, match) in enumerate(zip(matched.windows, matched.matches, strict=True))
         if match.origin == "none"
-    )
+    ]
+    vague = [
+        Rejected(plane.id, plane.polygon_px, "low-texture", "too little texture: its matches leave the slope open")
+        for plane in planes
+        if plane.slope_sigma_deg > UNKNOWN_DEG
+    ]
+    return tuple(sorted(bare + vague, key=lambda window: window.id))

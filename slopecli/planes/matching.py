@@ -35,19 +35,20 @@ SCARCE_SHARE, SCARCE_RAD = (
 
 def match_window(window: Window, scene: Scene) -> WindowMatch:
     """Dense matches of one window, or those of the plane around it, or none with the reason."""
-    first = _plane_from_overview(window, scene)
+    first = plane_from_overview(window, scene)
     if first is not None:
         match = _dense_match(window, scene, first)
         if match.origin == "own":
             return match
-    for fit in _search_plane(window, scene):
+    for fit in search_plane(window, scene):
         match = _dense_match(window, scene, fit)
         if match.origin == "own":
             return match
     return borrow(window, scene)
 
 
-def _plane_from_overview(window: Window, scene: Scene) -> FloatArray | None:
+def plane_from_overview(window: Window, scene: Scene) -> FloatArray | None:
+    """Scaled normal of the window's plane from the overview's matches in it, None where they cover too little."""
     inside = scene.evidence.near(window, 0.0)
     cell_area = 64.0 / float(np.prod(scene.pyramid1.overview_scale))
     if inside.sum() * cell_area < EASY_SHARE * window[2] * window[3]:
@@ -55,7 +56,7 @@ def _plane_from_overview(window: Window, scene: Scene) -> FloatArray | None:
     return scene.evidence.plane_through(inside)
 
 
-def _search_plane(window: Window, scene: Scene) -> list[FloatArray]:
+def search_plane(window: Window, scene: Scene) -> list[FloatArray]:
     """Planes worth a dense match, best first: those of the neighbourhood and the scene, else a sweep over depth."""
     view = view_of(window, scene, COARSE_PX, border=False)
     if min(view.grid.shape) < 8:

@@ -18,7 +18,8 @@ class WindowMatch:
 
     uv1, uv2 (n, 2) px; variance_px (n, 2): relative noise variance along and across the epipolar line, px^2;
     index (n, 2): row and column of the cells; origin "own" when they lie in the window, "borrowed" when they are of
-    the plane around it, because nothing inside can be matched; doubt_rad: then, how far the planes around disagree.
+    the plane around it; score: correlation of the images after matching; share of the window matched; reason and code:
+    why it is borrowed or none; doubt_rad: 1-sigma of the tilt beyond what the residuals show.
     """
 
     uv1: FloatArray
@@ -31,12 +32,14 @@ class WindowMatch:
     score: float
     share: float
     reason: str = ""
+    code: str = ""
     doubt_rad: float = 0.0
 
 
-def no_match(reason: str) -> WindowMatch:
+def no_match(reason: str, code: str = "low-texture") -> WindowMatch:
+    """No matches at all, with the reason in words and as a diagnostic code."""
     empty = np.empty((0, 2))
-    return WindowMatch(empty, empty, empty, empty, np.empty((0, 2), np.int64), empty, "none", 0.0, 0.0, reason)
+    return WindowMatch(empty, empty, empty, empty, np.empty((0, 2), np.int64), empty, "none", 0.0, 0.0, reason, code)
 
 
 def overdispersion(normalised_squares: FloatArray) -> float:

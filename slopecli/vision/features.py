@@ -24,6 +24,8 @@ class FeatureEffort:
     ratio: float  # Lowe's ratio of best to second-best descriptor distance
 
 
+BLOCK = 1024  # descriptors compared with all others at a time
+
 # The first suffices for textured ground; the second is spent only where the first found little.
 EFFORTS = (
     FeatureEffort(max_pixels=0.4e6, n_features=4000, contrast=0.02, ratio=0.80),
@@ -68,20 +70,29 @@ def detect_sift(grey: Grey, effort: FeatureEffort) -> tuple[FloatArray, Descript
 def match_descriptors(first: Descriptors, second: Descriptors, ratio: float) -> tuple[IntArray, IntArray]:
     """Mutual nearest neighbours that beat the second best by `ratio`, as index pairs.
 
-    The descriptors are unit vectors, so distances follow from one matrix product.
+    The descriptors are unit vectors, so distances follow from matrix products, taken in blocks to bound the memory.
     """
     if len(first) < 2 or len(second) < 2:
         return np.empty(0, int), np.empty(0, int)
+    column_best = np.full(len(second), -np.inf, np.float32)
+    blocks = [_best_two(first[k : k + BLOCK], second, column_best) for k in range(0, len(first), BLOCK)]
+    partner, best, runner_up = (np.concatenate(parts) for parts in zip(*blocks, strict=True))
+    mutual = best >= column_best[partner]
+    distance = np.sqrt(np.maximum(2 - 2 * best, 0))
+    keep = mutual & (distance < ratio * np.sqrt(np.maximum(2 - 2 * runner_up, 1e-12)))
+    return np.flatnonzero(keep), partner[keep]
+
+
+def _best_two(
+    first: Descriptors, second: Descriptors, column_best: NDArray[np.float32]
+) -> tuple[IntArray, NDArray[np.float32], NDArray[np.float32]]:
+    """Most similar partner, its similarity and the next best; raises `column_best` (len(second),) in place."""
     similarity = first @ second.T
-    rows = np.arange(len(first))
-    best = similarity.argmax(1)
-    mutual = similarity.argmax(0)[best] == rows
-    best_value = similarity[rows, best]
-    similarity[rows, best] = -np.inf
-    distance = np.sqrt(np.maximum(2 - 2 * best_value, 0))
-    runner_up = np.sqrt(np.maximum(2 - 2 * similarity.max(1), 1e-12))
-    keep = mutual & (distance < ratio * runner_up)
-    return rows[keep], best[keep]
+    np.maximum(column_best, similarity.max(0), out=column_best)
+    rows, partner = np.arange(len(first)), similarity.argmax(1)
+    best = similarity[rows, partner]
+    similarity[rows, partner] = -np.inf
+    return partner, best, similarity.max(1)
 
 
 def match_sift(grey1: Grey, grey2: Grey, effort: FeatureEffort) -> tuple[FloatArray, FloatArray, tuple[int, int]]:

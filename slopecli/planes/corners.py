@@ -1,0 +1,70 @@
+"""The paper's own window matches (section IV, experiment 1): Förstner corners, correlation, outliers removed."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from slopecli.geometry.camera import rays_from_pixels
+from slopecli.geometry.motion import epipolar_residual, inverse_depth
+from slopecli.planes.borrow import borrow
+from slopecli.planes.matching import plane_from_overview, search_plane
+from slopecli.planes.robust import robust_plane
+from slopecli.planes.scene import FINE_PX, Scene, view_of
+from slopecli.planes.window_match import WindowMatch, no_match
+from slopecli.planes.windows import Window
+from slopecli.types import FloatArray
+from slopecli.vision.foerstner import correlate_windows, foerstner_corners
+from slopecli.vision.warp import covered, resample, sample_map
+
+N_CORNERS = 60  # per window, as in the paper
+CORNER_DISTANCE_PX = 5.0
+MIN_CORNERS = 8
+SIGMA_PX = 0.05  # of a correlated corner, px of the working grid
+EPIPOLAR_PX = 1.0
+
+
+def match_window_corners(window: Window, scene: Scene) -> WindowMatch:
+    """Corners of the window correlated with image 2 pulled onto it, or the matches of the plane around it."""
+    first = plane_from_overview(window, scene)
+    for normal in [first] if first is not None else search_plane(window, scene):
+        match = _correlate(window, scene, normal)
+        if match.origin == "own":
+            return match
+    return borrow(window, scene)
+
+
+def _correlate(window: Window, scene: Scene, normal: FloatArray) -> WindowMatch:
+    view = view_of(window, scene, FINE_PX, border=True)
+    mapping = view.mapping(normal)
+    pulled = resample(scene.pyramid2, mapping, view.grid)
+    pulled[~covered(mapping, scene.shape2)] = np.nan
+    corners = foerstner_corners(view.grid.grey, N_CORNERS, CORNER_DISTANCE_PX)
+    if len(corners) < MIN_CORNERS:
+        return no_match("too few corners")
+    displacement, correlation, ok = correlate_windows(view.grid.grey, pulled, corners)
+    scale = float(view.grid.scale.mean())
+    uv1, uv2 = view.grid.full(corners), sample_map(mapping, corners + displacement)
+    x1, x2 = rays_from_pixels(scene.camera1, uv1), rays_from_pixels(scene.camera2, uv2)
+    ok &= np.isfinite(x1).all(1) & np.isfinite(x2).all(1) & _within(uv1, window)
+    ok[ok] &= np.abs(epipolar_residual(scene.R, scene.T, x1[ok], x2[ok])) * scene.camera2.focal_px * scale < EPIPOLAR_PX
+    if ok.sum() < MIN_CORNERS:
+        return no_match("too few corners matched")
+    w, leverage = inverse_depth(scene.R, scene.T, x1[ok], x2[ok])
+    kept = np.flatnonzero(ok)[robust_plane(x1[ok], w, leverage, SIGMA_PX / scale / scene.camera2.focal_px).inlier]
+    return WindowMatch(
+        uv1=uv1[kept],
+        uv2=uv2[kept],
+        x1=x1[kept],
+        x2=x2[kept],
+        index=np.round(corners[kept, ::-1] / CORNER_DISTANCE_PX).astype(np.int64),
+        variance_px=np.full((len(kept), 2), (SIGMA_PX / scale) ** 2),
+        origin="own",
+        score=float(np.median(correlation[kept])),
+        share=len(kept) / len(corners),
+    )
+
+
+def _within(uv: FloatArray, window: Window) -> np.ndarray:
+    x, y, w, h = window
+    u, v = uv.T
+    return (u >= x - 0.5) & (u < x + w - 0.5) & (v >= y - 0.5) & (v < y + h - 0.5)
