@@ -225,7 +225,7 @@ def _plane(
         rms_px=_rms_px(solution, matched, kept, k, cameras[1].focal_px),
         roughness=roughness * distance if scale.unit == "m" else roughness,
         homography_px=_pixel_homography(solution, k, cameras),
-        verdict=_verdict(p_safe, _alternative_p_safe(solution, k, up, options), match, options),
+        verdict=_verdict(p_safe, _alternative_p_safe(solution, k, up, options), status, options),
         p_safe=p_safe,
         status=status,
         reason=reason,
@@ -260,11 +260,12 @@ def _alternative_p_safe(solution: Solution, k: int, up: Up, options: Options) ->
     return float(probability_below(_only(slopes, k), float(np.radians(options.tolerance_deg)))[0])
 
 
-def _verdict(p_safe: float, p_other: float, match: WindowMatch, options: Options) -> Verdict:
-    if match.origin == "own" and min(p_safe, p_other) >= options.confidence:
+def _verdict(p_safe: float, p_other: float, status: str, options: Options) -> Verdict:
+    """Safe only where the window itself was seen to be a plane, and in both answers where geometry leaves two."""
+    if status == "ok" and min(p_safe, p_other) >= options.confidence:
         return "safe"
-    worst_case_safe = max(p_safe, p_other if p_other < 1.0 else 0.0)
-    return "unsafe" if worst_case_safe <= 1 - options.confidence else "undecided"
+    best_case = max(p_safe, p_other if p_other < 1.0 else 0.0)
+    return "unsafe" if best_case <= 1 - options.confidence else "undecided"
 
 
 def _rms_px(solution: Solution, matched: Matched, kept: np.ndarray, k: int, focal_px: float) -> float:
