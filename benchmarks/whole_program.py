@@ -1,0 +1,112 @@
+"""Processor time and peak memory of a whole `slopemap estimate` against a plain OpenCV script on the same pair.
+
+The script reads both images, finds SIFT features in both, matches them and fits one essential matrix: less than any
+answer takes. It runs in two variants, exhaustive matching and FLANN. All are processes of their own, started in turns
+so that a busy machine slows them alike; of each the least of three runs counts, start-up of Python included.
+
+    python benchmarks/whole_program.py [IMAGE1 IMAGE2 CAMERA.json]
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+import tempfile
+from dataclasses import dataclass
+from pathlib import Path
+
+SAMPLE = Path(__file__).resolve().parent.parent / "sample_data" / "descent"
+ROUNDS = 3
+MAX_RATIO, MAX_PEAK_MB = 1.0, 400.0
+
+PLAIN = """
+import sys
+
+import cv2
+import numpy as np
+
+image1, image2 = (cv2.imread(path, cv2.IMREAD_GRAYSCALE) for path in sys.argv[1:3])
+K = np.array([[float(sys.argv[3]), 0, float(sys.argv[5])], [0, float(sys.argv[4]), float(sys.argv[6])], [0, 0, 1]])
+sift = cv2.SIFT_create()
+keypoints1, descriptors1 = sift.detectAndCompute(image1, None)
+keypoints2, descriptors2 = sift.detectAndCompute(image2, None)
+trees = cv2.FlannBasedMatcher({"algorithm": 1, "trees": 5}, {"checks": 50})
+matcher = trees if sys.argv[7] == "flann" else cv2.BFMatcher()
+pairs = matcher.knnMatch(descriptors1, descriptors2, k=2)
+good = [best for best, second in pairs if best.distance < 0.75 * second.distance]
+points1 = np.float64([keypoints1[match.queryIdx].pt for match in good])
+points2 = np.float64([keypoints2[match.trainIdx].pt for match in good])
+E, inlier = cv2.findEssentialMat(points1, points2, K, cv2.RANSAC, 0.999, 1.0)
+print(len(keypoints1), len(keypoints2), len(good), int(inlier.sum()))
+"""
+
+
+@dataclass(frozen=True)
+class Cost:
+    """Processor time of all threads, s; largest resident memory, MB; what was said."""
+
+    seconds: float
+    peak_mb: float
+    stdout: str
+    stderr: str
+
+
+def cost_of(command: list[str]) -> Cost:
+    """Run one process and ask the system what it took; stop where it fails."""
+    with tempfile.TemporaryFile("w+") as out, tempfile.TemporaryFile("w+") as err:
+        process = subprocess.Popen(command, stdout=out, stderr=err)
+        _, status, usage = os.wait4(process.pid, 0)
+        process.returncode = os.waitstatus_to_exitcode(status)
+        stdout, stderr = (stream.seek(0) or stream.read() for stream in (out, err))
+    if process.returncode:
+        sys.exit(f"{' '.join(command)} ended with status {process.returncode}: {stderr.strip()}")
+    unit = 1024**2 if sys.platform == "darwin" else 1024  # bytes there, kilobytes elsewhere
+    return Cost(usage.ru_utime + usage.ru_stime, usage.ru_maxrss / unit, stdout, stderr)
+
+
+def estimate_command(image1: Path, image2: Path, camera: Path, folder: str, *more: str) -> list[str]:
+    """`slopemap estimate -v` with all its outputs, by the interpreter that runs this script."""
+    pair = [str(image1), str(image2), "--camera", str(camera)]
+    return [sys.executable, "-m", "slopecli", "estimate", *pair, "-o", folder, "-v", *more]
+
+
+def plain_command(image1: Path, image2: Path, camera: Path, matcher: str) -> list[str]:
+    numbers = json.loads(camera.read_text(encoding="utf-8"))
+    if "K" in numbers:
+        K = numbers["K"]
+        focal_and_centre = [K[0][0], K[1][1], K[0][2], K[1][2]]
+    else:
+        focal_and_centre = [numbers[name] for name in ("fx", "fy", "cx", "cy")]
+    return [sys.executable, "-c", PLAIN, str(image1), str(image2), *map(str, focal_and_centre), matcher]
+
+
+def least_of(commands: dict[str, list[str]], rounds: int = ROUNDS) -> dict[str, Cost]:
+    """The cheapest run of each command, run in turns."""
+    runs: dict[str, list[Cost]] = {name: [] for name in commands}
+    for _ in range(rounds):
+        for name, command in commands.items():
+            runs[name].append(cost_of(command))
+    return {name: min(costs, key=lambda cost: cost.seconds) for name, costs in runs.items()}
+
+
+def main() -> None:
+    if len(sys.argv) not in (1, 4):
+        sys.exit(f"usage: {sys.argv[0]} [IMAGE1 IMAGE2 CAMERA.json]")
+    files = [Path(name) for name in sys.argv[1:]] or [SAMPLE / n for n in ("image1.png", "image2.png", "camera.json")]
+    with tempfile.TemporaryDirectory() as folder:
+        commands = {"slopemap estimate": estimate_command(*files, folder)}
+        commands |= {f"OpenCV, {name}": plain_command(*files, name) for name in ("brute", "flann")}
+        costs = least_of(commands)
+    ours = costs["slopemap estimate"]
+    print(f"{'':18} {'processor':>10} {'peak memory':>12} {'slopemap takes':>15}")
+    for name, cost in costs.items():
+        ratio = "" if cost is ours else f"{ours.seconds / cost.seconds:14.2f}x"
+        print(f"{name:18} {cost.seconds:8.2f} s {cost.peak_mb:9.0f} MB {ratio}")
+    print(f"goals: at most {MAX_RATIO:g}x of either, peak below {MAX_PEAK_MB:g} MB\n\nstages of slopemap estimate -v")
+    print("\n".join(f"  {line}" for line in ours.stderr.splitlines() if line.endswith(" s")))
+
+
+if __name__ == "__main__":
+    main()
