@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 
 from slopecli.geometry.camera import pixels_from_rays
-from slopecli.geometry.metrics import normal_angle
 from slopecli.planes.scene import Scene, view_of
 from slopecli.planes.window_match import WindowMatch, no_match
 from slopecli.planes.windows import Window
@@ -17,6 +16,8 @@ REACHES = (0.75, 1.5, 3.0)  # how far to look, sides of the window
 MIN_NEAR, MIN_CHOSEN, MIN_SUPPORT = 20, 12, 2.0  # matches, matches on the plane, votes
 MOST = 300  # matches to borrow: more are no more certain of what they do not see
 ON_PLANE_PX = 1.0
+AGREED_SHARE = 0.5  # of the votes around a window that one plane must have
+PARALLEL_RAD = np.radians(10.0)  # planes this alike count as one orientation
 SAME_GREY = 30.0  # grey levels
 SIGMA_PX = 0.3  # of matches of the overview, generously
 SKETCH_PX, SEEN_SHARE = 24, 0.3
@@ -24,7 +25,15 @@ LONELY_RAD = np.radians(60.0)  # doubt about a borrowed plane that nothing aroun
 
 
 def borrow(window: Window, scene: Scene) -> WindowMatch:
-    """Matches around the window that lie on the plane it most likely belongs to: near it and of its brightness."""
+    """Matches of the plane the window most likely belongs to, or is parallel to, when none are found inside.
+
+    That is the plane around it where most of what lies around agrees on one; else, amid clutter, the orientation
+    that most of the scene shares. The doubt says how far the candidates disagree.
+    """
+    return _from_around(window, scene) or _from_scene(window, scene) or _nothing(window, scene)
+
+
+def _from_around(window: Window, scene: Scene) -> WindowMatch | None:
     evidence = scene.evidence
     for grow in REACHES:
         near = evidence.near(window, grow)
@@ -32,15 +41,46 @@ def borrow(window: Window, scene: Scene) -> WindowMatch:
             continue
         vote = near * _kinship(window, scene, grow)
         planes = [p for p in (evidence.plane_through(near), *scene.planes) if p is not None]
-        support = [float((vote * (evidence.misfit_px(p) < ON_PLANE_PX)).sum()) for p in planes]
-        best = int(np.argmax(support))
+        share = _shares(planes, scene, vote)
+        best = int(np.argmax(share))
         chosen = np.flatnonzero(near & (evidence.misfit_px(planes[best]) < ON_PLANE_PX))
-        if len(chosen) < MIN_CHOSEN or support[best] < MIN_SUPPORT:
-            continue
-        doubt = max(_disagreement(planes, support, best), LONELY_RAD * (1 - support[best] / float(vote.sum())))
-        return _as_match(thin(evidence.uv1, chosen, MOST), window, scene, planes[best], doubt)
+        if len(chosen) >= MIN_CHOSEN and vote.sum() * share[best] >= MIN_SUPPORT and share[best] >= AGREED_SHARE:
+            doubt = max(_disagreement(planes, share, best), LONELY_RAD * (1 - share[best]))
+            return _as_match(chosen, window, scene, planes[best], doubt, "this is the plane around it")
+    return None
+
+
+def _from_scene(window: Window, scene: Scene) -> WindowMatch | None:
+    if not scene.planes:
+        return None
+    near = scene.evidence.near(window, REACHES[-1])
+    local = _shares(scene.planes, scene, near * _kinship(window, scene, REACHES[-1]))
+    weight = local + _shares(scene.planes, scene, np.ones(len(scene.evidence)))
+    angle = _angles(scene.planes)
+    best = int(np.argmax(np.exp(-((angle / PARALLEL_RAD) ** 2)) @ weight))
+    chosen = np.flatnonzero(scene.evidence.misfit_px(scene.planes[best]) < ON_PLANE_PX)
+    if len(chosen) < MIN_CHOSEN:
+        return None
+    doubt = float(np.sqrt(weight @ angle[best] ** 2 / max(float(weight.sum()), 1e-9)))
+    words = "this is the orientation most of the scene shares, its distance is not the window's"
+    return _as_match(chosen, window, scene, scene.planes[best], doubt, words)
+
+
+def _nothing(window: Window, scene: Scene) -> WindowMatch:
     code, reason = _why_not(window, scene, None)
     return no_match(f"{reason}, and nothing around the window can be matched", code)
+
+
+def _shares(planes: list[FloatArray], scene: Scene, vote: FloatArray) -> FloatArray:
+    """(k,) of the votes of all matches, the share of those on each plane."""
+    on = np.array([scene.evidence.misfit_px(plane) < ON_PLANE_PX for plane in planes])
+    return np.asarray(on @ vote / max(float(vote.sum()), 1e-9))
+
+
+def _angles(planes: list[FloatArray]) -> FloatArray:
+    """(k, k) angles between planes, 0..pi/2."""
+    unit = np.array(planes) / np.linalg.norm(planes, axis=1, keepdims=True)
+    return np.asarray(np.arccos(np.clip(np.abs(unit @ unit.T), 0.0, 1.0)))
 
 
 def _kinship(window: Window, scene: Scene, grow: float) -> FloatArray:
@@ -53,8 +93,11 @@ def _kinship(window: Window, scene: Scene, grow: float) -> FloatArray:
     return np.asarray(np.exp(-(offset**2)) * np.exp(-(contrast**2)))
 
 
-def _as_match(chosen: IntArray, window: Window, scene: Scene, plane: FloatArray, doubt: float) -> WindowMatch:
+def _as_match(
+    chosen: IntArray, window: Window, scene: Scene, plane: FloatArray, doubt: float, words: str
+) -> WindowMatch:
     evidence = scene.evidence
+    chosen = thin(evidence.uv1, chosen, MOST)
     spacing = max(max(window[2:]) / 16, 1.0)
     index = np.round(evidence.uv1[chosen, ::-1] / spacing).astype(np.int64)
     x2 = evidence.x2[chosen]
@@ -70,7 +113,7 @@ def _as_match(chosen: IntArray, window: Window, scene: Scene, plane: FloatArray,
         origin="borrowed",
         score=0.0,
         share=0.0,
-        reason=f"{reason}: this is the plane around it",
+        reason=f"{reason}: {words}",
         code=code,
         doubt_rad=doubt,
     )
@@ -85,8 +128,6 @@ def _why_not(window: Window, scene: Scene, plane: FloatArray | None) -> tuple[st
     return "low-texture", "too little texture inside"
 
 
-def _disagreement(planes: list[FloatArray], support: list[float], best: int) -> float:
+def _disagreement(planes: list[FloatArray], share: FloatArray, best: int) -> float:
     """RMS angle between the chosen plane and the others, each weighted by the support it has."""
-    share = np.array(support) / max(sum(support), 1e-9)
-    angles = np.array([float(normal_angle(plane, planes[best])) for plane in planes])
-    return float(np.sqrt(share @ np.minimum(angles, np.pi - angles) ** 2))
+    return float(np.sqrt(share @ _angles(planes)[best] ** 2 / max(float(share.sum()), 1e-9)))

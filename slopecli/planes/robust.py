@@ -14,10 +14,11 @@ HYPOTHESES = 300
 GATE = 6.0  # robust sigmas; terrain is not Gaussian, and its hillocks belong to the plane one stands on
 CORE, HALF = 0.35, 0.50  # quantiles of the absolute residuals hypotheses are ranked by
 CORE_SIGMA, HALF_SIGMA = 0.4538, 0.6745  # and what they are of a Gaussian's sigma
+MINORITY = 0.25  # of a window may be left out as standing off, unless across a step
 STEP_GATE = 3.0  # robust sigmas of the core, where part of the window lies on another surface across a step
 STEP_SIGMAS = 6.0  # how far that part stands off
 DOUBT_SHARE = 0.35  # of the angle between the plane kept and the plane of all points
-STEP_GAP = 0.2  # at most this share of it lies in between: a crease or a hill fills the gap, a step does not
+STEP_EVEN, STEP_REST = 0.4, 0.25  # of that distance; at most this share of the part may be further from it
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,11 +79,14 @@ def _fit(rows: FloatArray, target: FloatArray, floor: float) -> RobustPlane:
     candidates = _triples(rows, target)
     residual = np.abs(target - candidates @ rows.T)
     core = candidates[_row_quantile(residual, CORE).argmin()]
-    step = _beyond_step(np.abs(target - rows @ core), floor)
+    step = _beyond_step(target - rows @ core, floor)
     if step is not None:
         return _reweighted(rows[~step], target[~step], core, floor, STEP_GATE).over(rows, target)
     half = candidates[_row_quantile(residual, HALF).argmin()]
-    return _reweighted(rows, target, half, floor, GATE)
+    plane = _reweighted(rows, target, half, floor, GATE)
+    if plane.inlier.mean() < 1 - MINORITY:  # what is left out is no minority but the shape of the ground
+        plane = _reweighted(rows, target, _least_squares(rows, target), floor, GATE)
+    return plane
 
 
 def _row_quantile(values: FloatArray, quantile: float) -> FloatArray:
@@ -91,15 +95,19 @@ def _row_quantile(values: FloatArray, quantile: float) -> FloatArray:
 
 
 def _beyond_step(residual: FloatArray, floor: float) -> BoolArray | None:
-    """(n,) points on the far side of a step, None when there is none."""
-    scale = max(float(np.quantile(residual, CORE)) / CORE_SIGMA, floor)
-    off = residual > STEP_GATE * scale
+    """(n,) points on the far side of a step, None when there is none.
+
+    Across a step lies a second surface, parallel and at one distance; a crater wall or a boulder is at all distances.
+    """
+    size = np.abs(residual)
+    scale = max(float(np.quantile(size, CORE)) / CORE_SIGMA, floor)
+    off = size > STEP_GATE * scale
     if off.mean() < 0.03 or off.mean() > 0.5:
         return None
     distance = float(np.median(residual[off]))
-    between = off & (residual < 0.6 * distance)
+    aside = off & (np.abs(residual - distance) > STEP_EVEN * abs(distance))
     spread = max(float(np.sqrt(np.mean(residual[~off] ** 2))), scale)
-    if distance < STEP_SIGMAS * spread or between.sum() > STEP_GAP * off.sum():
+    if abs(distance) < STEP_SIGMAS * spread or aside.sum() > STEP_REST * off.sum():
         return None
     return off
 
