@@ -1,0 +1,207 @@
+"""When a pair cannot tell, or tells little: every refusal and warning with its code, its number and its remedy."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from report_factory import grid_polygons, make_camera, make_image, make_planes
+from solution_factory import make_report_of, make_solution, with_second_root
+
+from slopecli.diagnosis import (
+    check_parallax,
+    diagnose,
+    epipole1_px,
+    parallax_px,
+    refuse_identical,
+    refuse_unmatched,
+)
+from slopecli.errors import NoAnswer
+from slopecli.geometry.camera import pixels_from_rays
+from slopecli.geometry.epipolar import homogeneous, rotation_from_vector
+from slopecli.simulate import project
+from slopecli.types import Diagnostic, FloatArray, Report
+
+CAMERA = make_camera()
+FOCAL = CAMERA.focal_px
+TURN = rotation_from_vector(np.radians([1.0, -2.0, 3.0]))
+
+
+def matches(
+    baseline: float, noise_px: float = 0.0, n: int = 400, R: FloatArray = TURN
+) -> tuple[FloatArray, FloatArray]:
+    """Normalised matches (n, 2) of ground at distances 0.8 to 1.2, after a rotation and a sideways move."""
+    rng = np.random.default_rng(1)
+    x1 = rng.uniform([-0.55, -0.4], [0.55, 0.4], (n, 2))
+    inverse_depth = baseline / rng.uniform(0.8, 1.2, n)
+    x2 = project(R, np.array([1.0, 0.0, 0.0]), x1, inverse_depth)
+    return x1, x2 + noise_px / FOCAL * rng.standard_normal(x2.shape)
+
+
+def codes(found: list[Diagnostic] | tuple[Diagnostic, ...]) -> list[str]:
+    return [diagnostic.code for diagnostic in found]
+
+
+def reported(report: Report) -> list[str]:
+    return codes(report.diagnostics)
+
+
+# ---- refusals ----
+
+
+def test_identical_images_are_refused() -> None:
+    image = make_image()
+    with pytest.raises(NoAnswer, match=r"^pure-rotation: the two images are identical") as refusal:
+        refuse_identical(image, replace(image, path="a copy of it.png"))
+    assert refusal.value.value == 0
+    assert "another place" in refusal.value.remedy
+
+
+def test_images_that_differ_in_one_pixel_or_in_size_are_not_identical() -> None:
+    image = make_image()
+    other = image.grey.copy()
+    other[5, 7] ^= 1
+    refuse_identical(image, replace(image, grey=other))
+    refuse_identical(image, replace(image, grey=image.grey[:-1]))
+
+
+@pytest.mark.parametrize(("found", "which"), [((7, 900), 1), ((900, 7), 2)])
+def test_too_few_features_blame_the_image_that_has_them(found: tuple[int, int], which: int) -> None:
+    with pytest.raises(NoAnswer, match=f"^low-texture: image {which} has only 7 distinctive points") as refusal:
+        refuse_unmatched(found, n_matches=5, n_inliers=4)
+    assert refusal.value.value == 7
+
+
+@pytest.mark.parametrize(("n_matches", "n_inliers"), [(90, 9), (0, 0), (400, 40)])
+def test_matches_that_do_not_agree_on_a_motion_are_no_overlap(n_matches: int, n_inliers: int) -> None:
+    """The last: more than 20 agree, but so few of so many do by chance."""
+    sentence = f"^no-overlap: of {n_matches} tentative matches only {n_inliers} agree"
+    with pytest.raises(NoAnswer, match=sentence) as refusal:
+        refuse_unmatched((900, 900), n_matches, n_inliers)
+    assert refusal.value.value == n_inliers
+    assert "same ground" in refusal.value.remedy
+
+
+def test_enough_agreeing_matches_pass() -> None:
+    refuse_unmatched((900, 900), n_matches=60, n_inliers=25)
+
+
+@pytest.mark.parametrize("noise_px", [0.0, 0.1, 0.5])
+def test_a_camera_that_only_turned_is_refused(noise_px: float) -> None:
+    parallax = parallax_px(*matches(baseline=0.0, noise_px=noise_px), FOCAL)
+    with pytest.raises(NoAnswer, match=r"^pure-rotation: a rotation .* explains all matches to \d") as refusal:
+        check_parallax(parallax, noise_px)
+    assert refusal.value.value == pytest.approx(np.quantile(parallax, 0.98))
+    assert "5 to 20 %" in refusal.value.remedy
+
+
+def test_a_rotation_is_seen_through_mismatches() -> None:
+    """One match in twenty is gross; the rotation is that of the others."""
+    x1, x2 = matches(baseline=0.0, noise_px=0.1)
+    x2[::20] += 0.1
+    parallax = np.delete(parallax_px(x1, x2, FOCAL), np.arange(0, 400, 20))
+    assert np.median(parallax) < 0.2
+
+
+def test_large_turns_leave_no_parallax() -> None:
+    roll = rotation_from_vector(np.array([0.0, 0.0, np.pi / 2]))
+    assert parallax_px(*matches(baseline=0.0, R=roll), FOCAL).max() < 1e-6
+
+
+def test_ample_parallax_says_nothing() -> None:
+    # over relief of 20 % of the height a baseline of a fifth of it moves points by a twentieth of it
+    assert check_parallax(parallax_px(*matches(baseline=0.2, noise_px=0.1), FOCAL), 0.1) == []
+
+
+def test_little_parallax_is_a_warning_with_its_number_and_how_much_farther_to_move() -> None:
+    parallax = parallax_px(*matches(baseline=0.02, noise_px=0.05), FOCAL)
+    (warning,) = check_parallax(parallax, 0.05)
+    assert (warning.code, warning.severity) == ("low-parallax", "warning")
+    assert warning.value == pytest.approx(np.median(parallax))
+    factor = float(str(warning.remedy).split()[1])
+    assert factor == pytest.approx(3 / np.median(parallax), abs=0.05)
+
+
+# ---- the epipole ----
+
+
+def test_the_epipole_is_the_pixel_the_camera_moves_towards() -> None:
+    T = np.array([0.1, -0.05, 1.0])
+    expected = CAMERA.K @ T
+    for sign in (1, -1):
+        found = epipole1_px(make_solution([10], T=sign * T), CAMERA)
+        assert found == pytest.approx(tuple(expected[:2]), abs=1e-6)
+
+
+@pytest.mark.parametrize("T", [(1.0, 0.0, 0.0), (1.0, 0.0, 1.0), (0.0, 1.0, 1e-12)])
+def test_an_epipole_outside_the_image_is_none(T: tuple[float, float, float]) -> None:
+    assert epipole1_px(make_solution([10], T=T), CAMERA) is None
+
+
+def test_the_epipole_is_in_the_image_as_stored() -> None:
+    distorted = replace(CAMERA, model="brown", distortion=(-0.2, 0.05))
+    T = np.array([0.3, 0.2, 1.0])
+    found = epipole1_px(make_solution([10], T=T), distorted)
+    assert found == pytest.approx(tuple(pixels_from_rays(distorted, T[None, :2])[0]))
+    ideal = epipole1_px(make_solution([10], T=T), CAMERA)
+    assert found is not None
+    assert ideal is not None
+    assert np.hypot(*np.subtract(found, ideal)) > 5
+
+
+def test_the_window_that_holds_the_epipole_is_named() -> None:
+    planes = make_planes(CAMERA, grid_polygons(CAMERA.width, CAMERA.height, 3, 3))
+    relief = {plane.id: 0.0 for plane in planes}
+    (found,) = diagnose(planes, relief, make_solution([10]), (600.0, 30.0))
+    assert (found.code, found.severity, found.value) == ("foe-in-window", "info", 3)
+    assert "window 3" in found.message
+    assert diagnose(planes, relief, make_solution([10]), None) == []
+
+
+def test_a_window_beside_the_epipole_is_not_named() -> None:
+    forward = make_report_of(make_solution([10], T=(0, 0, 1)))  # the epipole is the image centre, no window holds it
+    assert forward.epipole1_px == pytest.approx((CAMERA.cx, CAMERA.cy))
+    assert "foe-in-window" not in reported(forward)
+    held = make_report_of(make_solution([10], T=(0, 0, 1)), windows=[(260, 180, 120, 120)])
+    assert reported(held) == ["foe-in-window"]
+
+
+# ---- the solution ----
+
+
+def test_a_clean_answer_needs_no_words() -> None:
+    assert reported(make_report_of(make_solution([10, 20, 5]))) == []
+
+
+def test_relief_is_told_in_percent_of_the_distance() -> None:
+    report = make_report_of(make_solution([10, 20], relief=np.array([0.001, 0.045])))
+    (found,) = report.diagnostics
+    assert (found.code, found.severity, found.value) == ("non-planar-patch", "warning", 2)
+    assert "4.5 %" in found.message
+    assert found.remedy == "use smaller windows"
+
+
+def test_a_second_motion_is_a_warning_only_while_it_is_not_ruled_out() -> None:
+    solution = make_solution([10, 10])
+    (found,) = make_report_of(with_second_root(solution, [30, 30])).diagnostics
+    assert (found.code, found.severity, found.value) == ("single-plane", "warning", 2.5)
+    assert "third image" in str(found.remedy)
+    assert reported(make_report_of(with_second_root(solution, [30, 30], status="resolved"))) == []
+
+
+def test_a_solution_that_did_not_settle_is_a_poor_fit() -> None:
+    (found,) = make_report_of(make_solution([10], converged=False)).diagnostics
+    assert (found.code, found.severity) == ("poor-fit", "warning")
+    assert "camera file" in str(found.remedy)
+
+
+def test_parallax_is_what_the_rotation_does_not_explain() -> None:
+    """Level ground and a sideways move: all points shift alike, which a rotation explains but for its perspective."""
+    x1, _ = matches(baseline=0.0)
+    x2 = project(np.eye(3), np.array([1.0, 0.0, 0.0]), x1, np.full(len(x1), 0.1))
+    shift = np.linalg.norm(homogeneous(x2) - homogeneous(x1), axis=1) * FOCAL
+    parallax = parallax_px(x1, x2, FOCAL)
+    assert shift == pytest.approx(0.1 * FOCAL)
+    assert np.median(parallax) < 0.25 * np.median(shift)
+    assert np.median(parallax) > 1
