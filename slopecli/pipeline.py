@@ -242,9 +242,26 @@ def solve(
     solution = solve_planes(
         x1, x2, patch, options.solver, weights=weights, relief=relief, initial=initial, noise_gain=gain
     )
+    solution = _facing(solution, scene.T)
     solution = _beyond_systematics(solution, camera2_focal=scene.camera2.focal_px)
     correspondences = Correspondences(uv1, np.empty((0, 2)), x1, x2, patch)
     return Matched(windows, matches, answered, correspondences, weights), solution
+
+
+def _facing(solution: Solution, T: FloatArray) -> Solution:
+    """The solution on the side of the motion that puts the scene in front of the camera.
+
+    (T, N) and (-T, -N) are one homography; a solver that sees few patches may take a mismatched one for decisive.
+    """
+    if solution.T @ T >= 0:
+        return solution
+    return replace(
+        solution,
+        T=-solution.T,
+        scaled_normals=-solution.scaled_normals,
+        tangent=-solution.tangent,
+        normal_gain=-solution.normal_gain,
+    )
 
 
 def _beyond_systematics(solution: Solution, camera2_focal: float) -> Solution:

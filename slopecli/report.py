@@ -69,7 +69,7 @@ def build_report(
     every = tuple(
         _plane(k, matched, solution, slopes, up, cameras, options, scale, length) for k in range(len(matched.answered))
     )
-    planes = tuple(plane for plane in every if plane.slope_sigma_deg <= UNKNOWN_DEG)
+    planes = tuple(plane for plane in every if _known(plane))
     ids = [plane.id for plane in planes]
     relief = {plane.id: float(r) for plane, r in zip(every, solution.relief, strict=True)}
     epipole = epipole1_px(solution, cameras[0])
@@ -202,7 +202,7 @@ def _plane(
     normal = solution.scaled_normals[k]
     member = matched.correspondences.patch == k
     kept = member & solution.inlier
-    distance = length / float(np.linalg.norm(normal))
+    distance = _signed_distance(normal, matched.correspondences.x1[member], length)
     one = _only(slopes, k)
     low, high = np.degrees(slope_interval(one)[0])
     p_safe = float(probability_below(one, float(np.radians(options.tolerance_deg)))[0])
@@ -230,6 +230,12 @@ def _plane(
         status=status,
         reason=reason,
     )
+
+
+def _signed_distance(normal: FloatArray, x1: FloatArray, length: float) -> float:
+    """Perpendicular distance from camera 1, negative for a plane that mismatches have put behind it."""
+    ahead = float(np.median(homogeneous(x1) @ normal)) > 0
+    return (1 if ahead else -1) * length / float(np.linalg.norm(normal))
 
 
 def _only(slopes: Slopes, k: int) -> Slopes:
@@ -299,6 +305,11 @@ def _ambiguity(solution: Solution, matched: Matched, up: Up, length: float) -> A
     return AmbiguityReport(found.status, found.delta_chi2, remedy, Alternative(_motion(other, length), planes))
 
 
+def _known(plane: Plane) -> bool:
+    """Whether the matches say where the plane faces, and that it lies before the camera (NaN compares false)."""
+    return plane.slope_sigma_deg <= UNKNOWN_DEG and plane.distance > 0
+
+
 def _rejected(matched: Matched, planes: tuple[Plane, ...]) -> tuple[Rejected, ...]:
     """Windows without matches, and those whose matches leave the slope open."""
     bare = [
@@ -309,6 +320,6 @@ def _rejected(matched: Matched, planes: tuple[Plane, ...]) -> tuple[Rejected, ..
     vague = [
         Rejected(plane.id, plane.polygon_px, "low-texture", "too little texture: its matches leave the slope open")
         for plane in planes
-        if plane.slope_sigma_deg > UNKNOWN_DEG
+        if not _known(plane)
     ]
     return tuple(sorted(bare + vague, key=lambda window: window.id))

@@ -15,7 +15,7 @@ from slopecli.geometry.observations import Observations, Prediction
 from slopecli.geometry.robust import gate_squared, residual_scale
 from slopecli.types import BoolArray, FloatArray
 
-_STAND_OFF = 6.0  # robust standard deviations beyond which a point of a minority counts as standing off
+_STAND_OFF = 4.0  # robust standard deviations beyond which a point of a minority counts as standing off
 _MINORITY = 0.25  # a larger share is the shape of the terrain, and its best-fit plane is wanted
 _SCORING_STEPS = 5  # relief is the fixed point of a scoring step that converges by a factor of several each time
 

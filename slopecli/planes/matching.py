@@ -69,6 +69,10 @@ def search_plane(window: Window, scene: Scene) -> list[FloatArray]:
         fits += [align_plane(view, fit.normal, 8) for fit in sweep_planes(view, depths)]
     fits.sort(key=lambda fit: -fit.score)
     best = [fit for fit in fits[:1] if fit.score > 0.3]
+    if (
+        not best and candidates[0] is not None
+    ):  # too little of it is in image 2 to compare, but some of that was matched
+        return [candidates[0]]
     return [fit.normal for fit in (_sharpen(window, scene, fit) for fit in best) if _informed(fit)]
 
 
@@ -118,6 +122,7 @@ def _usable(cells: Cells, scene: Scene, possible: float) -> WindowMatch:
     residual = np.abs(epipolar_residual(scene.R, scene.T, x1, x2)) * focal * cells.pixel_scale
     good = np.isfinite(x2).all(1) & np.isfinite(x1).all(1) & (residual < 1.0)
     good &= (variance[:, 0] * cells.pixel_scale**2 < MAX_SIGMA_PX**2) & (cells.agreement > 0.3)
+    good[good] &= inverse_depth(scene.R, scene.T, x1[good], x2[good])[0] > 0
     share = float(good.sum() / possible)
     if good.sum() < 8 or share < 0.04:
         return no_match("too few matches")

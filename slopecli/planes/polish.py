@@ -15,7 +15,7 @@ from slopecli.vision.photometric import PlaneFit, View, align_plane, cell_shifts
 from slopecli.vision.warp import sample_map
 
 CLEAR_SCORE, CLEAR_SHARE = 0.9, 0.6  # where flow sees this much this well, alignment adds nothing
-PLANAR_RATIO = 8.0  # misfit to the plane over the predicted variance of the matches: beyond it there is relief
+PLANAR_RATIO = 5.0  # misfit to the plane over the predicted variance of the matches: beyond it there is relief
 POLISH_FLOOR_PX = 0.02  # px of the grid
 FAINTEST_PX = 1.0  # cells known worse than this add nothing
 FAINT_SCORE, FAINT_PIXELS = 0.85, 100 * 100  # below both, other planes of the scene are tried as starts

@@ -11,12 +11,12 @@ from slopecli.geometry.metrics import normal_angle
 from slopecli.types import BoolArray, FloatArray
 
 HYPOTHESES = 300
-GATE = 6.0  # robust sigmas; terrain is not Gaussian, and its hillocks belong to the plane one stands on
+GATE = 4.5  # robust sigmas; terrain is not Gaussian, and its hillocks belong to the plane one stands on
 CORE, HALF = 0.35, 0.50  # quantiles of the absolute residuals hypotheses are ranked by
 CORE_SIGMA, HALF_SIGMA = 0.4538, 0.6745  # and what they are of a Gaussian's sigma
 MINORITY = 0.25  # of a window may be left out as standing off, unless across a step
 STEP_GATE = 3.0  # robust sigmas of the core, where part of the window lies on another surface across a step
-STEP_SIGMAS = 6.0  # how far that part stands off
+STEP_SIGMAS = 7.0  # RMS of the rest: how far that part stands off
 DOUBT_SHARE = 0.35  # of the angle between the plane kept and the plane of all points
 STEP_EVEN, STEP_REST = 0.4, 0.25  # of that distance; at most this share of the part may be further from it
 
