@@ -20,6 +20,7 @@ from slopecli.vision.photometric import PlaneFit, align_plane, sweep_planes
 
 COARSE_PX = 48  # planes are searched for at about this many pixels a side
 EASY_SHARE = 0.25  # of the window covered by matches of the overview: then they give the first plane
+PART_SHARE = 0.1  # of a window, when too little of it is in image 2 for its planes to be compared
 GOOD_SCORE = 0.8  # photometric correlation at which no further plane is searched for
 SWEEP_LIMIT = 60
 INFORMED_DEG = 8.0  # 1-sigma of the normal from the pixels alone above which a window is too bare to answer by itself
@@ -27,10 +28,9 @@ PIXEL_CORRELATION = 3.0  # neighbouring pixels share noise and interpolation: st
 GREY_NOISE = 2.0  # grey levels; sensor noise of 8-bit images
 FLOOR_PX = 0.03  # px of the grid: what interpolation and the flow's own quantisation leave
 MAX_SIGMA_PX = 0.5  # px of the grid: cells matched worse than this are not used
-SCARCE_SHARE, SCARCE_RAD = (
-    0.15,
-    np.radians(10.0),
-)  # matched over less than this, the rest of a window may tilt otherwise
+# matched over less than this share, or agreeing less than this, a window may tilt otherwise than its matches say
+SCARCE_SHARE, SCARCE_RAD = 0.3, np.radians(10.0)
+FAINT_SCORE, FAINT_RAD = 0.8, np.radians(10.0)
 
 
 def match_window(window: Window, scene: Scene) -> WindowMatch:
@@ -44,7 +44,16 @@ def match_window(window: Window, scene: Scene) -> WindowMatch:
         match = _dense_match(window, scene, fit)
         if match.origin == "own":
             return match
-    return borrow(window, scene)
+    return _part(window, scene) or borrow(window, scene)
+
+
+def _part(window: Window, scene: Scene) -> WindowMatch | None:
+    """Matches of the part of the window that image 2 shows, where that is enough to speak for it."""
+    normal = scene.evidence.plane_through(scene.evidence.near(window, 0.0))
+    if normal is None:
+        return None
+    match = _dense_match(window, scene, normal)
+    return match if match.share >= PART_SHARE else None
 
 
 def plane_from_overview(window: Window, scene: Scene) -> FloatArray | None:
@@ -128,10 +137,10 @@ def _usable(cells: Cells, scene: Scene, possible: float) -> WindowMatch:
         return no_match("too few matches")
     w, leverage = inverse_depth(scene.R, scene.T, x1[good], x2[good])
     plane = robust_plane(x1[good], w, leverage, 0.03 / focal / cells.pixel_scale)
-    doubt = SCARCE_RAD * max(0.0, 1 - share / SCARCE_SHARE)
+    score = float(np.median(cells.agreement[good]))
+    doubt = SCARCE_RAD * max(0.0, 1 - share / SCARCE_SHARE) + FAINT_RAD * max(0.0, 1 - score / FAINT_SCORE)
     doubt += plane.doubt_rad(homogeneous(x1[good]) * leverage[:, None], w * leverage)
     keep = np.flatnonzero(good)[plane.inlier]
-    score = float(np.median(cells.agreement[good]))
     across = epipolar_residual(scene.R, scene.T, x1[keep], x2[keep]) * focal
     variance = variance[keep] * overdispersion(across**2 / variance[keep, 1])
     return WindowMatch(

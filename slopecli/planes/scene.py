@@ -40,8 +40,9 @@ def view_of(window: Window, scene: Scene, side_px: int, border: bool) -> View:
     x, y, w, h = window
     shrink_by = max(w, h) / side_px
     layer = scene.pyramid1.at(shrink_by)
-    margin = BORDER_PX / float(layer.scale.min()) if border else 0.0
-    grid = cut(layer, x - margin, y - margin, w + 2 * margin, h + 2 * margin)
+    margin = BORDER_PX * max(shrink_by, 1.0) if border else 0.0
+    side = round(side_px * (1 + 2 * margin / max(w, h)))
+    grid = cut(layer, x - margin, y - margin, w + 2 * margin, h + 2 * margin, side)
     return make_view(
         grid,
         lambda uv: rays_from_pixels(scene.camera1, uv),

@@ -27,8 +27,8 @@ class Grid:
     """A working grid: `grey` holds image 1 there; pixel (i, j) of it lies at (x0 + i, y0 + j) of the shrunken image."""
 
     grey: Grey
-    x0: int
-    y0: int
+    x0: float
+    y0: float
     scale: FloatArray  # (2,) shrunken px per full px, exact per axis
 
     @property
@@ -74,8 +74,8 @@ class Pyramid:
         self._layers = [Layer(grey, np.ones(2))]
 
     def at(self, shrink_by: float) -> Layer:
-        """The coarsest layer that is no coarser than `shrink_by` full pixels a pixel."""
-        level = max(0, int(np.floor(np.log2(max(shrink_by, 1.0)) + 0.25)))
+        """The coarsest layer that is no coarser than `shrink_by` full pixels a pixel, a sixth of an octave aside."""
+        level = max(0, int(np.floor(np.log2(max(shrink_by, 1.0)) + 0.17)))
         while len(self._layers) <= level:
             last = self._layers[-1].grey
             size = (max(1, last.shape[1] // 2), max(1, last.shape[0] // 2))
@@ -85,13 +85,24 @@ class Pyramid:
         return self._layers[level]
 
 
-def cut(layer: Layer, x: float, y: float, width: float, height: float) -> Grid:
-    """Working grid over the rectangle (full-resolution px of image 1), clipped to the image."""
+def cut(layer: Layer, x: float, y: float, width: float, height: float, side: int | None = None) -> Grid:
+    """Working grid over the rectangle (full-resolution px of image 1), clipped to the image.
+
+    side : average the grid down until the rectangle's longer side has this many pixels, so that the same ground is
+    seen alike however large the image is.
+    """
     rows, columns = layer.grey.shape
     x0, y0 = max(0, int(np.floor(x * layer.scale[0]))), max(0, int(np.floor(y * layer.scale[1])))
     x1 = min(columns, int(np.ceil((x + width) * layer.scale[0])))
     y1 = min(rows, int(np.ceil((y + height) * layer.scale[1])))
-    return Grid(np.ascontiguousarray(layer.grey[y0:y1, x0:x1]), x0, y0, layer.scale)
+    crop = np.ascontiguousarray(layer.grey[y0:y1, x0:x1])
+    factor = 1.0 if side is None else side / (max(width, height) * float(layer.scale.mean()))
+    if factor >= 1.0 or min(crop.shape) < 2:
+        return Grid(crop, x0, y0, layer.scale)
+    size = (max(1, round(crop.shape[1] * factor)), max(1, round(crop.shape[0] * factor)))
+    ratio = np.array(size) / [crop.shape[1], crop.shape[0]]
+    small = np.asarray(cv2.resize(crop, size, interpolation=cv2.INTER_AREA), np.uint8)
+    return Grid(small, x0 * float(ratio[0]), y0 * float(ratio[1]), layer.scale * ratio)
 
 
 def magnification(transfer_values: FloatImage, grid: Grid) -> float:
