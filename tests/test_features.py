@@ -1,4 +1,4 @@
-"""Sparse features: where they lie, to hundredths of a pixel, and what turns, scales and exposure do to their matches."""
+"""Sparse features: where they lie, to hundredths of a pixel, and what turns, scales and exposure do to them."""
 
 from __future__ import annotations
 

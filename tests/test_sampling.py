@@ -110,7 +110,8 @@ def test_gaps_between_the_cells_do_not_count_as_agreement() -> None:
 
 def test_where_the_window_lies_and_the_unit_of_errors_do_not_count() -> None:
     index, values = window(smoothed(np.random.default_rng(4), 3))
-    assert correlation_gain([(index + [700, -30], 1e-5 * values)]) == pytest.approx(correlation_gain([(index, values)]))
+    elsewhere = index + np.array([700, -30])
+    assert correlation_gain([(elsewhere, 1e-5 * values)]) == pytest.approx(correlation_gain([(index, values)]))
 
 
 def test_a_few_wild_errors_do_not_hide_what_is_shared() -> None:

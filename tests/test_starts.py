@@ -131,7 +131,7 @@ def test_motions_are_ranked_by_how_well_they_fit() -> None:
 
 def test_repeats_are_dropped_but_not_rivals() -> None:
     first, again = motion(R, T), motion(turn(0.5) @ R, T)
-    turned, moved = motion(turn(1.5) @ R, T), motion(R, unit(*(T + [0.0, 0.06, 0.0])))
+    turned, moved = motion(turn(1.5) @ R, T), motion(R, unit(*(T + np.array([0.0, 0.06, 0.0]))))
     assert distinct_motions([first, again, turned, moved]) == [first, turned, moved]
     assert distinct_motions([first, again, turned, moved], limit=2) == [first, turned]
 

@@ -70,6 +70,18 @@ def test_a_cut_holds_its_rectangle_and_little_more(plane: Pair, box: tuple[int, 
     assert ((high >= wanted_high - 1e-9) & (high < wanted_high + more)).all()
 
 
+@pytest.mark.parametrize("side", [40, 77])
+def test_a_cut_averaged_down_shows_things_where_they_are(side: int) -> None:
+    y, x = np.mgrid[:240, :320]
+    blob = to_grey(220 * np.exp(-((x - 171.4) ** 2 + (y - 96.7) ** 2) / (2 * 9**2)))
+    grid = cut(Layer(blob, FULL), 101, 53, 130, 80, side)
+    weight = grid.grey.ravel().astype(float)
+    middle = (grid.full(points_of(grid)) * weight[:, None]).sum(0) / weight.sum()
+    assert grid.shape[1] == side
+    np.testing.assert_allclose(middle, [171.4, 96.7], atol=0.05)
+    np.testing.assert_allclose(grid.inside(grid.full(points_of(grid))), points_of(grid), atol=1e-9)
+
+
 @pytest.mark.parametrize("camera", [make_camera(), BROWN], ids=["pinhole", "brown"])
 @pytest.mark.parametrize("limit", [1e6, 2e4])
 def test_maps_follow_the_truth_to_hundredths_of_a_grid_pixel(camera: object, limit: float) -> None:
