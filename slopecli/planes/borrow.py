@@ -21,6 +21,8 @@ PARALLEL_RAD = np.radians(10.0)  # planes this alike count as one orientation
 SAME_GREY = 30.0  # grey levels
 SIGMA_PX = 0.3  # of matches of the overview, generously
 SKETCH_PX, SEEN_SHARE = 24, 0.3
+TEXTURED_GREY = 12.0  # standard deviation of a window that ought to have been matched
+UNEXPLAINED_RAD = np.radians(20.0)  # doubt about the plane around a window that was not found on it
 LONELY_RAD = np.radians(60.0)  # doubt about a borrowed plane that nothing around the window supports
 
 
@@ -103,6 +105,8 @@ def _as_match(
     x2 = evidence.x2[chosen]
     variance = np.full((len(chosen), 2), SIGMA_PX**2)
     code, reason = _why_not(window, scene, plane)
+    if code == "poor-fit":  # had it been on this plane, it would have matched there
+        doubt = max(doubt, UNEXPLAINED_RAD)
     return WindowMatch(
         uv1=evidence.uv1[chosen],
         uv2=pixels_from_rays(scene.camera2, x2),
@@ -125,6 +129,10 @@ def _why_not(window: Window, scene: Scene, plane: FloatArray | None) -> tuple[st
         mapping = view_of(window, scene, SKETCH_PX, border=False).mapping(plane)
         if covered(mapping, scene.shape2).mean() < SEEN_SHARE:
             return "no-overlap", "not in image 2"
+    x, y, w, h = window
+    contrast = float(scene.pyramid1.at(1.0).grey[y : y + h, x : x + w].std())
+    if contrast > TEXTURED_GREY:
+        return "poor-fit", "textured, but no match found inside"
     return "low-texture", "too little texture inside"
 
 

@@ -15,6 +15,7 @@ GATE = 4.5  # robust sigmas; terrain is not Gaussian, and its hillocks belong to
 CORE, HALF = 0.35, 0.50  # quantiles of the absolute residuals hypotheses are ranked by
 CORE_SIGMA, HALF_SIGMA = 0.4538, 0.6745  # and what they are of a Gaussian's sigma
 MINORITY = 0.25  # of a window may be left out as standing off, unless across a step
+CORES = 12  # best hypotheses of the core that are tried for a step
 STEP_GATE = 3.0  # robust sigmas of the core, where part of the window lies on another surface across a step
 STEP_SIGMAS = 7.0  # RMS of the rest: how far that part stands off
 DOUBT_SHARE = 0.35  # of the angle between the plane kept and the plane of all points
@@ -78,10 +79,10 @@ def _relief_weight(misfit: FloatArray, w: FloatArray, leverage: FloatArray, floo
 def _fit(rows: FloatArray, target: FloatArray, floor: float) -> RobustPlane:
     candidates = _triples(rows, target)
     residual = np.abs(target - candidates @ rows.T)
-    core = candidates[_row_quantile(residual, CORE).argmin()]
-    step = _beyond_step(target - rows @ core, floor)
-    if step is not None:
-        return _reweighted(rows[~step], target[~step], core, floor, STEP_GATE).over(rows, target)
+    for core in candidates[_row_quantile(residual, CORE).argsort()[:CORES]]:
+        step = _beyond_step(target - rows @ core, floor)
+        if step is not None:
+            return _reweighted(rows[~step], target[~step], core, floor, STEP_GATE).over(rows, target)
     half = candidates[_row_quantile(residual, HALF).argmin()]
     plane = _reweighted(rows, target, half, floor, GATE)
     if plane.inlier.mean() < 1 - MINORITY:  # what is left out is no minority but the shape of the ground

@@ -30,9 +30,11 @@ def overview_cells(
 
 def sparse_transfer(uv1: FloatArray, uv2: FloatArray, scale: FloatArray, shape: tuple[int, int]) -> Transfer:
     """A smooth map through the matches: their dominant homography plus what it misses, spread from near to far."""
-    H, _ = cv2.findHomography(uv1, uv2, cv2.USAC_MAGSAC, 20.0)
-    if H is None:
-        H, _ = cv2.findHomography(uv1, uv2, 0)
+    H = None
+    if len(uv1) >= 4:
+        H, _ = cv2.findHomography(uv1, uv2, cv2.USAC_MAGSAC, 20.0)
+        if H is None:
+            H, _ = cv2.findHomography(uv1, uv2, 0)
     if H is None:
         H = np.eye(3)
     apply = lambda uv: cv2.perspectiveTransform(np.asarray(uv, float)[:, None], H)[:, 0]  # noqa: E731
@@ -40,8 +42,9 @@ def sparse_transfer(uv1: FloatArray, uv2: FloatArray, scale: FloatArray, shape: 
 
     def transfer(uv: FloatArray) -> FloatArray:
         node = (((uv + 0.5) * scale) / FIELD_STEP - 0.5).astype(np.float32)
-        missed = cv2.remap(field, node[None, :, 0], node[None, :, 1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
-        return np.asarray(apply(uv) + missed[0], float)
+        at = node[:, None]  # a column: OpenCV bears no more than 32767 points in a row
+        missed = cv2.remap(field, at[..., 0], at[..., 1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+        return np.asarray(apply(uv) + missed[:, 0], float)
 
     return transfer
 

@@ -113,7 +113,14 @@ def align_plane(view: View, normal: FloatArray, iterations: int = 10) -> PlaneFi
     mapping = view.mapping(normal)
     valid = covered(mapping, view.shape2)
     score = correlation(normalise(grey, radius), normalise(_pull(view, mapping), radius), valid)
-    return PlaneFit(normal, score, np.asarray(np.linalg.pinv(system), float))
+    return PlaneFit(normal, score, _covariance(system))
+
+
+def _covariance(system: FloatArray) -> FloatArray:
+    """(3, 3) inverse of the normal matrix; infinite where the pixels say nothing."""
+    if not np.isfinite(system).all() or np.linalg.cond(system) > 1e14 or np.trace(system) < 1e-9:
+        return np.full((3, 3), np.inf)
+    return np.asarray(np.linalg.inv(system), float)
 
 
 Linear = tuple[

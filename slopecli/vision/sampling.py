@@ -14,9 +14,11 @@ MAX_GAIN = 4.0
 
 def sample_grey(grey: Grey, uv: FloatArray) -> FloatArray:
     """(n,) bilinear brightness of an image at pixels (n, 2)."""
-    at = uv.astype(np.float32)[None]
+    if len(uv) == 0:
+        return np.empty(0)
+    at = uv.astype(np.float32)[:, None]  # a column: OpenCV bears no more than 32767 points in a row
     return np.asarray(
-        cv2.remap(grey, at[..., 0], at[..., 1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)[0], float
+        cv2.remap(grey, at[..., 0], at[..., 1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)[:, 0], float
     )
 
 
@@ -32,7 +34,11 @@ def thin(uv: FloatArray, index: IntArray, limit: int) -> IntArray:
     order = np.argsort(code, kind="stable")
     starts = np.flatnonzero(np.r_[True, np.diff(code[order]) > 0])
     rank = np.arange(len(order)) - np.repeat(starts, np.diff(np.r_[starts, len(order)]))
-    chosen = order[np.argsort(rank, kind="stable")[:limit]]
+    by_rank = np.argsort(rank, kind="stable")
+    whole = by_rank[: np.searchsorted(rank[by_rank], rank[by_rank[limit]])]  # rounds that fit in full
+    last = by_rank[rank[by_rank] == rank[by_rank[limit]]]
+    evenly = last[np.linspace(0, len(last) - 1, limit - len(whole)).round().astype(int)]
+    chosen = order[np.concatenate([whole, evenly])]
     return np.sort(index[chosen])
 
 

@@ -13,6 +13,7 @@ Motion = tuple[FloatArray, FloatArray]
 SIGMA_PX = (0.05, 0.7)  # the noise of sparse matches lies between these; more is mismatch
 SCORE_PX = 0.5  # motions compete on squared residuals truncated at four of these
 HALVES = 16
+HOMOGRAPHY_PX = 2.0
 DISTINCT_RAD = np.radians(1.0)
 
 
@@ -26,7 +27,7 @@ def starting_motions(x1: FloatArray, x2: FloatArray, focal_px: float, thorough: 
     """
     if len(x1) < 8:
         return []
-    candidates = _essential_motions(x1, x2, focal_px, thorough) + _homography_motions(x1, x2)
+    candidates = _essential_motions(x1, x2, focal_px, thorough) + _homography_motions(x1, x2, focal_px)
     bounds = (SIGMA_PX[0] / focal_px, SIGMA_PX[1] / focal_px)
     refined = [refine_motion(R, T, x1, x2, bounds) for R, T in candidates]
     return rank_motions(refined, x1, x2, focal_px)
@@ -80,10 +81,17 @@ def _five_point(x1: FloatArray, x2: FloatArray, method: int, threshold: float) -
     return motions
 
 
-def _homography_motions(x1: FloatArray, x2: FloatArray) -> list[Motion]:
-    H, _ = cv2.findHomography(x1, x2, cv2.LMEDS)  # no threshold: relief off the dominant plane may be many pixels
-    if H is None:
-        return []
+def _homography_motions(x1: FloatArray, x2: FloatArray, focal_px: float) -> list[Motion]:
+    """Both roots of the dominant homography, found without a threshold (relief may be many pixels) and with one
+    (most matches may be wrong)."""
+    found = (
+        cv2.findHomography(x1, x2, cv2.LMEDS),
+        cv2.findHomography(x1, x2, cv2.RANSAC, HOMOGRAPHY_PX / focal_px),
+    )
+    return [motion for H, _ in found if H is not None for motion in _roots(np.asarray(H, float))]
+
+
+def _roots(H: FloatArray) -> list[Motion]:
     count, rotations, translations, _ = cv2.decomposeHomographyMat(H, np.eye(3))
     motions: list[Motion] = []
     for R, t in zip(rotations[:count], translations[:count], strict=True):
