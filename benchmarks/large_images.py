@@ -22,6 +22,7 @@ from whole_program import SAMPLE, Cost, cost_of, estimate_command
 
 MEGAPIXELS = 20.0
 MAX_SECONDS, MAX_PEAK_MB, MAX_CHANGE_DEG = 20.0, 2500.0, 0.3
+SURE_DEG = 1.0  # windows that image 2 hardly shows are uncertain by more, and may change by as much
 DRONE = Path("real/drone-copr-beach/IMG_0031__IMG_0034.truth.json")
 INTRINSICS = ("fx", "fy", "cx", "cy")
 
@@ -74,9 +75,9 @@ def answer(folder: Path) -> dict[int, dict[str, Any]]:
 
 
 def differences(small: dict[int, dict[str, Any]], large: dict[int, dict[str, Any]]) -> tuple[list[float], list[float]]:
-    """Change of slope and angle between the normals, degrees, of the windows that are "ok" in both."""
+    """Change of slope and angle between the normals, degrees, of the windows that are well known in both."""
     both = [(small[i], large[i]) for i in sorted(small.keys() & large.keys())]
-    both = [(a, b) for a, b in both if a["status"] == b["status"] == "ok"]
+    both = [(a, b) for a, b in both if max(a["slope_sigma_deg"], b["slope_sigma_deg"]) < SURE_DEG]
     slopes = [abs(a["slope_deg"] - b["slope_deg"]) for a, b in both]
     normals = [math.degrees(math.asin(np.linalg.norm(np.cross(a["normal_cam1"], b["normal_cam1"])))) for a, b in both]
     return slopes, normals
@@ -100,11 +101,9 @@ def main() -> None:
             answers.append(answer(folder))
     slopes, normals = differences(*answers)
     print(f"goals, scaled up: below {MAX_SECONDS:g} s and {MAX_PEAK_MB:g} MB")
-    print(f"windows answered: {len(answers[0])} and {len(answers[1])}; seen by both images, status ok: {len(slopes)}")
+    print(f"windows answered: {len(answers[0])} and {len(answers[1])}; sigma below {SURE_DEG:g} deg: {len(slopes)}")
     if slopes:
-        print(
-            f"largest change of slope {max(slopes):.2f} deg, of normal {max(normals):.2f} deg (goal {MAX_CHANGE_DEG:g})"
-        )
+        print(f"largest change, deg: slope {max(slopes):.2f}, normal {max(normals):.2f} (goal {MAX_CHANGE_DEG:g})")
 
 
 if __name__ == "__main__":
