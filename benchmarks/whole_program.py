@@ -102,8 +102,8 @@ def main() -> None:
     ours = costs["slopemap estimate"]
     print(f"{'':18} {'processor':>10} {'peak memory':>12} {'slopemap takes':>15}")
     for name, cost in costs.items():
-        ratio = "" if cost is ours else f"{ours.seconds / cost.seconds:14.2f}x"
-        print(f"{name:18} {cost.seconds:8.2f} s {cost.peak_mb:9.0f} MB {ratio}")
+        ratio = "" if cost is ours else f" {ours.seconds / cost.seconds:14.2f}x"
+        print(f"{name:18} {cost.seconds:8.2f} s {cost.peak_mb:9.0f} MB{ratio}")
     print(f"goals: at most {MAX_RATIO:g}x of either, peak below {MAX_PEAK_MB:g} MB\n\nstages of slopemap estimate -v")
     print("\n".join(f"  {line}" for line in ours.stderr.splitlines() if line.endswith(" s")))
 
