@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 from typing import Literal
 
 import numpy as np
@@ -13,14 +13,14 @@ from slopecli.geometry.homography import homography_in_pixels, homography_of_pla
 from slopecli.geometry.metrics import rotation_angle
 from slopecli.geometry.slope import measure_slopes, probability_below, slope_interval
 from slopecli.options import Options
+from slopecli.planes.joint import Matched
 from slopecli.planes.window_match import WindowMatch
-from slopecli.planes.windows import Window, paint_labels, window_polygon
+from slopecli.planes.windows import paint_labels, window_polygon
 from slopecli.types import (
     Alternative,
     AlternativePlane,
     AmbiguityReport,
     Camera,
-    Correspondences,
     Diagnostic,
     Fit,
     FloatArray,
@@ -42,17 +42,6 @@ CAMERA_UP = (0.0, 0.0, -1.0)  # the camera looks straight down
 UNKNOWN_DEG = 60.0  # a slope whose 1-sigma is larger than this is no answer
 ROUGH = 0.03  # RMS height off the plane over distance beyond which a window is not one plane
 BORROWED_SIGMA_DEG = 5.0  # terrain next to a window tells its slope no better than this
-
-
-@dataclass(frozen=True, eq=False)
-class Matched:
-    """All windows, their matches, which of them are answered (in patch order), and what the solver was given."""
-
-    windows: list[Window]
-    matches: list[WindowMatch]
-    answered: list[int]
-    correspondences: Correspondences
-    weights: FloatArray
 
 
 def build_report(

@@ -9,9 +9,10 @@ from report_factory import make_camera, make_image, normal_of
 
 from slopecli.geometry.epipolar import homogeneous, tangent_basis
 from slopecli.options import Options
+from slopecli.planes.joint import Matched
 from slopecli.planes.window_match import WindowMatch, no_match
 from slopecli.planes.windows import Window
-from slopecli.report import Matched, build_report
+from slopecli.report import build_report
 from slopecli.simulate import project
 from slopecli.types import Ambiguity, Correspondences, FloatArray, Report, Solution
 

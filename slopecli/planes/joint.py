@@ -1,0 +1,120 @@
+"""All windows together: their matches stacked and weighed, and one motion with all their planes solved from them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import numpy as np
+
+from slopecli.errors import NoAnswer
+from slopecli.geometry.camera import pixels_from_rays
+from slopecli.geometry.motion import MotionEstimate, epipolar_residual
+from slopecli.geometry.solve import solve_planes
+from slopecli.planes.evidence import Evidence
+from slopecli.planes.scene import Scene
+from slopecli.planes.window_match import WindowMatch
+from slopecli.planes.windows import Window
+from slopecli.types import Correspondences, FloatArray, IntArray, Solution
+from slopecli.vision.sampling import correlation_gain, thin
+
+OUTSIDE_POINTS = 1500  # matches outside the windows that join the solution: more add time, not accuracy
+OUTSIDE_SIGMA_PX = 0.10  # of a cell of the overview, px of its working grid
+REFERENCE_PX = 0.05  # weights are relative to a match this good
+SYSTEMATIC_PX = 0.02  # RMS misfit that lens models, interpolation and shading leave in the best of pairs
+
+
+@dataclass(frozen=True, eq=False)
+class Matched:
+    """All windows with their matches, and what of them the solver is given.
+
+    answered : indices of the windows that have matches, in patch order.
+    weights : (n,) of the correspondences, inverse variances relative to REFERENCE_PX.
+    """
+
+    windows: list[Window]
+    matches: list[WindowMatch]
+    answered: list[int]
+    correspondences: Correspondences
+    weights: FloatArray
+
+
+def join_windows(windows: list[Window], matches: list[WindowMatch], scene: Scene) -> Matched:
+    """Stack the windows' matches, one patch each, and for the motion some of those outside them (patch -1).
+
+    Raises
+    ------
+    NoAnswer : no window has matches.
+    """
+    answered = [i for i, match in enumerate(matches) if match.origin != "none"]
+    if not answered:
+        raise NoAnswer(
+            "low-texture",
+            f"none of the {len(windows)} windows can be matched: {matches[0].reason}",
+            "choose windows with texture that both images show",
+        )
+    parts, evidence = [matches[i] for i in answered], scene.evidence
+    outside = _outside(evidence, [windows[i] for i in answered])
+    correspondences = Correspondences(
+        uv1=np.vstack([*(p.uv1 for p in parts), evidence.uv1[outside]]),
+        uv2=np.vstack([*(p.uv2 for p in parts), pixels_from_rays(scene.camera2, evidence.x2[outside])]),
+        x1=np.vstack([*(p.x1 for p in parts), evidence.x1[outside]]),
+        x2=np.vstack([*(p.x2 for p in parts), evidence.x2[outside]]),
+        patch=np.repeat([*range(len(parts)), -1], [*(len(p.x1) for p in parts), len(outside)]),
+    )
+    outside_sigma = OUTSIDE_SIGMA_PX / float(scene.pyramid1.overview_scale.mean())
+    variance = np.concatenate([*(p.variance_px[:, 0] for p in parts), np.full(len(outside), outside_sigma**2)])
+    return Matched(windows, matches, answered, correspondences, REFERENCE_PX**2 / variance)
+
+
+def _outside(evidence: Evidence, windows: list[Window]) -> IntArray:
+    free = np.ones(len(evidence), bool)
+    for window in windows:
+        free &= ~evidence.near(window, 0.0)
+    return thin(evidence.uv1, np.flatnonzero(free), OUTSIDE_POINTS)
+
+
+def solve_jointly(
+    matched: Matched, scene: Scene, motions: list[MotionEstimate], solver: Literal["mle", "ha", "lh"]
+) -> Solution:
+    """One motion and one plane per answered window, started from every motion still in question."""
+    parts = [matched.matches[i] for i in matched.answered]
+    points = matched.correspondences
+    solution = solve_planes(
+        points.x1,
+        points.x2,
+        points.patch,
+        solver,
+        weights=matched.weights,
+        relief=solver == "mle",
+        initial=[(m.R, m.T) for m in motions],
+        noise_gain=correlation_gain([(p.index, epipolar_residual(scene.R, scene.T, p.x1, p.x2)) for p in parts]),
+    )
+    return _beyond_systematics(_facing(solution, scene.T), scene.camera2.focal_px)
+
+
+def _facing(solution: Solution, T: FloatArray) -> Solution:
+    """The solution on the side of the motion that puts the scene in front of the camera.
+
+    (T, N) and (-T, -N) are one homography; a solver that sees few patches may take a mismatched one for decisive.
+    """
+    if solution.T @ T >= 0:
+        return solution
+    return replace(
+        solution,
+        T=-solution.T,
+        scaled_normals=-solution.scaled_normals,
+        tangent=-solution.tangent,
+        normal_gain=-solution.normal_gain,
+    )
+
+
+def _beyond_systematics(solution: Solution, focal_px: float) -> Solution:
+    """A second root is ruled out only if it fits worse by more than calibration and interpolation can feign."""
+    found = solution.ambiguity
+    if found.status != "resolved" or found.delta_chi2 is None:
+        return solution
+    excess = solution.noise * np.sqrt(found.delta_chi2 / max(int(solution.inlier.sum()), 1)) * focal_px
+    if excess > SYSTEMATIC_PX:
+        return solution
+    return replace(solution, ambiguity=replace(found, status="unresolved"))
