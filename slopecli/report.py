@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict
+from dataclasses import asdict, dataclass
 from typing import Literal
 
 import numpy as np
@@ -11,7 +11,7 @@ from slopecli.diagnosis import diagnose, epipole1_px
 from slopecli.geometry.epipolar import homogeneous
 from slopecli.geometry.homography import homography_in_pixels, homography_of_plane
 from slopecli.geometry.metrics import rotation_angle
-from slopecli.geometry.slope import measure_slopes, probability_below, slope_interval
+from slopecli.geometry.slope import measure_slopes, probability_below, slope_interval, surface_normals
 from slopecli.options import Options
 from slopecli.planes.joint import Matched
 from slopecli.planes.window_match import WindowMatch
@@ -20,7 +20,9 @@ from slopecli.types import (
     Alternative,
     AlternativePlane,
     AmbiguityReport,
+    BoolArray,
     Camera,
+    Correspondences,
     Diagnostic,
     Fit,
     FloatArray,
@@ -41,7 +43,30 @@ Verdict = Literal["safe", "unsafe", "undecided"]
 CAMERA_UP = (0.0, 0.0, -1.0)  # the camera looks straight down
 UNKNOWN_DEG = 60.0  # a slope whose 1-sigma is larger than this is no answer
 ROUGH = 0.03  # RMS height off the plane over distance beyond which a window is not one plane
+MIN_INLIER_SHARE = 0.5  # of a window's matches on its plane: with fewer it is not one plane, either
 BORROWED_SIGMA_DEG = 5.0  # terrain next to a window tells its slope no better than this
+
+
+@dataclass(frozen=True, eq=False)
+class _Measured:
+    """A solution with all that its planes are written from; row k of every array is answered patch k.
+
+    roots : slopes of every root that geometry leaves, the solution's own first.  normals : (m, 3) unit, towards
+    camera 1.  ci95_rad : (m, 2).  p_safe : (r, m) P(slope < tolerance) in every root.  length : a baseline, in the
+    unit of `scale`.
+    """
+
+    matched: Matched
+    solution: Solution
+    cameras: tuple[Camera, Camera]
+    options: Options
+    up: Up
+    roots: list[Slopes]
+    normals: FloatArray
+    ci95_rad: FloatArray
+    p_safe: FloatArray
+    scale: Scale
+    length: float
 
 
 def build_report(
@@ -53,11 +78,8 @@ def build_report(
     diagnostics: list[Diagnostic],
 ) -> Report:
     """Assemble everything that is written and shown."""
-    up, slopes = _slopes(solution, matched, options)
-    scale, length = _scale(solution, matched, up, options)
-    every = tuple(
-        _plane(k, matched, solution, slopes, up, cameras, options, scale, length) for k in range(len(matched.answered))
-    )
+    measured = _measure(cameras, options, matched, solution)
+    every = tuple(_plane(k, measured) for k in range(len(matched.answered)))
     planes = tuple(plane for plane in every if _known(plane))
     ids = [plane.id for plane in planes]
     relief = {plane.id: float(r) for plane, r in zip(every, solution.relief, strict=True)}
@@ -67,11 +89,11 @@ def build_report(
         images=(_info(images[0]), _info(images[1])),
         cameras=cameras,
         options=_options_dict(options),
-        up=up,
-        scale=scale,
-        motion=_motion(solution, length),
+        up=measured.up,
+        scale=measured.scale,
+        motion=_motion(solution, measured.length),
         fit=_fit(solution, matched, cameras[1]),
-        ambiguity=_ambiguity(solution, matched, up, length),
+        ambiguity=_ambiguity(measured),
         planes=planes,
         rejected=_rejected(matched, every),
         diagnostics=(*diagnostics, *diagnose(planes, relief, solution, epipole)),
@@ -91,25 +113,54 @@ def _options_dict(options: Options) -> dict[str, object]:
     return values
 
 
+def _measure(cameras: tuple[Camera, Camera], options: Options, matched: Matched, solution: Solution) -> _Measured:
+    up = _up(solution, matched, options)
+    scale, length = _scale(solution, matched, up, options)
+    other = solution.ambiguity.alternative if solution.ambiguity.status == "unresolved" else None
+    roots = [_slopes(root, matched, options, up) for root in (solution, other) if root is not None]
+    return _Measured(
+        matched=matched,
+        solution=solution,
+        cameras=cameras,
+        options=options,
+        up=up,
+        roots=roots,
+        normals=surface_normals(solution),
+        ci95_rad=slope_interval(roots[0]),
+        p_safe=np.array([probability_below(slopes, float(np.radians(options.tolerance_deg))) for slopes in roots]),
+        scale=scale,
+        length=length,
+    )
+
+
 def dominant_plane(matched: Matched) -> int:
     """Index of the answered patch with the largest footprint."""
     areas = [matched.windows[i][2] * matched.windows[i][3] for i in matched.answered]
     return int(np.argmax(areas))
 
 
-def _slopes(solution: Solution, matched: Matched, options: Options) -> tuple[Up, Slopes]:
-    north = None if options.north is None else np.array(options.north, float)
-    sigma = float(np.radians(options.up_sigma_deg))
+def _up(solution: Solution, matched: Matched, options: Options) -> Up:
     if options.up == "dominant-plane":
-        k = dominant_plane(matched)
-        slopes = measure_slopes(solution, None, sigma, north, up_plane=k)
-        up = -solution.scaled_normals[k] / np.linalg.norm(solution.scaled_normals[k])
-        return Up(_triple(up), "dominant-plane", options.up_sigma_deg), _doubted(slopes, matched)
+        level = surface_normals(solution)[dominant_plane(matched)]
+        return Up(_triple(level), "dominant-plane", options.up_sigma_deg)
     given = not isinstance(options.up, str)
     up = np.array(options.up if given else CAMERA_UP, float)
-    up = up / np.linalg.norm(up)
-    slopes = measure_slopes(solution, up, sigma, north)
-    return Up(_triple(up), "given" if given else "camera", options.up_sigma_deg), _doubted(slopes, matched)
+    return Up(_triple(up / np.linalg.norm(up)), "given" if given else "camera", options.up_sigma_deg)
+
+
+def _triple(v: FloatArray) -> tuple[float, float, float]:
+    return float(v[0]), float(v[1]), float(v[2])
+
+
+def _slopes(root: Solution, matched: Matched, options: Options, up: Up) -> Slopes:
+    """Slopes of one root; a dominant plane that is taken as level is level in every root."""
+    north = None if options.north is None else np.array(options.north, float)
+    sigma = float(np.radians(options.up_sigma_deg))
+    if up.source == "dominant-plane":
+        slopes = measure_slopes(root, None, sigma, north, up_plane=dominant_plane(matched))
+    else:
+        slopes = measure_slopes(root, np.array(up.vector_cam1), sigma, north)
+    return _doubted(slopes, matched)
 
 
 def _doubted(slopes: Slopes, matched: Matched) -> Slopes:
@@ -125,10 +176,6 @@ def _doubted(slopes: Slopes, matched: Matched) -> Slopes:
     known = slopes.slope_rad >= 2 * sigma
     nothing = np.where(known, 0.0, np.nan)
     return Slopes(slopes.slope_rad, sigma, slopes.aspect_rad + nothing, slopes.aspect_sigma_rad + nothing, covariance)
-
-
-def _triple(v: FloatArray) -> tuple[float, float, float]:
-    return float(v[0]), float(v[1]), float(v[2])
 
 
 def _scale(solution: Solution, matched: Matched, up: Up, options: Options) -> tuple[Scale, float]:
@@ -176,46 +223,35 @@ def _typical_noise(solution: Solution, matched: Matched) -> float:
     return solution.noise / float(np.sqrt(np.median(matched.weights)))
 
 
-def _plane(
-    k: int,
-    matched: Matched,
-    solution: Solution,
-    slopes: Slopes,
-    up: Up,
-    cameras: tuple[Camera, Camera],
-    options: Options,
-    scale: Scale,
-    length: float,
-) -> Plane:
+def _plane(k: int, measured: _Measured) -> Plane:
+    matched, solution, slopes = measured.matched, measured.solution, measured.roots[0]
     window, match = matched.windows[matched.answered[k]], matched.matches[matched.answered[k]]
-    normal = solution.scaled_normals[k]
     member = matched.correspondences.patch == k
     kept = member & solution.inlier
-    distance = _signed_distance(normal, matched.correspondences.x1[member], length)
-    one = _only(slopes, k)
-    low, high = np.degrees(slope_interval(one)[0])
-    p_safe = float(probability_below(one, float(np.radians(options.tolerance_deg)))[0])
-    aspect = None if np.isnan(one.aspect_rad[0]) else float(np.degrees(one.aspect_rad[0]))
+    distance = _signed_distance(solution.scaled_normals[k], matched.correspondences.x1[member], measured.length)
+    low, high = np.degrees(measured.ci95_rad[k])
+    aspect = None if np.isnan(slopes.aspect_rad[k]) else float(np.degrees(slopes.aspect_rad[k]))
     roughness = float(solution.relief[k])
     status, reason = _status(match, roughness, float(kept.sum() / max(member.sum(), 1)))
+    homography = homography_of_plane(solution.R, solution.T, solution.scaled_normals[k])
     return Plane(
         id=matched.answered[k] + 1,
         source="window",
         polygon_px=window_polygon(window),
-        normal_cam1=-normal / np.linalg.norm(normal),
+        normal_cam1=measured.normals[k],
         distance=distance,
-        slope_deg=float(np.degrees(one.slope_rad[0])),
-        slope_sigma_deg=float(np.degrees(one.sigma_rad[0])),
+        slope_deg=float(np.degrees(slopes.slope_rad[k])),
+        slope_sigma_deg=float(np.degrees(slopes.sigma_rad[k])),
         slope_ci95_deg=(float(low), float(high)),
         aspect_deg=aspect,
         dip_direction_deg=aspect,
         n_correspondences=int(member.sum()),
         n_inliers=int(kept.sum()),
-        rms_px=_rms_px(solution, matched, kept, k, cameras[1].focal_px),
-        roughness=roughness * distance if scale.unit == "m" else roughness,
-        homography_px=_pixel_homography(solution, k, cameras),
-        verdict=_verdict(p_safe, _alternative_p_safe(solution, k, up, options), status, options),
-        p_safe=p_safe,
+        rms_px=_rms(homography, matched.correspondences, kept) * measured.cameras[1].focal_px,
+        roughness=roughness * distance if measured.scale.unit == "m" else roughness,
+        homography_px=homography_in_pixels(homography, measured.cameras[0].K, measured.cameras[1].K),
+        verdict=_verdict(measured.p_safe[:, k], status, measured.options.confidence),
+        p_safe=float(measured.p_safe[0, k]),
         status=status,
         reason=reason,
     )
@@ -227,63 +263,36 @@ def _signed_distance(normal: FloatArray, x1: FloatArray, length: float) -> float
     return (1 if ahead else -1) * length / float(np.linalg.norm(normal))
 
 
-def _only(slopes: Slopes, k: int) -> Slopes:
-    one = slice(k, k + 1)
-    return Slopes(
-        slopes.slope_rad[one],
-        slopes.sigma_rad[one],
-        slopes.aspect_rad[one],
-        slopes.aspect_sigma_rad[one],
-        slopes.tilt_covariance[one],
-    )
-
-
 def _status(match: WindowMatch, roughness: float, inlier_share: float) -> tuple[Literal["ok", "poor"], str | None]:
     if match.origin == "borrowed":
         return "poor", match.reason
-    if roughness > ROUGH or inlier_share < 0.5:
+    if roughness > ROUGH or inlier_share < MIN_INLIER_SHARE:
         return "poor", "non-planar-patch"
     return "ok", None
 
 
-def _alternative_p_safe(solution: Solution, k: int, up: Up, options: Options) -> float:
-    """P(slope < tolerance) of the other root where it is not ruled out, else 1: a verdict must hold in both."""
-    other = solution.ambiguity.alternative
-    if solution.ambiguity.status != "unresolved" or other is None:
-        return 1.0
-    slopes = measure_slopes(other, np.array(up.vector_cam1), float(np.radians(up.sigma_deg)))
-    return float(probability_below(_only(slopes, k), float(np.radians(options.tolerance_deg)))[0])
-
-
-def _verdict(p_safe: float, p_other: float, status: str, options: Options) -> Verdict:
-    """Safe only where the window itself was seen to be a plane, and in both answers where geometry leaves two."""
-    if status == "ok" and min(p_safe, p_other) >= options.confidence:
+def _verdict(p_safe: FloatArray, status: str, confidence: float) -> Verdict:
+    """Of P(slope < tolerance) in every root: safe only where the window itself was seen to be a plane."""
+    if status == "ok" and p_safe.min() >= confidence:
         return "safe"
-    best_case = max(p_safe, p_other if p_other < 1.0 else 0.0)
-    return "unsafe" if best_case <= 1 - options.confidence else "undecided"
+    return "unsafe" if p_safe.max() <= 1 - confidence else "undecided"
 
 
-def _rms_px(solution: Solution, matched: Matched, kept: np.ndarray, k: int, focal_px: float) -> float:
+def _rms(H: FloatArray, points: Correspondences, kept: BoolArray) -> float:
+    """RMS residual per coordinate in image 2, normalised; NaN where no point was kept."""
     if not kept.any():
         return float("nan")
-    H = homography_of_plane(solution.R, solution.T, solution.scaled_normals[k])
-    y = homogeneous(matched.correspondences.x1[kept]) @ H.T
-    residual = y[:, :2] / y[:, 2:] - matched.correspondences.x2[kept]
-    return float(np.sqrt((residual**2).sum(1).mean() / 2)) * focal_px
+    y = homogeneous(points.x1[kept]) @ H.T
+    residual = y[:, :2] / y[:, 2:] - points.x2[kept]
+    return float(np.sqrt((residual**2).sum(1).mean() / 2))
 
 
-def _pixel_homography(solution: Solution, k: int, cameras: tuple[Camera, Camera]) -> FloatArray:
-    H = homography_of_plane(solution.R, solution.T, solution.scaled_normals[k])
-    return homography_in_pixels(H, cameras[0].K, cameras[1].K)
-
-
-def _ambiguity(solution: Solution, matched: Matched, up: Up, length: float) -> AmbiguityReport:
-    found = solution.ambiguity
+def _ambiguity(measured: _Measured) -> AmbiguityReport:
+    found, matched = measured.solution.ambiguity, measured.matched
     if found.alternative is None:
         return AmbiguityReport(found.status)
-    other = found.alternative
-    slopes = measure_slopes(other, np.array(up.vector_cam1))
-    normals = -other.scaled_normals / np.linalg.norm(other.scaled_normals, axis=1, keepdims=True)
+    slopes = _slopes(found.alternative, matched, measured.options, measured.up)
+    normals = surface_normals(found.alternative)
     planes = tuple(
         AlternativePlane(i + 1, normals[k], float(np.degrees(slopes.slope_rad[k])))
         for k, i in enumerate(matched.answered)
@@ -291,7 +300,8 @@ def _ambiguity(solution: Solution, matched: Matched, up: Up, length: float) -> A
     remedy = (
         "a third image, a known direction of motion, or more relief in view" if found.status == "unresolved" else None
     )
-    return AmbiguityReport(found.status, found.delta_chi2, remedy, Alternative(_motion(other, length), planes))
+    motion = _motion(found.alternative, measured.length)
+    return AmbiguityReport(found.status, found.delta_chi2, remedy, Alternative(motion, planes))
 
 
 def _known(plane: Plane) -> bool:

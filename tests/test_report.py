@@ -172,7 +172,6 @@ def test_unsafe_only_when_both_roots_are() -> None:
     assert verdicts(report) == ["unsafe", "undecided"]
 
 
-@pytest.mark.xfail(reason="certainty (probability 1) is taken for the absence of a second root", strict=False)
 def test_undecided_however_certain_the_other_root_is_of_safety() -> None:
     """At some slopes and sigmas the probability rounds to 1 exactly."""
     for slope in range(5, 13):
@@ -180,7 +179,6 @@ def test_undecided_however_certain_the_other_root_is_of_safety() -> None:
         assert verdicts(report) == ["undecided"], slope
 
 
-@pytest.mark.xfail(reason="the other root is measured against the first root's dominant plane", strict=False)
 def test_each_root_is_measured_against_its_own_dominant_plane() -> None:
     """The ground is the largest window. In the other root it lies otherwise, and the windows are 20 degrees off it."""
     solution = with_second_root(make_solution([10, 10, 10]), [10, 10, 30])
@@ -190,7 +188,6 @@ def test_each_root_is_measured_against_its_own_dominant_plane() -> None:
     assert verdicts(report)[:2] == ["undecided"] * 2
 
 
-@pytest.mark.xfail(reason="what residuals do not show is added to the first root only", strict=False)
 def test_doubt_holds_for_the_other_root_too() -> None:
     solution = with_second_root(make_solution([3]), [12])
     assert verdicts(make_report_of(solution)) == ["safe"]
