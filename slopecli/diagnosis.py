@@ -12,6 +12,8 @@ from slopecli.types import Camera, Diagnostic, FloatArray, Image, Plane, Solutio
 MIN_INLIERS = 20  # matches consistent with one motion below which chance explains them
 MIN_SHARE = 0.12  # of the tentative matches
 FEW_FEATURES = 60  # tentative features in an image with hardly any texture
+POOR_FIT_PX = 0.5  # noise of matches beyond which the cameras are in doubt, or the images
+STRANGE_SHARE, UNEXPLAINED_SHARE = 0.15, 0.5  # of the dense matches: said, and refused, when they defy the motion
 LOW_PARALLAX_PX = 3.0  # median parallax below which slopes are governed by matching noise
 ROTATION_SIGMAS = 2.0  # a rotation that fits this well leaves no parallax to measure
 
@@ -99,16 +101,23 @@ def epipole1_px(solution: Solution, camera1: Camera) -> tuple[float, float] | No
 
 
 def diagnose(
-    planes: tuple[Plane, ...], relief: dict[int, float], solution: Solution, epipole: tuple[float, float] | None
+    planes: tuple[Plane, ...],
+    relief: dict[int, float],
+    solution: Solution,
+    epipole: tuple[float, float] | None,
+    noise_px: float,
 ) -> list[Diagnostic]:
     """What a user should know of an answer: weak windows, a second motion, a solution that did not settle.
 
     relief : RMS height off the plane over its distance, by plane id.  epipole : px of image 1, None when outside.
+    noise_px : 1-sigma of the median match, as measured.
     """
     found = [_focus_in(plane) for plane in planes if epipole is not None and _holds(plane, epipole)]
     found += [_not_flat(plane, relief[plane.id]) for plane in planes if plane.reason == "non-planar-patch"]
     if solution.ambiguity.status == "unresolved":
         found.append(_second_motion(solution))
+    if noise_px > POOR_FIT_PX:
+        found.append(_poor_fit(noise_px))
     if not solution.converged:
         remedy = "check the camera file, and that nothing in view moved"
         found.append(Diagnostic("poor-fit", "warning", "the joint solution did not settle", None, remedy))
@@ -134,10 +143,46 @@ def _not_flat(plane: Plane, relief: float) -> Diagnostic:
     return Diagnostic(
         "non-planar-patch",
         "warning",
-        f"window {plane.id} is not one plane: relief {100 * relief:.1f} % of its distance",
+        f"window {plane.id} is not one plane: relief {100 * relief:.1f} % of its distance, or a step in it",
         float(plane.id),
         "use smaller windows",
     )
+
+
+def _poor_fit(noise_px: float) -> Diagnostic:
+    return Diagnostic(
+        "poor-fit",
+        "warning",
+        f"matches miss their epipolar lines by {noise_px:.2f} px, good pairs by less than {POOR_FIT_PX:g} px",
+        noise_px,
+        "check the camera file and its distortion; blur, a rolling shutter and moving things do the same",
+    )
+
+
+def check_strangers(n_matches: int, n_obeying: int) -> list[Diagnostic]:
+    """Raise NoAnswer when most dense matches contradict the motion; warn when many do.
+
+    n_matches : dense matches that close forwards and backwards; n_obeying : those near their epipolar lines.
+    """
+    share = 1 - n_obeying / max(n_matches, 1)
+    if share > UNEXPLAINED_SHARE:
+        raise NoAnswer(
+            "no-overlap",
+            f"the best camera motion contradicts {100 * share:.0f} % of the dense matches",
+            "give two images of the same ground, neither mirrored, and the camera they were taken with",
+            value=share,
+        )
+    if share < STRANGE_SHARE:
+        return []
+    return [
+        Diagnostic(
+            "dense-shadow-or-motion",
+            "warning",
+            f"{100 * share:.0f} % of the dense matches move otherwise than the scene: shadows, vehicles or mismatches",
+            share,
+            "distrust windows where something moved; take both images in quick succession",
+        )
+    ]
 
 
 def _second_motion(solution: Solution) -> Diagnostic:

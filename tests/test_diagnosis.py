@@ -153,10 +153,10 @@ def test_the_epipole_is_in_the_image_as_stored() -> None:
 def test_the_window_that_holds_the_epipole_is_named() -> None:
     planes = make_planes(CAMERA, grid_polygons(CAMERA.width, CAMERA.height, 3, 3))
     relief = {plane.id: 0.0 for plane in planes}
-    (found,) = diagnose(planes, relief, make_solution([10]), (600.0, 30.0))
+    (found,) = diagnose(planes, relief, make_solution([10]), (600.0, 30.0), 0.1)
     assert (found.code, found.severity, found.value) == ("foe-in-window", "info", 3)
     assert "window 3" in found.message
-    assert diagnose(planes, relief, make_solution([10]), None) == []
+    assert diagnose(planes, relief, make_solution([10]), None, 0.1) == []
 
 
 def test_a_window_beside_the_epipole_is_not_named() -> None:

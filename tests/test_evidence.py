@@ -115,7 +115,14 @@ def test_matches_all_over_the_depths_make_no_plane() -> None:
     rng = np.random.default_rng(0)
     evidence, _ = evidence_of([GROUND])
     scattered = Evidence(
-        evidence.uv1, evidence.x1, evidence.x2, rng.uniform(0.05, 0.5, 1000), evidence.leverage, evidence.grey, FOCAL
+        evidence.uv1,
+        evidence.x1,
+        evidence.x2,
+        rng.uniform(0.05, 0.5, 1000),
+        evidence.leverage,
+        evidence.grey,
+        FOCAL,
+        1000,
     )
     largest = [(scattered.misfit_px(plane) < 1).mean() for plane in scene_planes(scattered)]
     assert max(largest, default=0.0) < 0.1

@@ -22,7 +22,7 @@ FLOORS = (
     "vision",
     "planes",
     "simulate",
-    "diagnosis",
+    "diagnosis measure",
     "report",
     "pipeline",
     "io",

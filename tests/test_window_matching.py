@@ -55,7 +55,7 @@ def scene_of(pair: Pair, evidence: Evidence | None = None, planes: Sequence[Floa
 
 def some(evidence: Evidence, keep: np.ndarray) -> Evidence:
     names = ("uv1", "x1", "x2", "w", "leverage", "grey")
-    return Evidence(*(getattr(evidence, name)[keep] for name in names), evidence.focal_px)
+    return Evidence(*(getattr(evidence, name)[keep] for name in names), evidence.focal_px, evidence.n_given)
 
 
 def plane_of(match: WindowMatch, pair: Pair) -> FloatArray:

@@ -75,7 +75,7 @@ def measure_slopes(
     along, across = _tilt_axes(normals, up)
     slope = np.arctan2(np.linalg.norm(np.cross(up, normals), axis=1), normals @ up)
     covariance = _tilt_covariance(solution, normals, along, across, up, up_plane)
-    covariance = covariance + up_sigma_rad**2 * np.eye(2)
+    covariance = _positive(covariance) + up_sigma_rad**2 * np.eye(2)
     if up_plane is not None:
         covariance[up_plane] = 0.0
     sigma = _root_mean_square_error(slope, covariance)
@@ -134,6 +134,14 @@ def _tilt_covariance(
     mixed = axes @ shared @ reference.swapaxes(1, 2)
     own = reference @ solution.normal_covariance[up_plane] @ reference.swapaxes(1, 2)
     return covariance + own + mixed + mixed.swapaxes(1, 2)
+
+
+def _positive(covariance: FloatArray) -> FloatArray:
+    """(m, 2, 2) without the negative variances that rounding gives planes whose tilt is hardly known."""
+    values, vectors = np.linalg.eigh(0.5 * (covariance + covariance.swapaxes(1, 2)))
+    if (values >= 0.0).all():
+        return covariance
+    return np.asarray((vectors * np.maximum(values, 0.0)[:, None, :]) @ vectors.swapaxes(1, 2))
 
 
 def _root_mean_square_error(slope: FloatArray, covariance: FloatArray) -> FloatArray:

@@ -80,7 +80,8 @@ def solve_planes(
     sigma = _noise(fit, noise)
     if fit.observations is not observations:
         rotation = _rotation_only(fit.observations)
-    _check_parallax(fit, sigma, *rotation)
+    if solver == "mle":  # a poor closed form may lose to a rotation where there is parallax
+        _check_parallax(fit, sigma, *rotation)
     return _with_ambiguity(fit, solver, sigma, noise_gain)
 
 

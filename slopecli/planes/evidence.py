@@ -20,7 +20,7 @@ TRIES = 400
 @dataclass(frozen=True, eq=False)
 class Evidence:
     """Matches consistent with the motion: uv1 (n, 2) px, x1, x2 (n, 2) normalised, w (n,) inverse depth, leverage (n,),
-    grey (n,) brightness of image 1 there."""
+    grey (n,) brightness of image 1 there; n_given: matches there were, those that contradict the motion included."""
 
     uv1: FloatArray
     x1: FloatArray
@@ -29,6 +29,7 @@ class Evidence:
     leverage: FloatArray
     grey: FloatArray
     focal_px: float
+    n_given: int
 
     def __len__(self) -> int:
         return len(self.uv1)
@@ -59,7 +60,7 @@ def gather_evidence(
     w, leverage = inverse_depth(R, T, x1, x2)
     keep = np.abs(epipolar_residual(R, T, x1, x2)) * focal_px < TOLERANCE_PX
     keep &= (w > 0) & (leverage > 0)
-    return Evidence(uv1[keep], x1[keep], x2[keep], w[keep], leverage[keep], grey[keep], focal_px)
+    return Evidence(uv1[keep], x1[keep], x2[keep], w[keep], leverage[keep], grey[keep], focal_px, len(keep))
 
 
 def scene_planes(evidence: Evidence) -> list[FloatArray]:

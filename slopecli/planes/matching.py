@@ -145,7 +145,7 @@ def _usable(cells: Cells, scene: Scene, possible: float) -> WindowMatch:
     variance = variance[keep] * overdispersion(across**2 / variance[keep, 1])
     return WindowMatch(
         cells.uv1[keep], cells.uv2[keep], x1[keep], x2[keep], cells.index[keep], variance, "own", score, share,
-        doubt_rad=doubt,
+        doubt_rad=doubt, left_out=1 - float(plane.inlier.mean()),
     )  # fmt: skip
 
 

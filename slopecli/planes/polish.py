@@ -59,7 +59,7 @@ def polish(match: WindowMatch, window: Window, scene: Scene, cell: int) -> Windo
     variance *= overdispersion(off[good] ** 2 / variance[good, 0])
     return WindowMatch(
         uv1[good], uv2[good], x1[good], x2[good], shifts.index[good], variance[good], "own", fit.score, match.share,
-        doubt_rad=match.doubt_rad,
+        doubt_rad=match.doubt_rad, left_out=match.left_out,
     )  # fmt: skip
 
 

@@ -19,7 +19,8 @@ class WindowMatch:
     uv1, uv2 (n, 2) px; variance_px (n, 2): relative noise variance along and across the epipolar line, px^2;
     index (n, 2): row and column of the cells; origin "own" when they lie in the window, "borrowed" when they are of
     the plane around it; score: correlation of the images after matching; share of the window matched; reason and code:
-    why it is borrowed or none; doubt_rad: 1-sigma of the tilt beyond what the residuals show.
+    why it is borrowed or none; doubt_rad: 1-sigma of the tilt beyond what the residuals show; left_out: share
+    of the matches found that stand off the plane by far more than the rest, or across a step.
     """
 
     uv1: FloatArray
@@ -34,6 +35,7 @@ class WindowMatch:
     reason: str = ""
     code: str = ""
     doubt_rad: float = 0.0
+    left_out: float = 0.0
 
 
 def no_match(reason: str, code: str = "low-texture") -> WindowMatch:

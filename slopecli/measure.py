@@ -1,0 +1,111 @@
+"""Slopes of a solution against what is up, with every doubt in them, and what they are worth to a lander."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from slopecli.errors import InputError
+from slopecli.geometry.slope import measure_slopes, probability_below, surface_normals
+from slopecli.options import Options
+from slopecli.planes.joint import Matched
+from slopecli.types import FloatArray, Slopes, Solution, Up
+
+Verdict = Literal["safe", "unsafe", "undecided"]
+
+CAMERA_UP = (0.0, 0.0, -1.0)  # the camera looks straight down
+BORROWED_SIGMA_DEG = 5.0  # terrain next to a window tells its slope no better than this
+
+
+@dataclass(frozen=True, eq=False)
+class Measured:
+    """One root of the solution, measured: its slopes, and P(slope < tolerance) of every plane (m,)."""
+
+    solution: Solution
+    up: Up
+    slopes: Slopes
+    p_safe: FloatArray
+
+    def only(self, k: int) -> Slopes:
+        """The slope of plane k alone."""
+        one, all_of = slice(k, k + 1), self.slopes
+        return Slopes(
+            all_of.slope_rad[one],
+            all_of.sigma_rad[one],
+            all_of.aspect_rad[one],
+            all_of.aspect_sigma_rad[one],
+            all_of.tilt_covariance[one],
+        )
+
+
+def measure(solution: Solution, matched: Matched, options: Options) -> Measured:
+    """Measure all planes of one root against the up direction the options ask for.
+
+    Raises
+    ------
+    InputError : up or north is not a direction, or up names none that is known.
+    """
+    north = None if options.north is None else np.array(options.north, float)
+    sigma = float(np.radians(options.up_sigma_deg))
+    if options.up == "dominant-plane":
+        k = dominant_plane(matched)
+        vector = surface_normals(solution)[k]
+        slopes = measure_slopes(solution, None, sigma, north, up_plane=k)
+    else:
+        vector = _up_vector(options)
+        slopes = measure_slopes(solution, vector, sigma, north)
+    slopes = _doubted(slopes, matched)
+    up = Up((float(vector[0]), float(vector[1]), float(vector[2])), _source(options), options.up_sigma_deg)
+    return Measured(solution, up, slopes, probability_below(slopes, float(np.radians(options.tolerance_deg))))
+
+
+def _source(options: Options) -> Literal["camera", "given", "dominant-plane"]:
+    if not isinstance(options.up, str):
+        return "given"
+    return "dominant-plane" if options.up == "dominant-plane" else "camera"
+
+
+def _up_vector(options: Options) -> FloatArray:
+    if isinstance(options.up, str) and options.up != "camera":
+        raise InputError(f"up is {options.up!r}; it must be camera, dominant-plane or three numbers X,Y,Z")
+    vector = np.array(CAMERA_UP if isinstance(options.up, str) else options.up, float)
+    length = float(np.linalg.norm(vector)) if vector.shape == (3,) else 0.0
+    if not (np.isfinite(length) and length > 0.0):
+        raise InputError(f"up is {options.up}; it must be three finite numbers, not all zero")
+    return vector / length
+
+
+def dominant_plane(matched: Matched) -> int:
+    """Index of the answered patch with the largest footprint, of those seen themselves where there are any."""
+    chosen = [(matched.windows[i], matched.matches[i]) for i in matched.answered]
+    seen = [match.origin == "own" for _, match in chosen]
+    areas = [w * h * (own or not any(seen)) for ((_, _, w, h), _), own in zip(chosen, seen, strict=True)]
+    return int(np.argmax(areas))
+
+
+def _doubted(slopes: Slopes, matched: Matched) -> Slopes:
+    """Add to the tilt what no residual shows: ground beside a window tilts otherwise, part of it was left out."""
+    chosen = [matched.matches[i] for i in matched.answered]
+    least = np.radians(BORROWED_SIGMA_DEG)
+    extra = np.array([np.hypot(least if m.origin == "borrowed" else 0.0, m.doubt_rad) for m in chosen])
+    if not extra.any():
+        return slopes
+    variance = extra**2
+    covariance = slopes.tilt_covariance + variance[:, None, None] * np.eye(2)
+    sigma = np.sqrt(slopes.sigma_rad**2 + variance)
+    known = slopes.slope_rad >= 2 * sigma
+    nothing = np.where(known, 0.0, np.nan)
+    return Slopes(slopes.slope_rad, sigma, slopes.aspect_rad + nothing, slopes.aspect_sigma_rad + nothing, covariance)
+
+
+def judge(p_safe: float, p_other: float | None, seen_as_plane: bool, confidence: float) -> Verdict:
+    """Safe only where the window itself was seen to be a plane, and in both answers where geometry leaves two.
+
+    p_safe : P(slope < tolerance); p_other : the same in the other root, None where there is none.
+    """
+    worst, best = (p_safe, p_safe) if p_other is None else (min(p_safe, p_other), max(p_safe, p_other))
+    if seen_as_plane and worst >= confidence:
+        return "safe"
+    return "unsafe" if best <= 1 - confidence else "undecided"
