@@ -17,7 +17,8 @@ from slopecli.vision.features import Grey
 from slopecli.vision.warp import FloatImage, Grid, Pyramid, block_sum, covered, resample
 
 FORWARD_BACKWARD_PX = 0.6  # flow there and back must close within this, px of the grid
-MIN_SIDE = 24  # the flow's own patches and pyramid need this much
+MIN_SHARE = 1 / 3  # of a cell's pixels that must pass the checks
+MIN_VARIANCE = 0.25  # grey^2: what rounding to whole grey levels leaves even of a blank cell
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,9 +75,13 @@ def match_exposure(pulled: FloatImage, grey: Grey, valid: NDArray[np.bool_]) -> 
 def dense_cells(
     grid: Grid, mapping: FloatImage, pyramid2: Pyramid, shape2: tuple[int, int], cell: int, finest: int
 ) -> Cells:
-    """Match every cell of `cell` px of the grid; cells with less than a third of checked pixels are left out."""
+    """Match every cell of `cell` px of the grid; cells with too few checked pixels are left out.
+
+    mapping : (h, w, 2) full-resolution px of image 2 that the grid's pixels are expected at.  shape2 : (rows, columns)
+    of image 2.  finest : finest scale of the flow, see `flow_engine`.
+    """
     valid = covered(mapping, shape2)
-    pulled = match_exposure(resample(pyramid2, mapping, grid, cv2.INTER_LINEAR), grid.grey, valid)
+    pulled = match_exposure(resample(pyramid2, mapping, grid), grid.grey, valid)
     engine = flow_engine(finest)
     forward, backward = engine.calc(grid.grey, pulled, None), engine.calc(pulled, grid.grey, None)  # type: ignore[call-overload]
     x, y = np.meshgrid(np.arange(grid.shape[1], dtype=np.float32), np.arange(grid.shape[0], dtype=np.float32))
@@ -93,23 +98,36 @@ def dense_cells(
 def _collect(
     grid: Grid, seen: NDArray[np.bool_], points: FloatImage, target: FloatImage, found: Grey, cell: int
 ) -> Cells:
-    rows, columns = grid.shape[0] // cell, grid.shape[1] // cell
+    """Means over the seen pixels of every cell: points of the grid, target px of image 2, found grey values there."""
     ours, theirs = grid.grey.astype(np.float32), found.astype(np.float32)
     gx, gy = cv2.Sobel(ours, cv2.CV_32F, 1, 0, scale=1 / 8), cv2.Sobel(ours, cv2.CV_32F, 0, 1, scale=1 / 8)
     mask = seen.astype(np.float32)
-    count = block_sum(mask, cell)
-    layers = [points[..., 0], points[..., 1], target[..., 0], target[..., 1]]
-    layers += [gx * gx, gx * gy, gy * gy, ours, theirs, ours * ours, theirs * theirs, ours * theirs]
-    sums = np.stack([block_sum(layer * mask, cell) for layer in layers], -1).reshape(rows * columns, -1)
-    share = (count / cell**2).reshape(-1)
-    keep = share >= 1 / 3
-    mean = sums[keep] / count.reshape(-1)[keep, None]
-    variance1, variance2 = mean[:, 9] - mean[:, 7] ** 2, mean[:, 10] - mean[:, 8] ** 2
-    covariance = mean[:, 11] - mean[:, 7] * mean[:, 8]
-    agreement = covariance / np.sqrt(np.maximum(variance1, 0.25) * np.maximum(variance2, 0.25))
-    tensor = sums[keep][:, [4, 5, 5, 6]].reshape(-1, 2, 2)
-    index = np.stack(np.divmod(np.flatnonzero(keep), columns), -1)
-    scale = float(np.sqrt(np.prod(grid.scale)))
+    count = block_sum(mask, cell).ravel()
+    share = count / cell**2
+    keep = share >= MIN_SHARE
+
+    def sums(*layers: FloatImage) -> FloatArray:
+        return np.stack([block_sum(layer * mask, cell).ravel()[keep] for layer in layers], -1)
+
+    def means(*layers: FloatImage) -> FloatArray:
+        return sums(*layers) / count[keep, None]
+
+    grey = means(ours, theirs, ours * ours, theirs * theirs, ours * theirs)
     return Cells(
-        grid.full(mean[:, :2]), mean[:, 2:4].astype(float), tensor.astype(float), index, share[keep], agreement, scale
+        uv1=grid.full(means(points[..., 0], points[..., 1])),
+        uv2=means(target[..., 0], target[..., 1]),
+        information=sums(gx * gx, gx * gy, gx * gy, gy * gy).reshape(-1, 2, 2),
+        index=np.stack(np.divmod(np.flatnonzero(keep), grid.shape[1] // cell), -1),
+        share=share[keep],
+        agreement=_correlation(*grey.T),
+        pixel_scale=grid.mean_scale,
     )
+
+
+def _correlation(
+    mean1: FloatArray, mean2: FloatArray, square1: FloatArray, square2: FloatArray, product: FloatArray
+) -> FloatArray:
+    """(n,) correlation from the means of two values, of their squares and of their product."""
+    variance1 = np.maximum(square1 - mean1**2, MIN_VARIANCE)
+    variance2 = np.maximum(square2 - mean2**2, MIN_VARIANCE)
+    return np.asarray((product - mean1 * mean2) / np.sqrt(variance1 * variance2))

@@ -13,6 +13,8 @@ from slopecli.types import FloatArray, IntArray
 Grey = NDArray[np.uint8]
 Descriptors = NDArray[np.float32]
 
+BLOCK = 1024  # descriptors compared with all others at a time
+
 
 @dataclass(frozen=True)
 class FeatureEffort:
@@ -23,8 +25,6 @@ class FeatureEffort:
     contrast: float
     ratio: float  # Lowe's ratio of best to second-best descriptor distance
 
-
-BLOCK = 1024  # descriptors compared with all others at a time
 
 # The first suffices for textured ground; the second is spent only where the first found little.
 EFFORTS = (

@@ -6,6 +6,7 @@ The motion is held; the plane has three parameters, so even faint texture spread
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import cv2
 import numpy as np
@@ -13,12 +14,18 @@ from numpy.typing import NDArray
 
 from slopecli.geometry.epipolar import homogeneous
 from slopecli.types import FloatArray
-from slopecli.vision.warp import FloatImage, Grid, Pyramid, Transfer, block_sum, covered, magnification
+from slopecli.vision.warp import FloatImage, Grid, Pyramid, Transfer, block_sum, covered, magnification, sample_layer
 
 NOISE_GREY = 2.0  # grey levels below which contrast is sensor noise, not texture
 MAX_STEP_PX = 1.0  # a Gauss-Newton step moves no more of the window than this: the image is linear no further
 LEAST_GREY = 0.5  # no image pair agrees better than this, grey levels
-TUKEY = 2.5  # robust sigmas of the photometric residual
+GATE_SIGMAS = 2.5  # robust sigmas of the photometric residual at which a pixel has lost most of its weight
+CELL_PRIOR_PX = 0.5  # a cell's displacement from the aligned plane is within this; decides where texture does not
+# shares of a window image 2 must show for its plane to be aligned, to be scored in a sweep, and of a cell to count
+MIN_SEEN, MIN_SWEPT, MIN_CELL_SEEN = 0.3, 0.4, 0.5
+SETTLED_PX = 0.01  # a step that moves no pixel by more ends the alignment
+# tangents of the tilt against the line of sight: facing, slanted, and grazing as ground in front of a level camera
+TILTS = ((0.0, 0.0), *((a * t, b * t) for t in (1.0, 2.5) for a, b in ((1, 0), (-1, 0), (0, 1), (0, -1))))
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,7 +84,7 @@ def gain_between(ours: FloatImage, theirs: FloatImage, valid: NDArray[np.bool_])
 
 def correlation(a: FloatImage, b: FloatImage, valid: NDArray[np.bool_]) -> float:
     """Normalised cross-correlation where valid; -1 when hardly anything is."""
-    if valid.sum() < 30 or valid.mean() < 0.3:
+    if valid.sum() < 30 or valid.mean() < MIN_SEEN:
         return -1.0
     p, q = a[valid] - a[valid].mean(), b[valid] - b[valid].mean()
     return float((p @ q) / np.sqrt((p @ p) * (q @ q) + 1e-9))
@@ -94,8 +101,17 @@ class PlaneFit:
 
 
 def align_plane(view: View, normal: FloatArray, iterations: int = 10) -> PlaneFit:
-    """Gauss-Newton on grey values over the three parameters of the plane, robust, exposure and shading removed."""
-    radius = max(4.0, min(view.grid.shape) / 6)
+    """Gauss-Newton on grey values over the three parameters of the plane, robust, exposure and shading removed.
+
+    Parameters
+    ----------
+    normal : (3,) scaled normal to start from, 1/baseline; image 2 pulled through it must be close to image 1.
+
+    Returns
+    -------
+    fit : `PlaneFit`; score -1 and infinite covariance where image 2 shows too little of the window.
+    """
+    radius = _radius(view)
     grey = view.grid.grey.astype(np.float32)
     ours = detrend(grey, radius)
     system = np.eye(3)
@@ -103,12 +119,12 @@ def align_plane(view: View, normal: FloatArray, iterations: int = 10) -> PlaneFi
         linear = _linearise(view, normal, ours, radius)
         if linear is None:
             return PlaneFit(normal, -1.0, np.full((3, 3), np.inf))
-        system, gradient, shift = linear
-        step = -np.linalg.solve(system + 1e-4 * np.diag(np.diag(system)) + 1e-12 * np.eye(3), gradient)
-        reach = float(np.percentile(np.abs(view.rays @ step) * shift, 90))
+        system = linear.system
+        step = -np.linalg.solve(system + 1e-4 * np.diag(np.diag(system)) + 1e-12 * np.eye(3), linear.gradient)
+        reach = float(np.percentile(np.abs(view.rays @ step) * linear.px_per_depth, 90))
         step *= min(1.0, MAX_STEP_PX / max(reach, 1e-9))
         normal = normal + step
-        if reach < 0.01:
+        if reach < SETTLED_PX:
             break
     mapping = view.mapping(normal)
     valid = covered(mapping, view.shape2)
@@ -123,44 +139,53 @@ def _covariance(system: FloatArray) -> FloatArray:
     return np.asarray(np.linalg.inv(system), float)
 
 
-Linear = tuple[
-    FloatArray, FloatArray, float
-]  # normal matrix (3, 3), gradient (3,), median px per unit of inverse depth
+class _Linear(NamedTuple):
+    """Normal matrix (3, 3) and gradient (3,) of the squared residuals by the plane; median grid px a unit of inverse
+    depth moves a pixel by."""
+
+    system: FloatArray
+    gradient: FloatArray
+    px_per_depth: float
 
 
-def _linearise(view: View, normal: FloatArray, ours: FloatImage, radius: float) -> Linear | None:
+def _linearise(view: View, normal: FloatArray, ours: FloatImage, radius: float) -> _Linear | None:
+    """The squared residuals about a plane; None where image 2 shows too little of the window."""
     mapping = view.mapping(normal)
     valid = covered(mapping, view.shape2)
-    if valid.mean() < 0.3:
+    if valid.mean() < MIN_SEEN:
         return None
     # motion of each pixel per unit of inverse depth, by a small finite difference along the ray
     depth_step = 1e-3 * float(np.abs(view.rays @ normal).mean()) + 1e-9
     per_depth = (view.mapping(normal + np.array([0.0, 0.0, depth_step])) - mapping) / np.float32(depth_step)
     shift = np.linalg.norm(per_depth, axis=2)
     unit = per_depth / np.maximum(shift, 1e-9)[..., None]
-    grid_px = 1.0 / float(np.sqrt(np.prod(view.grid.scale)))
+    grid_px = 1.0 / view.grid.mean_scale
     half = np.float32(0.5 * grid_px * max(magnification(mapping, view.grid), 0.2))
     theirs = detrend(_pull(view, mapping), radius)
     gain = gain_between(ours, theirs, valid)
     residual = gain * theirs - ours
     slope = gain * (_pull(view, mapping + half * unit) - _pull(view, mapping - half * unit)) / (2 * half) * shift
-    sigma = max(1.4826 * float(np.median(np.abs(residual[valid]))), LEAST_GREY)
-    weight = np.where(valid, 1 / (1 + (residual / (TUKEY * sigma)) ** 2) ** 2, 0).reshape(-1, 1)
+    weight, sigma = _robust_weight(residual, valid)
     jacobian = slope.reshape(-1, 1) * view.rays
-    weighted = jacobian * weight
-    pixel_shift = float(np.median(shift)) / grid_px
-    return weighted.T @ jacobian / sigma**2, weighted.T @ residual.reshape(-1) / sigma**2, pixel_shift
+    weighted = jacobian * weight.reshape(-1, 1)
+    system, gradient = weighted.T @ jacobian / sigma**2, weighted.T @ residual.reshape(-1) / sigma**2
+    return _Linear(system, gradient, float(np.median(shift)) / grid_px)
+
+
+def _robust_weight(residual: FloatImage, valid: NDArray[np.bool_]) -> tuple[FloatImage, float]:
+    """Geman-McClure weights (h, w), 0 where not valid, and the robust sigma they refer to, grey levels."""
+    sigma = max(1.4826 * float(np.median(np.abs(residual[valid]))), LEAST_GREY) if valid.any() else LEAST_GREY
+    return np.where(valid, 1 / (1 + (residual / (GATE_SIGMAS * sigma)) ** 2) ** 2, np.float32(0)), sigma
 
 
 def _pull(view: View, mapping: FloatImage) -> FloatImage:
-    ratio = 1.0 / float(np.sqrt(np.prod(view.grid.scale)))
-    layer = view.pyramid2.at(ratio)
-    local = (mapping + 0.5) * layer.scale.astype(np.float32) - 0.5
-    pulled = cv2.remap(layer.grey, local[..., 0], local[..., 1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
-    return np.asarray(pulled, np.float32)
+    # the layer depends on the grid alone: one that changed with the plane would make the residual jump
+    return sample_layer(view.pyramid2.at(1.0 / view.grid.mean_scale), mapping)
 
 
-CELL_PRIOR_PX = 0.5  # a cell's displacement from the aligned plane is within this; decides where texture does not
+def _radius(view: View) -> float:
+    """Grid px over which brightness is taken for exposure and shading, not texture."""
+    return max(4.0, min(view.grid.shape) / 6)
 
 
 @dataclass(frozen=True, eq=False)
@@ -177,12 +202,12 @@ class CellShifts:
 
 
 def cell_shifts(view: View, normal: FloatArray, cell: int) -> CellShifts:
-    """One Gauss-Newton step of every cell by itself (Lucas and Kanade 1981), about a plane aligned on all of them.
+    """One Gauss-Newton step of every cell of `cell` px (Lucas and Kanade 1981), about a plane aligned on all of them.
 
     Added up over the cells these steps are the alignment of the plane, so they carry all it knows into the joint
     solution, and let single cells that disagree be found.
     """
-    radius = max(4.0, min(view.grid.shape) / 6)
+    radius = _radius(view)
     mapping = view.mapping(normal)
     valid = covered(mapping, view.shape2)
     ours = detrend(view.grid.grey.astype(np.float32), radius)
@@ -191,29 +216,24 @@ def cell_shifts(view: View, normal: FloatArray, cell: int) -> CellShifts:
     residual = theirs - ours
     mean = 0.5 * (ours + theirs)
     gx, gy = cv2.Sobel(mean, cv2.CV_32F, 1, 0, scale=1 / 8), cv2.Sobel(mean, cv2.CV_32F, 0, 1, scale=1 / 8)
-    sigma = max(1.4826 * float(np.median(np.abs(residual[valid]))), LEAST_GREY) if valid.any() else 1.0
-    weight = np.where(valid, 1 / (1 + (residual / (TUKEY * sigma)) ** 2) ** 2, 0.0).astype(np.float32) / sigma**2
-    columns = view.grid.shape[1] // cell
-    layers = [gx * gx, gx * gy, gy * gy, gx * residual, gy * residual, valid.astype(np.float32)]
-    scaled = [block_sum(layer * weight if k < 5 else layer, cell).ravel() for k, layer in enumerate(layers)]
-    a, b, c, p, q, seen = scaled
-    keep = seen > 0.5 * cell**2
+    robust, sigma = _robust_weight(residual, valid)
+    weight = robust / np.float32(sigma**2)
+    layers = (gx * gx, gx * gy, gy * gy, gx * residual, gy * residual)
+    a, b, c, p, q = (block_sum(layer * weight, cell).ravel() for layer in layers)
+    seen = block_sum(valid.astype(np.float32), cell).ravel()
+    keep = seen > MIN_CELL_SEEN * cell**2
     prior = 1 / CELL_PRIOR_PX**2
     system = np.stack([a + prior, b, b, c + prior], -1).reshape(-1, 2, 2)[keep]
     shift = np.asarray(-np.linalg.solve(system, np.stack([p, q], -1)[keep][..., None])[..., 0], float)
-    index = np.stack(np.divmod(np.flatnonzero(keep), columns), -1)
+    index = np.stack(np.divmod(np.flatnonzero(keep), view.grid.shape[1] // cell), -1)
     centre = index[:, ::-1] * float(cell) + (cell - 1) / 2
     information = np.stack([a, b, b, c], -1).reshape(-1, 2, 2)[keep]
     return CellShifts(centre, shift, information, index)
 
 
-# tangents of the tilt against the line of sight: facing, slanted, and grazing as ground in front of a level camera
-TILTS = ((0.0, 0.0), *((a * t, b * t) for t in (1.0, 2.5) for a, b in ((1, 0), (-1, 0), (0, 1), (0, -1))))
-
-
 def sweep_planes(view: View, depths: FloatArray, keep: int = 4) -> list[PlaneFit]:
     """Try planes over a range of inverse depths (n,) and a few tilts; the best by correlation, unrefined."""
-    radius = max(4.0, min(view.grid.shape) / 6)
+    radius = _radius(view)
     ours = normalise(view.grid.grey.astype(np.float32), radius)
     centre = view.rays.mean(0)
     fits = []
@@ -223,7 +243,7 @@ def sweep_planes(view: View, depths: FloatArray, keep: int = 4) -> list[PlaneFit
             normal[2] = (w - normal @ centre) / centre[2]
             mapping = view.mapping(normal)
             valid = covered(mapping, view.shape2)
-            if valid.mean() < 0.4:
+            if valid.mean() < MIN_SWEPT:
                 continue
             score = correlation(ours, normalise(_pull(view, mapping), radius), valid)
             fits.append(PlaneFit(normal, score, np.full((3, 3), np.inf)))

@@ -9,7 +9,10 @@ from slopecli.types import FloatArray, IntArray
 from slopecli.vision.features import Grey
 
 LAGS = ((0, 1), (1, 0), (1, 1), (1, -1), (0, 2), (2, 0), (0, 3), (3, 0))  # rows, columns between two cells
-MAX_GAIN = 4.0
+REACH = 3  # the largest of them, rows or columns
+MAX_GAIN = 4.0  # errors shared by more cells than this stands for are no noise
+MIN_GROUP = 8  # cells of a window that say anything of correlation
+CLIP_SIGMAS = 3.0  # robust sigmas residuals are clipped at: one mismatch is no correlation
 
 
 def sample_grey(grey: Grey, uv: FloatArray) -> FloatArray:
@@ -49,24 +52,26 @@ def correlation_gain(groups: list[tuple[IntArray, FloatArray]]) -> float:
     and no relief. The variance of a mean over correlated samples grows by one plus twice the sum of their
     autocorrelations over all lags.
     """
-    products = np.zeros(len(LAGS))
-    pairs = np.zeros(len(LAGS))
+    products, pairs = np.zeros(len(LAGS)), np.zeros(len(LAGS))
     square, count = 0.0, 0
     for index, residual in groups:
-        if len(residual) < 8:
+        if len(residual) < MIN_GROUP:
             continue
-        limit = 3 * 1.4826 * np.median(np.abs(residual)) + 1e-15
+        limit = CLIP_SIGMAS * 1.4826 * np.median(np.abs(residual)) + 1e-15
         value = np.clip(residual, -limit, limit)
         square, count = square + float(value @ value), count + len(value)
-        table = np.full(tuple(np.ptp(index, axis=0) + 7), np.nan)
-        at = index - index.min(0)
-        table[at[:, 0] + 3, at[:, 1] + 3] = value
-        for k, (down, right) in enumerate(LAGS):
-            both = table[at[:, 0] + 3, at[:, 1] + 3] * table[at[:, 0] + 3 + down, at[:, 1] + 3 + right]
-            known = np.isfinite(both)
-            products[k] += float(both[known].sum())
-            pairs[k] += float(known.sum())
+        product, known = _lagged_products(index, value)
+        products, pairs = products + product, pairs + known
     if count == 0 or square == 0.0:
         return 1.0
     correlation = products / np.maximum(pairs, 1) / (square / count)
     return float(np.sqrt(np.clip(1 + 2 * correlation.sum(), 1.0, MAX_GAIN**2)))
+
+
+def _lagged_products(index: IntArray, value: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """For every lag: the sum of products of values that far apart, and how many such pairs there are."""
+    row, column = (index - index.min(0) + REACH).T
+    table = np.full(tuple(np.ptp(index, axis=0) + 1 + 2 * REACH), np.nan)
+    table[row, column] = value
+    both = np.array([value * table[row + down, column + right] for down, right in LAGS])
+    return np.nansum(both, axis=1), np.isfinite(both).sum(1).astype(float)

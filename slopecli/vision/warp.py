@@ -32,6 +32,11 @@ class Grid:
     scale: FloatArray  # (2,) shrunken px per full px, exact per axis
 
     @property
+    def mean_scale(self) -> float:
+        """Grid px per full px, the geometric mean of the two axes."""
+        return float(np.sqrt(np.prod(self.scale)))
+
+    @property
     def shape(self) -> tuple[int, int]:
         return int(self.grey.shape[0]), int(self.grey.shape[1])
 
@@ -115,20 +120,22 @@ def magnification(transfer_values: FloatImage, grid: Grid) -> float:
         return 1.0
     dx, dy = np.diff(sub, axis=1)[:-1], np.diff(sub, axis=0)[:, :-1]
     area = np.abs(dx[..., 0] * dy[..., 1] - dx[..., 1] * dy[..., 0]) / step**2
-    return float(np.sqrt(np.median(area) * np.prod(grid.scale)))
+    return float(np.sqrt(np.median(area))) * grid.mean_scale
 
 
-def resample(pyramid2: Pyramid, mapping: FloatImage, grid: Grid, interpolation: int = cv2.INTER_LINEAR) -> FloatImage:
+def sample_layer(layer: Layer, mapping: FloatImage) -> FloatImage:
+    """Grey values (h, w) of a layer at full-resolution pixels (h, w, 2), bilinear; outside the border repeats."""
+    local = (mapping + 0.5) * layer.scale.astype(np.float32) - 0.5
+    found = cv2.remap(layer.grey, local[..., 0], local[..., 1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+    return np.asarray(found, np.float32)
+
+
+def resample(pyramid2: Pyramid, mapping: FloatImage, grid: Grid) -> FloatImage:
     """Image 2 pulled onto the grid by a map of full-resolution pixels; as sharp as image 1 there, not sharper.
 
     Outside image 2 the border repeats; `covered` says where.
     """
-    ratio = magnification(mapping, grid) / float(np.sqrt(np.prod(grid.scale)))
-    layer = pyramid2.at(ratio)
-    local = (mapping + 0.5) * layer.scale.astype(np.float32) - 0.5
-    source = layer.grey
-    pulled = cv2.remap(source, local[..., 0], local[..., 1], interpolation, borderMode=cv2.BORDER_REPLICATE)
-    return np.asarray(pulled, np.float32)
+    return sample_layer(pyramid2.at(magnification(mapping, grid) / grid.mean_scale), mapping)
 
 
 def covered(mapping: FloatImage, shape2: tuple[int, int], margin: float = 2.0) -> NDArray[np.bool_]:
