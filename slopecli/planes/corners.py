@@ -4,23 +4,23 @@ from __future__ import annotations
 
 import numpy as np
 
-from slopecli.geometry.camera import rays_from_pixels
 from slopecli.geometry.motion import epipolar_residual, inverse_depth
 from slopecli.planes.borrow import borrow
 from slopecli.planes.matching import plane_from_overview, search_plane
 from slopecli.planes.robust import robust_plane
 from slopecli.planes.scene import FINE_PX, Scene, view_of
 from slopecli.planes.window_match import WindowMatch, no_match
-from slopecli.planes.windows import Window
+from slopecli.planes.windows import Window, inside_window
 from slopecli.types import FloatArray
 from slopecli.vision.foerstner import correlate_windows, foerstner_corners
+from slopecli.vision.sparse import pair_rays
 from slopecli.vision.warp import covered, resample, sample_map
 
 N_CORNERS = 60  # per window, as in the paper
-CORNER_DISTANCE_PX = 5.0
-MIN_CORNERS = 8
+CORNER_DISTANCE_PX = 5.0  # between corners, px of the working grid
+MIN_CORNERS = 8  # through fewer a plane is chance
 SIGMA_PX = 0.05  # of a correlated corner, px of the working grid
-EPIPOLAR_PX = 1.0
+EPIPOLAR_PX = 1.0  # px of the working grid a corner may miss its epipolar line by
 
 
 def match_window_corners(window: Window, scene: Scene) -> WindowMatch:
@@ -42,10 +42,10 @@ def _correlate(window: Window, scene: Scene, normal: FloatArray) -> WindowMatch:
     if len(corners) < MIN_CORNERS:
         return no_match("too few corners")
     displacement, correlation, ok = correlate_windows(view.grid.grey, pulled, corners)
-    scale = float(view.grid.scale.mean())
+    scale = view.grid.mean_scale
     uv1, uv2 = view.grid.full(corners), sample_map(mapping, corners + displacement)
-    x1, x2 = rays_from_pixels(scene.camera1, uv1), rays_from_pixels(scene.camera2, uv2)
-    ok &= np.isfinite(x1).all(1) & np.isfinite(x2).all(1) & _within(uv1, window)
+    x1, x2, seen = pair_rays(scene.camera1, scene.camera2, uv1, uv2)
+    ok &= seen & inside_window(uv1, window)
     ok[ok] &= np.abs(epipolar_residual(scene.R, scene.T, x1[ok], x2[ok])) * scene.camera2.focal_px * scale < EPIPOLAR_PX
     if ok.sum() < MIN_CORNERS:
         return no_match("too few corners matched")
@@ -62,9 +62,3 @@ def _correlate(window: Window, scene: Scene, normal: FloatArray) -> WindowMatch:
         score=float(np.median(correlation[kept])),
         share=len(kept) / len(corners),
     )
-
-
-def _within(uv: FloatArray, window: Window) -> np.ndarray:
-    x, y, w, h = window
-    u, v = uv.T
-    return (u >= x - 0.5) & (u < x + w - 0.5) & (v >= y - 0.5) & (v < y + h - 0.5)

@@ -2,32 +2,39 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 import numpy as np
 
-from slopecli.geometry.camera import rays_from_pixels
 from slopecli.geometry.epipolar import homogeneous
 from slopecli.geometry.motion import epipolar_residual, inverse_depth
 from slopecli.planes.borrow import borrow
 from slopecli.planes.evidence import Evidence
 from slopecli.planes.polish import polish
 from slopecli.planes.robust import robust_plane
-from slopecli.planes.scene import FINE_PX, Scene, epipolar_axes, view_of
+from slopecli.planes.scene import FINE_PX, Scene, axis_variance, view_of
 from slopecli.planes.window_match import WindowMatch, no_match, overdispersion
-from slopecli.planes.windows import MIN_SIDE_PX, Window
+from slopecli.planes.windows import MIN_SIDE_PX, Window, inside_window
 from slopecli.types import FloatArray
 from slopecli.vision.dense import Cells, dense_cells
-from slopecli.vision.photometric import PlaneFit, align_plane, sweep_planes
+from slopecli.vision.overview import CELL
+from slopecli.vision.photometric import NOISE_GREY, PlaneFit, align_plane, sweep_planes
+from slopecli.vision.sparse import pair_rays
 
 COARSE_PX = 48  # planes are searched for at about this many pixels a side
 EASY_SHARE = 0.25  # of the window covered by matches of the overview: then they give the first plane
 PART_SHARE = 0.1  # of a window, when too little of it is in image 2 for its planes to be compared
 GOOD_SCORE = 0.8  # photometric correlation at which no further plane is searched for
-SWEEP_LIMIT = 60
+FAIR_SCORE = 0.3  # photometric correlation below which what is compared is not the same ground
+REACHES = (0.0, 0.5, 1.5)  # sides of the window around it whose matches give planes to try
+MIN_EVIDENCE = 10  # matches that tell the range of depths to sweep
+SWEEP_LIMIT = 60  # depths: at a px apart, the costliest search
 INFORMED_DEG = 8.0  # 1-sigma of the normal from the pixels alone above which a window is too bare to answer by itself
 PIXEL_CORRELATION = 3.0  # neighbouring pixels share noise and interpolation: standard errors grow by this
-GREY_NOISE = 2.0  # grey levels; sensor noise of 8-bit images
 FLOOR_PX = 0.03  # px of the grid: what interpolation and the flow's own quantisation leave
 MAX_SIGMA_PX = 0.5  # px of the grid: cells matched worse than this are not used
+EPIPOLAR_PX = 1.0  # px of the grid a cell may miss its epipolar line by
+MIN_CELLS, MIN_SHARE = 8, 0.04  # of the window, without which its plane is chance
 # matched over less than this share, or agreeing less than this, a window may tilt otherwise than its matches say
 SCARCE_SHARE, SCARCE_RAD = 0.3, np.radians(10.0)
 FAINT_SCORE, FAINT_RAD = 0.8, np.radians(10.0)
@@ -35,20 +42,23 @@ FAINT_SCORE, FAINT_RAD = 0.8, np.radians(10.0)
 
 def match_window(window: Window, scene: Scene) -> WindowMatch:
     """Dense matches of one window, or those of the plane around it, or none with the reason."""
-    first = plane_from_overview(window, scene)
-    if first is not None:
-        match = _dense_match(window, scene, first)
-        if match.origin == "own":
-            return match
-    for fit in search_plane(window, scene):
-        match = _dense_match(window, scene, fit)
+    for normal in _first_ideas(window, scene):
+        match = _dense_match(window, scene, normal)
         if match.origin == "own":
             return match
     return _part(window, scene) or borrow(window, scene)
 
 
+def _first_ideas(window: Window, scene: Scene) -> Iterator[FloatArray]:
+    """Scaled normals worth a dense match, the cheapest first; the search is made only if that one is not enough."""
+    first = plane_from_overview(window, scene)
+    if first is not None:
+        yield first
+    yield from search_plane(window, scene)
+
+
 def _part(window: Window, scene: Scene) -> WindowMatch | None:
-    """Matches of the part of the window that image 2 shows, where that is enough to speak for it."""
+    """Matches of the part of the window that image 2 shows, where that is enough to speak for it, else None."""
     normal = scene.evidence.plane_through(scene.evidence.near(window, 0.0))
     if normal is None:
         return None
@@ -59,33 +69,36 @@ def _part(window: Window, scene: Scene) -> WindowMatch | None:
 def plane_from_overview(window: Window, scene: Scene) -> FloatArray | None:
     """Scaled normal of the window's plane from the overview's matches in it, None where they cover too little."""
     inside = scene.evidence.near(window, 0.0)
-    cell_area = 64.0 / float(np.prod(scene.pyramid1.overview_scale))
+    cell_area = CELL**2 / float(np.prod(scene.pyramid1.overview_scale))
     if inside.sum() * cell_area < EASY_SHARE * window[2] * window[3]:
         return None
     return scene.evidence.plane_through(inside)
 
 
 def search_plane(window: Window, scene: Scene) -> list[FloatArray]:
-    """Planes worth a dense match, best first: those of the neighbourhood and the scene, else a sweep over depth."""
+    """The plane the window's pixels fit best, of those of the neighbourhood and the scene, else of a sweep over depth.
+
+    Empty where no plane fits, or where the pixels leave the plane open.
+    """
     view = view_of(window, scene, COARSE_PX, border=False)
     if min(view.grid.shape) < 8:
         return []
-    candidates = [scene.evidence.plane_through(scene.evidence.near(window, grow)) for grow in (0.0, 0.5, 1.5)]
+    candidates = [scene.evidence.plane_through(scene.evidence.near(window, grow)) for grow in REACHES]
     fits = [align_plane(view, normal, 6) for normal in (*candidates, *scene.planes) if normal is not None]
     fits = [fit for fit in fits if np.isfinite(fit.score)]
-    if max((fit.score for fit in fits), default=-1.0) < GOOD_SCORE and len(scene.evidence) >= 10:
-        depths = _sweep_depths(scene.evidence, float(view.grid.scale.mean()))
+    if max((fit.score for fit in fits), default=-1.0) < GOOD_SCORE and len(scene.evidence) >= MIN_EVIDENCE:
+        depths = _sweep_depths(scene.evidence, view.grid.mean_scale)
         fits += [align_plane(view, fit.normal, 8) for fit in sweep_planes(view, depths)]
-    fits.sort(key=lambda fit: -fit.score)
-    best = [fit for fit in fits[:1] if fit.score > 0.3]
-    if (
-        not best and candidates[0] is not None
-    ):  # too little of it is in image 2 to compare, but some of that was matched
-        return [candidates[0]]
-    return [fit.normal for fit in (_sharpen(window, scene, fit) for fit in best) if _informed(fit)]
+    best = max(fits, key=lambda fit: fit.score, default=None)
+    if best is None or best.score <= FAIR_SCORE:
+        # too little of it is in image 2 to compare, but some of that may have been matched
+        return [candidates[0]] if candidates[0] is not None else []
+    best = _sharpen(window, scene, best)
+    return [best.normal] if _informed(best) else []
 
 
 def _sweep_depths(evidence: Evidence, scale: float) -> FloatArray:
+    """Inverse depths (n,) over and somewhat beyond those of the scene, about a px of the grid apart."""
     low, high = np.percentile(evidence.w, [1, 99])
     spread = high - low
     low, high = max(low - 0.3 * spread, 1e-4 * high), high + 0.3 * spread
@@ -94,6 +107,7 @@ def _sweep_depths(evidence: Evidence, scale: float) -> FloatArray:
 
 
 def _sharpen(window: Window, scene: Scene, fit: PlaneFit) -> PlaneFit:
+    """The plane aligned at finer and finer resolution, as far as the window has it."""
     for side in (COARSE_PX * 2, FINE_PX):
         if max(window[2:]) > 0.6 * side:
             fit = align_plane(view_of(window, scene, side, border=False), fit.normal, 8)
@@ -101,6 +115,7 @@ def _sharpen(window: Window, scene: Scene, fit: PlaneFit) -> PlaneFit:
 
 
 def _informed(fit: PlaneFit) -> bool:
+    """Whether the pixels decide where the plane faces."""
     if not np.isfinite(fit.covariance).all():
         return False
     length = float(np.linalg.norm(fit.normal))
@@ -114,29 +129,28 @@ def _dense_match(window: Window, scene: Scene, normal: FloatArray) -> WindowMatc
     view = view_of(window, scene, FINE_PX, border=True)
     if min(view.grid.shape) < MIN_SIDE_PX:
         return no_match("too few pixels")
-    side = max(window[2:]) * float(view.grid.scale.mean())
+    side = max(window[2:]) * view.grid.mean_scale
     cell = int(np.clip(side / 16, 4, 8))
     cells = dense_cells(view.grid, view.mapping(normal), scene.pyramid2, scene.shape2, cell, finest=0)
-    x, y, w, h = window
-    u, v = cells.uv1.T
-    cells = cells.take((u >= x - 0.5) & (u < x + w - 0.5) & (v >= y - 0.5) & (v < y + h - 0.5))
-    possible = max(1.0, w * h * float(np.prod(view.grid.scale)) / cell**2)
+    cells = cells.take(inside_window(cells.uv1, window))
+    possible = max(1.0, window[2] * window[3] * float(np.prod(view.grid.scale)) / cell**2)
     return polish(_usable(cells, scene, possible), window, scene, cell)
 
 
 def _usable(cells: Cells, scene: Scene, possible: float) -> WindowMatch:
-    x1, x2 = rays_from_pixels(scene.camera1, cells.uv1), rays_from_pixels(scene.camera2, cells.uv2)
+    """Those of the cells that are well matched and on the window's plane; `possible`: how many the window holds."""
+    x1, x2, seen = pair_rays(scene.camera1, scene.camera2, cells.uv1, cells.uv2)
     focal = scene.camera2.focal_px
-    variance = _variance_px(cells, scene)
+    variance = axis_variance(cells.information, cells.uv1, scene, FLOOR_PX, NOISE_GREY) / cells.pixel_scale**2
     residual = np.abs(epipolar_residual(scene.R, scene.T, x1, x2)) * focal * cells.pixel_scale
-    good = np.isfinite(x2).all(1) & np.isfinite(x1).all(1) & (residual < 1.0)
-    good &= (variance[:, 0] * cells.pixel_scale**2 < MAX_SIGMA_PX**2) & (cells.agreement > 0.3)
+    good = seen & (residual < EPIPOLAR_PX)
+    good &= (variance[:, 0] * cells.pixel_scale**2 < MAX_SIGMA_PX**2) & (cells.agreement > FAIR_SCORE)
     good[good] &= inverse_depth(scene.R, scene.T, x1[good], x2[good])[0] > 0
     share = float(good.sum() / possible)
-    if good.sum() < 8 or share < 0.04:
+    if good.sum() < MIN_CELLS or share < MIN_SHARE:
         return no_match("too few matches")
     w, leverage = inverse_depth(scene.R, scene.T, x1[good], x2[good])
-    plane = robust_plane(x1[good], w, leverage, 0.03 / focal / cells.pixel_scale)
+    plane = robust_plane(x1[good], w, leverage, FLOOR_PX / focal / cells.pixel_scale)
     score = float(np.median(cells.agreement[good]))
     doubt = SCARCE_RAD * max(0.0, 1 - share / SCARCE_SHARE) + FAINT_RAD * max(0.0, 1 - score / FAINT_SCORE)
     doubt += plane.doubt_rad(homogeneous(x1[good]) * leverage[:, None], w * leverage)
@@ -147,10 +161,3 @@ def _usable(cells: Cells, scene: Scene, possible: float) -> WindowMatch:
         cells.uv1[keep], cells.uv2[keep], x1[keep], x2[keep], cells.index[keep], variance, "own", score, share,
         doubt_rad=doubt, left_out=1 - float(plane.inlier.mean()),
     )  # fmt: skip
-
-
-def _variance_px(cells: Cells, scene: Scene) -> FloatArray:
-    """(n, 2) noise variance along and across the epipolar line in full px^2, from each cell's structure tensor."""
-    information = [np.einsum("ni,nij,nj->n", d, cells.information, d) for d in epipolar_axes(cells.uv1, scene)]
-    grid = FLOOR_PX**2 + GREY_NOISE**2 / np.maximum(np.column_stack(information), 1e-6)
-    return grid / cells.pixel_scale**2

@@ -2,24 +2,29 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
-from slopecli.geometry.camera import rays_from_pixels
 from slopecli.geometry.epipolar import homogeneous
 from slopecli.geometry.motion import inverse_depth
-from slopecli.planes.scene import FINE_PX, Scene, epipolar_axes, view_of
+from slopecli.planes.scene import FINE_PX, Scene, axis_variance, view_of
 from slopecli.planes.window_match import CHI2_MEDIAN, WindowMatch, overdispersion
 from slopecli.planes.windows import Window
 from slopecli.types import FloatArray
 from slopecli.vision.photometric import PlaneFit, View, align_plane, cell_shifts
+from slopecli.vision.sparse import pair_rays
 from slopecli.vision.warp import sample_map
 
 CLEAR_SCORE, CLEAR_SHARE = 0.9, 0.6  # where flow sees this much this well, alignment adds nothing
 PLANAR_RATIO = 5.0  # misfit to the plane over the predicted variance of the matches: beyond it there is relief
-POLISH_FLOOR_PX = 0.02  # px of the grid
+MIN_SCORE, MAX_LOSS = 0.5, 0.2  # correlation an alignment must reach, and may lose against the flow's
+MIN_CELLS, MIN_KEPT = 8, 0.3  # polished cells that can stand for the flow's matches, and their number over those
+MAX_SHIFT_PX = 1.0  # px of the grid: a cell that wants to move further was not aligned
+POLISH_FLOOR_PX = 0.02  # px of the grid: what interpolation leaves
 FAINTEST_PX = 1.0  # cells known worse than this add nothing
 FAINT_SCORE, FAINT_PIXELS = 0.85, 100 * 100  # below both, other planes of the scene are tried as starts
-SHIFT_VARIANCE = 4.0  # cells share noise with their neighbours through interpolation and normalisation
+SHIFT_SIGMAS = 2.0  # cells share noise with their neighbours through interpolation and normalisation
 
 
 def polish(match: WindowMatch, window: Window, scene: Scene, cell: int) -> WindowMatch:
@@ -30,37 +35,45 @@ def polish(match: WindowMatch, window: Window, scene: Scene, cell: int) -> Windo
     """
     if match.origin != "own" or (match.score > CLEAR_SCORE and match.share > CLEAR_SHARE):
         return match
+    normal = _plane_of(match, scene)
+    off = _misfit_px(normal, match.x1, match.x2, scene)
+    if np.median(off**2 / match.variance_px[:, 0]) > PLANAR_RATIO * CHI2_MEDIAN:
+        return match
     view = view_of(window, scene, FINE_PX, border=False)
-    scale = float(view.grid.scale.mean())
+    fit = _align_best(view, normal, scene, match.score)
+    if fit.score < max(MIN_SCORE, match.score - MAX_LOSS):
+        return match
+    return _shifted_cells(match, view, fit, scene, cell) or match
+
+
+def _plane_of(match: WindowMatch, scene: Scene) -> FloatArray:
+    """Scaled normal (3,) of the plane through the matches, each by its variance."""
     w, leverage = inverse_depth(scene.R, scene.T, match.x1, match.x2)
     root = leverage / np.sqrt(match.variance_px[:, 0])
-    rays = homogeneous(match.x1)
-    normal = np.linalg.lstsq(rays * root[:, None], w * root, rcond=None)[0].astype(float)
-    off = (w - rays @ normal) * leverage * scene.camera2.focal_px * scale
-    if np.median(off**2 / (match.variance_px[:, 0] * scale**2)) > PLANAR_RATIO * CHI2_MEDIAN:
-        return match
-    fit = _align_best(view, normal, scene, match.score)
-    if fit.score < max(0.5, match.score - 0.2):
-        return match
-    shifts = cell_shifts(view, fit.normal, cell)
-    mapping = view.mapping(fit.normal)
-    uv1 = view.grid.full(shifts.centre)
-    uv2 = sample_map(mapping, shifts.centre + shifts.shift)
-    along, across = epipolar_axes(uv1, scene)
-    information = [np.einsum("ni,nij,nj->n", d, shifts.information, d) for d in (along, across)]
-    variance = (POLISH_FLOOR_PX**2 + SHIFT_VARIANCE / np.maximum(np.column_stack(information), 1e-6)) / scale**2
-    x1, x2 = rays_from_pixels(scene.camera1, uv1), rays_from_pixels(scene.camera2, uv2)
-    good = np.isfinite(x1).all(1) & np.isfinite(x2).all(1) & (np.abs(shifts.shift).max(1) < 1.0)
-    good &= variance[:, 0] * scale**2 < FAINTEST_PX**2
-    if good.sum() < max(8, 0.3 * len(match.uv1)):
-        return match
+    return np.asarray(np.linalg.lstsq(homogeneous(match.x1) * root[:, None], w * root, rcond=None)[0])
+
+
+def _misfit_px(normal: FloatArray, x1: FloatArray, x2: FloatArray, scene: Scene) -> FloatArray:
+    """(n,) signed distance in image 2 of matches from where the plane puts them, full px."""
     w, leverage = inverse_depth(scene.R, scene.T, x1, x2)
-    off = (w - homogeneous(x1) @ fit.normal) * leverage * scene.camera2.focal_px
-    variance *= overdispersion(off[good] ** 2 / variance[good, 0])
-    return WindowMatch(
-        uv1[good], uv2[good], x1[good], x2[good], shifts.index[good], variance[good], "own", fit.score, match.share,
-        doubt_rad=match.doubt_rad, left_out=match.left_out,
-    )  # fmt: skip
+    return (w - homogeneous(x1) @ normal) * leverage * scene.camera2.focal_px
+
+
+def _shifted_cells(match: WindowMatch, view: View, fit: PlaneFit, scene: Scene, cell: int) -> WindowMatch | None:
+    """The aligned plane's cells, each where its own pixels want it; None where too few of them know."""
+    shifts = cell_shifts(view, fit.normal, cell)
+    uv1 = view.grid.full(shifts.centre)
+    uv2 = sample_map(view.mapping(fit.normal), shifts.centre + shifts.shift)
+    variance = axis_variance(shifts.information, uv1, scene, POLISH_FLOOR_PX, SHIFT_SIGMAS)
+    x1, x2, seen = pair_rays(scene.camera1, scene.camera2, uv1, uv2)
+    good = seen & (np.abs(shifts.shift).max(1) < MAX_SHIFT_PX) & (variance[:, 0] < FAINTEST_PX**2)
+    if good.sum() < max(MIN_CELLS, MIN_KEPT * len(match.uv1)):
+        return None
+    uv1, uv2, x1, x2, variance = uv1[good], uv2[good], x1[good], x2[good], variance[good] / view.grid.mean_scale**2
+    variance *= overdispersion(_misfit_px(fit.normal, x1, x2, scene) ** 2 / variance[:, 0])
+    return replace(
+        match, uv1=uv1, uv2=uv2, x1=x1, x2=x2, index=shifts.index[good], variance_px=variance, score=fit.score
+    )
 
 
 def _align_best(view: View, normal: FloatArray, scene: Scene, score: float) -> PlaneFit:

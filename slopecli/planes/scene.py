@@ -37,6 +37,8 @@ class Scene:
 
 
 def view_of(window: Window, scene: Scene, side_px: int, border: bool) -> View:
+    """A window on a working grid of about `side_px` a side, with some ground around it if `border`, ready to pull
+    image 2 onto it."""
     x, y, w, h = window
     shrink_by = max(w, h) / side_px
     layer = scene.pyramid1.at(shrink_by)
@@ -60,3 +62,20 @@ def epipolar_axes(uv1: FloatArray, scene: Scene) -> tuple[FloatArray, FloatArray
     along = rays[:, :2] * scene.T[2] - scene.T[:2]
     along /= np.maximum(np.linalg.norm(along, axis=1, keepdims=True), 1e-12)
     return along, np.column_stack([-along[:, 1], along[:, 0]])
+
+
+def axis_variance(information: FloatArray, uv1: FloatArray, scene: Scene, floor_px: float, noise: float) -> FloatArray:
+    """Variance (n, 2) of matches along and across the epipolar line, from the structure tensors of their cells.
+
+    Parameters
+    ----------
+    information : (n, 2, 2) structure tensors, noise units squared per grid px squared.
+    uv1 : (n, 2) px of image 1.
+    floor_px : 1-sigma that remains with any texture, grid px.  noise : 1-sigma, in the tensors' unit.
+
+    Returns
+    -------
+    variance : (n, 2) grid px squared.
+    """
+    known = [np.einsum("ni,nij,nj->n", axis, information, axis) for axis in epipolar_axes(uv1, scene)]
+    return floor_px**2 + noise**2 / np.maximum(np.column_stack(known), 1e-6)

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from slopecli.errors import InputError
-from slopecli.types import FloatArray
+from slopecli.types import BoolArray, FloatArray
 
 Window = tuple[int, int, int, int]  # x, y, width, height in px of image 1
 
@@ -32,6 +32,13 @@ def check_windows(windows: list[Window], width: int, height: int) -> None:
                 f"window {number} ({x},{y},{w},{h}) is not inside image 1, which is {width}x{height} px; "
                 f"keep 0 <= X, X+W <= {width} and 0 <= Y, Y+H <= {height}"
             )
+
+
+def inside_window(uv: FloatArray, window: Window) -> BoolArray:
+    """(n,) pixels (n, 2) within the window's outline."""
+    x, y, w, h = window
+    u, v = uv.T
+    return np.asarray((u >= x - 0.5) & (u < x + w - 0.5) & (v >= y - 0.5) & (v < y + h - 0.5))
 
 
 def window_polygon(window: Window) -> FloatArray:
