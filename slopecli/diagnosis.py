@@ -35,8 +35,8 @@ def refuse_unmatched(n_features: tuple[int, int], n_matches: int, n_inliers: int
         which = 1 + int(np.argmin(n_features))
         raise NoAnswer(
             "low-texture",
-            f"image {which} has only {min(n_features)} distinctive points",
-            "use sharper, better exposed or closer images",
+            f"image {which} has only {min(n_features)} distinctive points, {FEW_FEATURES} are needed",
+            "use sharper, larger, better exposed or closer images",
             value=float(min(n_features)),
         )
     if n_inliers < MIN_INLIERS or n_inliers < MIN_SHARE * n_matches:
@@ -157,6 +157,15 @@ def _poor_fit(noise_px: float) -> Diagnostic:
         noise_px,
         "check the camera file and its distortion; blur, a rolling shutter and moving things do the same",
     )
+
+
+def refuse_mirrored(x1: FloatArray, x2: FloatArray) -> None:
+    """Raise NoAnswer when image 2 shows the scene with left and right exchanged: no camera motion does that."""
+    design = homogeneous(x1)
+    linear = np.linalg.lstsq(design, x2, rcond=None)[0][:2]
+    turn = float(np.linalg.det(linear))
+    if turn < 0:
+        raise NoAnswer("poor-fit", "image 2 is mirrored", "flip it back, left to right or top to bottom", value=turn)
 
 
 def check_strangers(n_matches: int, n_obeying: int) -> list[Diagnostic]:

@@ -6,7 +6,14 @@ import time
 from collections.abc import Callable
 from functools import partial
 
-from slopecli.diagnosis import check_parallax, check_strangers, parallax_px, refuse_identical, refuse_unmatched
+from slopecli.diagnosis import (
+    check_parallax,
+    check_strangers,
+    parallax_px,
+    refuse_identical,
+    refuse_mirrored,
+    refuse_unmatched,
+)
 from slopecli.options import Options
 from slopecli.planes.corners import match_window_corners
 from slopecli.planes.joint import join_windows, solve_jointly
@@ -74,6 +81,7 @@ def estimate(
     # the whole image, densely: the motion, and a first idea of every plane
     scene, motions = survey(image1.grey, image2.grey, camera1, camera2, sparse)
     parallax = parallax_px(scene.evidence.x1, scene.evidence.x2, camera2.focal_px)
+    refuse_mirrored(scene.evidence.x1, scene.evidence.x2)
     diagnostics = check_strangers(scene.evidence.n_given, len(scene.evidence))
     diagnostics += check_parallax(parallax, motions[0].scale * camera2.focal_px)
     clock.tick("overview")

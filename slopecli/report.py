@@ -39,7 +39,8 @@ from slopecli.types import (
 )
 
 UNKNOWN_DEG = 60.0  # a slope whose 1-sigma is larger than this is no answer
-ROUGH = 0.03  # RMS height off the plane over distance beyond which a window is not one plane
+LEAST_SEEN = 0.5  # share of a window that must be matched to speak for all of it
+ROUGH = 0.025  # RMS height off the plane over distance beyond which a window is not one plane
 MOST_LEFT_OUT = 0.25  # share of a window's matches off its plane beyond which it is not one plane
 LEVEL_LOOK = 0.05  # mean drop to the ground over its distance below which an altitude gives no scale
 
@@ -212,6 +213,8 @@ def _rms(H: FloatArray, matched: Matched, kept: BoolArray) -> float:
 def _status(match: WindowMatch, roughness: float, inlier_share: float) -> tuple[Literal["ok", "poor"], str | None]:
     if match.origin == "borrowed":
         return "poor", match.reason
+    if match.share < LEAST_SEEN:
+        return "poor", f"only {100 * match.share:.0f} % of the window could be matched"
     if roughness > ROUGH or match.left_out > MOST_LEFT_OUT or inlier_share < 1 - MOST_LEFT_OUT:
         return "poor", "non-planar-patch"
     return "ok", None

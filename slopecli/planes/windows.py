@@ -25,7 +25,8 @@ def check_windows(windows: list[Window], width: int, height: int) -> None:
     for number, (x, y, w, h) in enumerate(windows, 1):
         if w < MIN_SIDE_PX or h < MIN_SIDE_PX:
             raise InputError(
-                f"window {number} is {w}x{h} px, at least {MIN_SIDE_PX}x{MIN_SIDE_PX} are needed; use larger windows"
+                f"window {number} is {w}x{h} px, at least {MIN_SIDE_PX}x{MIN_SIDE_PX} are needed; "
+                "use larger windows, or a grid with fewer cells"
             )
         if x < 0 or y < 0 or x + w > width or y + h > height:
             raise InputError(
