@@ -9,10 +9,17 @@ import numpy as np
 from slopecli.geometry.epipolar import homogeneous, rotation_from_vector, skew, tangent_basis
 from slopecli.types import FloatArray
 
+GATE_SIGMAS = 2.5  # robust sigmas at which a match has lost most of its weight
+TRUNCATE_SIGMAS = 4.0  # sigmas beyond which a mismatch costs no more, however far off it is
+
 
 @dataclass(frozen=True, eq=False)
 class MotionEstimate:
-    """R (3, 3), T (3,) unit; `scale`: robust 1-sigma of the epipolar residual; `cost`: its truncated mean square."""
+    """A motion P2 = R (P1 - T) with R (3, 3), T (3,) unit, and how well it fits the matches it was scored on.
+
+    scale : robust 1-sigma of the epipolar residual, normalised coordinates.  cost : mean square of the residual,
+    truncated.  front : share of the matches near their epipolar lines that lie in front of the camera.
+    """
 
     R: FloatArray
     T: FloatArray
@@ -22,11 +29,15 @@ class MotionEstimate:
 
 
 def epipolar_residual(R: FloatArray, T: FloatArray, x1: FloatArray, x2: FloatArray) -> FloatArray:
-    """Signed first-order epipolar distance (n,), scaled as if all error were in image 2 (Sampson's times sqrt 2)."""
+    """Signed first-order epipolar distance (n,), normalised coordinates, as if all error were in image 2.
+
+    Source: Sampson's distance (Hartley and Zisserman, eq. (11.9)) times sqrt 2.
+    """
     return _residual_parts(R, T, homogeneous(x1), homogeneous(x2))[0]
 
 
 def _residual_parts(R: FloatArray, T: FloatArray, p1: FloatArray, p2: FloatArray) -> tuple[FloatArray, ...]:
+    """Residual (n,), epipolar lines in image 2 (n, 3), and the factor (n,) that makes p2 . line the residual."""
     E = R @ skew(T)
     line2, line1 = p1 @ E.T, p2 @ E
     square = line2[:, 0] ** 2 + line2[:, 1] ** 2 + line1[:, 0] ** 2 + line1[:, 1] ** 2
@@ -39,15 +50,21 @@ def refine_motion(
 ) -> MotionEstimate:
     """Robust Gauss-Newton on the epipolar residual over the five parameters of the motion.
 
-    Geman-McClure weights at 2.5 robust sigmas. `bounds`: smallest and largest sigma believed, normalised coordinates;
-    the upper one keeps a majority of mismatches from passing for noise.
+    Geman-McClure weights (Geman and McClure 1987), whose scale follows the residuals.
+
+    Parameters
+    ----------
+    R, T : (3, 3) and (3,) motion to start from.
+    x1, x2 : (n, 2) normalised coordinates, mismatches among them.
+    bounds : smallest and largest sigma believed, normalised coordinates; the upper one keeps a majority of mismatches
+        from passing for noise.
     """
     p1, p2 = homogeneous(x1), homogeneous(x2)
     scale = bounds[0]
     for _ in range(iterations):
         residual, line2, factor = _residual_parts(R, T, p1, p2)
         scale = float(np.clip(1.4826 * np.median(np.abs(residual)), *bounds))
-        weight = 1 / (1 + (residual / (2.5 * scale)) ** 2) ** 2
+        weight = 1 / (1 + (residual / (GATE_SIGMAS * scale)) ** 2) ** 2
         basis = tangent_basis(T)
         d_rotation = np.cross(line2, p2)
         d_direction = np.cross(p1, p2 @ R) @ basis
@@ -64,22 +81,35 @@ def refine_motion(
 
 
 def assess_motion(R: FloatArray, T: FloatArray, x1: FloatArray, x2: FloatArray, scale: float) -> MotionEstimate:
-    """Score a motion; of T and -T the one that puts more of the scene in front of the camera."""
+    """Score a motion; of T and -T the one that puts more of the scene in front of the camera.
+
+    scale : 1-sigma of the residual, normalised coordinates, that costs are truncated by; costs under one scale compare.
+    """
+    limit = TRUNCATE_SIGMAS * scale
     w, leverage = inverse_depth(R, T, x1, x2)
     residual = np.abs(epipolar_residual(R, T, x1, x2))
-    near = residual < 4 * scale
+    near = residual < limit
     if near.any() and np.median(w[near] * leverage[near]) < 0:
         return assess_motion(R, -T, x1, x2, scale)
     # a far point's inverse depth may fall below zero by noise alone; further behind it is a mismatch
-    behind = w * leverage < -4 * scale
-    limit = 4 * scale
+    behind = w * leverage < -limit
     cost = float(np.mean(np.where(behind, limit**2, np.minimum(residual, limit) ** 2)))
     front = float(np.mean(~behind[near])) if near.any() else 0.0
     return MotionEstimate(R, T, scale, cost, front)
 
 
 def inverse_depth(R: FloatArray, T: FloatArray, x1: FloatArray, x2: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Inverse depth w (n,) of each match, with x2 ~ R (x1 - w T), and its leverage |d x2 / d w| (n,)."""
+    """Inverse depth of each match, by least squares in image 2.
+
+    Parameters
+    ----------
+    x1, x2 : (n, 2) normalised coordinates.
+
+    Returns
+    -------
+    w : (n,) with x2 ~ R (x1 - w T), 1/baseline; negative behind the camera, and by noise far away.
+    leverage : (n,) |d x2 / d w|; near 0 where the camera moves along the line of sight, and w is unknown.
+    """
     a, b = homogeneous(x1) @ R.T, R @ T
     along = b[:2] - x2 * b[2]
     offset = a[:, :2] - x2 * a[:, 2:]

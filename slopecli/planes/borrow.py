@@ -15,12 +15,13 @@ from slopecli.vision.warp import covered
 REACHES = (0.75, 1.5, 3.0)  # how far to look, sides of the window
 MIN_NEAR, MIN_CHOSEN, MIN_SUPPORT = 20, 12, 2.0  # matches, matches on the plane, votes
 MOST = 300  # matches to borrow: more are no more certain of what they do not see
-ON_PLANE_PX = 1.0
+ON_PLANE_PX = 1.0  # distance in image 2 from where the plane puts them, of matches that are on it
 AGREED_SHARE = 0.5  # of the votes around a window that one plane must have
 PARALLEL_RAD = np.radians(10.0)  # planes this alike count as one orientation
-SAME_GREY = 30.0  # grey levels
+SAME_GREY = 30.0  # grey levels by which one material differs from place to place
 SIGMA_PX = 0.3  # of matches of the overview, generously
-SKETCH_PX, SEEN_SHARE = 24, 0.3
+SKETCH_PX, SEEN_SHARE = 24, 0.3  # px a side on which is counted how much of a window image 2 shows; too little
+CELLS_ACROSS = 16  # cells of a window: borrowed matches closer than that share errors
 TEXTURED_GREY = 12.0  # standard deviation of a window that ought to have been matched
 UNEXPLAINED_RAD = np.radians(20.0)  # doubt about the plane around a window that was not found on it
 LONELY_RAD = np.radians(60.0)  # doubt about a borrowed plane that nothing around the window supports
@@ -36,6 +37,7 @@ def borrow(window: Window, scene: Scene) -> WindowMatch:
 
 
 def _from_around(window: Window, scene: Scene) -> WindowMatch | None:
+    """Matches of the plane most of what lies around agrees on; None where it agrees on none, however far one looks."""
     evidence = scene.evidence
     for grow in REACHES:
         near = evidence.near(window, grow)
@@ -53,6 +55,7 @@ def _from_around(window: Window, scene: Scene) -> WindowMatch | None:
 
 
 def _from_scene(window: Window, scene: Scene) -> WindowMatch | None:
+    """Matches of the scene's plane of the most common orientation, near the window above all; None without one."""
     if not scene.planes:
         return None
     near = scene.evidence.near(window, REACHES[-1])
@@ -100,7 +103,7 @@ def _as_match(
 ) -> WindowMatch:
     evidence = scene.evidence
     chosen = thin(evidence.uv1, chosen, MOST)
-    spacing = max(max(window[2:]) / 16, 1.0)
+    spacing = max(max(window[2:]) / CELLS_ACROSS, 1.0)
     index = np.round(evidence.uv1[chosen, ::-1] / spacing).astype(np.int64)
     x2 = evidence.x2[chosen]
     variance = np.full((len(chosen), 2), SIGMA_PX**2)

@@ -20,6 +20,8 @@ STEP_GATE = 3.0  # robust sigmas of the core, where part of the window lies on a
 STEP_SIGMAS = 7.0  # RMS of the rest: how far that part stands off
 DOUBT_SHARE = 0.35  # of the angle between the plane kept and the plane of all points
 STEP_EVEN, STEP_REST = 0.4, 0.25  # of that distance; at most this share of the part may be further from it
+STEP_SHARES = (0.03, 0.5)  # of the window across the step: less is stray, more is the window itself
+REWEIGHTS = 6  # rounds of least squares over the inliers: they no longer change then
 
 
 @dataclass(frozen=True, eq=False)
@@ -103,7 +105,7 @@ def _beyond_step(residual: FloatArray, floor: float) -> BoolArray | None:
     size = np.abs(residual)
     scale = max(float(np.quantile(size, CORE)) / CORE_SIGMA, floor)
     off = size > STEP_GATE * scale
-    if off.mean() < 0.03 or off.mean() > 0.5:
+    if not STEP_SHARES[0] <= off.mean() <= STEP_SHARES[1]:
         return None
     distance = float(np.median(residual[off]))
     aside = off & (np.abs(residual - distance) > STEP_EVEN * abs(distance))
@@ -114,6 +116,7 @@ def _beyond_step(residual: FloatArray, floor: float) -> BoolArray | None:
 
 
 def _triples(rows: FloatArray, target: FloatArray) -> FloatArray:
+    """(k, 3) normals through random triples of points, and the one through everything."""
     rng = np.random.default_rng(0)
     index = rng.integers(0, len(rows), (HYPOTHESES, 3))
     matrix = rows[index]
@@ -128,7 +131,7 @@ def _triples(rows: FloatArray, target: FloatArray) -> FloatArray:
 
 def _reweighted(rows: FloatArray, target: FloatArray, normal: FloatArray, floor: float, gate: float) -> RobustPlane:
     inlier, scale = np.ones(len(rows), bool), floor
-    for _ in range(6):
+    for _ in range(REWEIGHTS):
         residual = np.abs(target - rows @ normal)
         scale = max(float(np.quantile(residual, HALF)) / HALF_SIGMA, floor)
         inlier = residual < gate * scale

@@ -12,9 +12,10 @@ Motion = tuple[FloatArray, FloatArray]
 
 SIGMA_PX = (0.05, 0.7)  # the noise of sparse matches lies between these; more is mismatch
 SCORE_PX = 0.5  # motions compete on squared residuals truncated at four of these
-HALVES = 16
-HOMOGRAPHY_PX = 2.0
-DISTINCT_RAD = np.radians(1.0)
+MIN_MATCHES = 8  # for a motion at all
+HALVES = 16  # random halves of the matches that are searched when most may be wrong
+HOMOGRAPHY_PX = 2.0  # distance of matches on the dominant plane from its prediction
+DISTINCT_RAD = np.radians(1.0)  # motions closer than this in rotation, twice this in direction, are one
 
 
 def starting_motions(x1: FloatArray, x2: FloatArray, focal_px: float, thorough: bool = False) -> list[MotionEstimate]:
@@ -23,9 +24,9 @@ def starting_motions(x1: FloatArray, x2: FloatArray, focal_px: float, thorough: 
     Essential matrices come from five-point RANSAC in several variants (many when `thorough`, for matches of which most
     may be wrong), and from the decompositions of the dominant homography, since a flat scene determines the essential
     matrix badly.
-    Raises nothing; the list is empty when there are fewer than eight matches or no model.
+    The list is empty when there are too few matches or no model fits.
     """
-    if len(x1) < 8:
+    if len(x1) < MIN_MATCHES:
         return []
     candidates = _essential_motions(x1, x2, focal_px, thorough) + _homography_motions(x1, x2, focal_px)
     bounds = (SIGMA_PX[0] / focal_px, SIGMA_PX[1] / focal_px)
@@ -62,7 +63,7 @@ def _essential_motions(x1: FloatArray, x2: FloatArray, focal_px: float, thorough
     if thorough:
         rng = np.random.default_rng(0)
         for _ in range(HALVES):  # random halves: each run of RANSAC otherwise repeats the same draw
-            half = rng.permutation(len(x1))[: max(8, len(x1) // 2)]
+            half = rng.permutation(len(x1))[: max(MIN_MATCHES, len(x1) // 2)]
             motions += _five_point(x1[half], x2[half], cv2.RANSAC, 1.0 / focal_px)
     return motions
 
