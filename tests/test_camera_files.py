@@ -418,6 +418,71 @@ def test_numpy_archive(tmp_path: Path) -> None:
 # ---- ROS ----
 
 
+OPENCV_ND = """<?xml version="1.0"?>
+<opencv_storage>
+<cameraMatrix type_id="opencv-matrix">
+  <rows>3</rows><cols>3</cols><dt>d</dt><data>800. 0. 511.5 0. 810. 383.5 0. 0. 1.</data></cameraMatrix>
+<distCoeffs type_id="opencv-nd-matrix">
+  <sizes>
+    5</sizes>
+  <dt>d</dt><data>-0.28 7.4e-02 2.0e-04 1e-05 0.</data></distCoeffs>
+</opencv_storage>
+"""
+
+
+def test_opencv_xml_with_coefficients_in_an_array_of_one_dimension(tmp_path: Path) -> None:
+    (tmp_path / "nd.xml").write_text(OPENCV_ND)
+    assert load_camera(tmp_path / "nd.xml", size=(1024, 768)).distortion == pytest.approx((*BROWN, 0))
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "words"),
+    [
+        ("    5</sizes>", "    4</sizes>", "distCoeffs has 5 numbers, needed sizes = 4"),
+        ("<data>-0.28 7.4e-02 2.0e-04 1e-05 0.</data>", "", "distCoeffs holds sizes, dt"),
+        ("distCoeffs", "coeffs", "'coeffs' is not understood"),
+        ("distCoeffs", "distCoeffs2", "'distCoeffs2' belongs to no matrix"),
+    ],
+)
+def test_opencv_coefficients_that_are_not_understood_are_refused(tmp_path: Path, old: str, new: str, words: str) -> None:
+    (tmp_path / "nd.xml").write_text(OPENCV_ND.replace(old, new))
+    with pytest.raises(InputError, match=words):
+        load_camera(tmp_path / "nd.xml", size=(1024, 768))
+
+
+LENSLESS = {
+    "OpenCV": {"camera_matrix": MATRIX},
+    "ROS": {"camera_matrix": MATRIX, "distortion_model": "", "camera_name": "a"},
+    "Kalibr": {"camera_model": "pinhole", "intrinsics": K},
+    "nerfstudio": {"fl_x": 800, "w": 1024, "h": 768},
+    "OpenSfM": {"cameras": {"a": {"projection_type": "brown", "focal": 0.8, "width": 1024, "height": 768}}},
+    "native": NATIVE,
+}
+
+
+@pytest.mark.parametrize("key", ["coeffs", "distortion_params", "radial_distortion", "lens_coefficients"])
+@pytest.mark.parametrize("tree", LENSLESS.values(), ids=LENSLESS)
+def test_coefficients_under_another_name_never_count_as_none(tmp_path: Path, tree: dict, key: str) -> None:
+    named = {"cameras": {"a": {**tree["cameras"]["a"], key: BROWN}}} if "cameras" in tree else {**tree, key: BROWN}
+    (tmp_path / "plain.json").write_text(json.dumps(tree))
+    load_camera(tmp_path / "plain.json", size=(1024, 768))
+    (tmp_path / "camera.json").write_text(json.dumps(named))
+    with pytest.raises(InputError, match=key):
+        load_camera(tmp_path / "camera.json", size=(1024, 768))
+
+
+def test_opencv_coefficients_as_text_are_refused(tmp_path: Path) -> None:
+    (tmp_path / "camera.json").write_text(json.dumps({"camera_matrix": MATRIX, "distCoeffs": "-0.28 0.07 0 0"}))
+    with pytest.raises(InputError, match=r"distCoeffs is .* needed a number"):
+        load_camera(tmp_path / "camera.json", size=(1024, 768))
+
+
+def test_pickled_coefficients_of_a_numpy_archive_are_refused(tmp_path: Path) -> None:
+    np.savez(tmp_path / "camera.npz", mtx=np.array(MATRIX), dist=np.array([None, 0.1], dtype=object))
+    with pytest.raises(InputError, match="dist is 'a pickled object'"):
+        load_camera(tmp_path / "camera.npz", size=(1024, 768))
+
+
 def test_ros_models(tmp_path: Path) -> None:
     rational = ROS2_ECHO.replace("plumb_bob", "rational_polynomial").replace(
         "d: [-0.28, 0.074, 0.0002, 1.0e-05, 0.0]", "d: [5.3, 3.2, 0.0003, -0.0002, 0.2, 5.6, 4.8, 0.9]"

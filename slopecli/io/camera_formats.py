@@ -23,7 +23,9 @@ from slopecli.io.camera_values import (
     named_coefficients,
     number,
     numbers,
+    plain_key,
     refuse_nonzero,
+    refuse_unread_distortion,
     size_of,
 )
 from slopecli.types import Camera
@@ -100,20 +102,24 @@ OPENCV_MODELS = ("model", "camera_model", "distortion_model", "lens_model", "mod
 def find_opencv(tree: Tree) -> dict[str, Any]:
     cameras: dict[str, dict[str, Any]] = {}
     for key, value in tree.items():
-        match = OPENCV_KEY.fullmatch(_plain(key))
-        if match is None or not isinstance(value, list | tuple | Mapping | None):
+        match = OPENCV_KEY.fullmatch(plain_key(key))
+        if match is None or (match["matrix"] and not isinstance(value, list | tuple | Mapping)):
             continue
         part = "matrix" if match["matrix"] else "lens"
         camera = cameras.setdefault(match["before"] or match["after"] or "", {"tree": tree})
         if part in camera:
             raise InputError(f"both {camera[part][0]!r} and {key!r} are given; keep one of them")
         camera[part] = key, value
-    return {name: camera for name, camera in cameras.items() if "matrix" in camera}
+    found = {name: camera for name, camera in cameras.items() if "matrix" in camera}
+    for name, camera in cameras.items() if found else ():
+        if name not in found:
+            raise InputError(f"{camera['lens'][0]!r} belongs to no matrix; give both the same suffix, or none")
+    return found
 
 
 def read_opencv(camera: Mapping[str, Any], size: Size | None) -> Camera:
     tree = camera["tree"]
-    _refuse_unread_distortion(tree)
+    _refuse_unread_opencv(tree)
     fisheye = bool(number(tree.get("fisheye_model", 0), "fisheye_model"))
     named = next((tree[key] for key in OPENCV_MODELS if key in tree), None)
     model = lens_model(named) if named is not None else "fisheye" if fisheye else "brown"
@@ -126,20 +132,15 @@ def read_opencv(camera: Mapping[str, Any], size: Size | None) -> Camera:
     return make_camera(source, _opencv_size(tree) or size, intrinsics, model, numbers(lens, lens_key))
 
 
-def _plain(key: Any) -> str:
-    return re.sub(r"[_\-. ]", "", str(key)).lower()
-
-
-def _refuse_unread_distortion(tree: Tree) -> None:
-    """A distortion that is present under a name we do not read must not count as none."""
+def _refuse_unread_opencv(tree: Tree) -> None:
     for key, value in tree.items():
-        plain = _plain(key)
+        plain = plain_key(key)
         if plain == "xi":
             raise InputError("an omnidirectional camera (xi) is not supported; undistort the images first")
         if re.fullmatch("[kp][1-6]", plain) and not isinstance(value, list | tuple | Mapping):
             raise InputError(f"{key!r} stands alone; list the coefficients as distortion_coefficients")
-        if re.search("distor|distc", plain) and not OPENCV_KEY.fullmatch(plain) and key not in OPENCV_MODELS:
-            raise InputError(f"{key!r} is not understood; list the coefficients as distortion_coefficients")
+    read = [*OPENCV_MODELS, *(key for key in tree if OPENCV_KEY.fullmatch(plain_key(key)))]
+    refuse_unread_distortion(tree, read, "list the coefficients as distortion_coefficients")
 
 
 def _opencv_size(tree: Tree) -> Size | None:
@@ -156,6 +157,9 @@ def _opencv_size(tree: Tree) -> Size | None:
 # ---- ROS camera_info: the calibration file, and what `topic echo` prints ----
 
 
+ROS_LENSES = ("distortion_model", "distortion_coefficients")
+
+
 def find_ros(tree: Tree) -> dict[str, Any]:
     own = "distortion_model" in tree and any(key in tree for key in ("camera_matrix", "K", "k"))
     return {str(tree.get("camera_name") or ""): tree} if own else {}
@@ -166,6 +170,7 @@ def read_ros(tree: Tree, size: Size | None) -> Camera:
 
     Binning averages neighbouring pixels, so centres move as in `scale_camera`.
     """
+    refuse_unread_distortion(tree, ROS_LENSES, "list the coefficients as distortion_coefficients")
     matrix = next(key for key in ("camera_matrix", "K", "k") if key in tree)
     lens = next((tree[key] for key in ("distortion_coefficients", "D", "d") if key in tree), None)
     full = size_of(tree.get("width", tree.get("image_width")), tree.get("height", tree.get("image_height"))) or size
@@ -196,6 +201,9 @@ def _ros_region(tree: Tree, full: Size) -> tuple[int, int, int, int]:
 # ---- Kalibr camchain, and the sensor.yaml of EuRoC ----
 
 
+KALIBR_LENSES = ("distortion_model", "distortion_coeffs", "distortion_coefficients")
+
+
 def find_kalibr(tree: Tree) -> dict[str, Any]:
     if "camera_model" in tree and "intrinsics" in tree:
         return {"": tree}
@@ -206,6 +214,7 @@ def find_kalibr(tree: Tree) -> dict[str, Any]:
 def read_kalibr(tree: Tree, size: Size | None) -> Camera:
     if tree["camera_model"] != "pinhole":
         raise InputError(f"camera_model {tree['camera_model']!r} is not supported, only 'pinhole' is")
+    refuse_unread_distortion(tree, KALIBR_LENSES, "list the coefficients as distortion_coeffs")
     model = lens_model(tree.get("distortion_model"), "distortion_model")
     lens = tree.get("distortion_coeffs", tree.get("distortion_coefficients"))
     if lens is None and model != "pinhole":
@@ -236,6 +245,7 @@ def find_nerfstudio(tree: Tree) -> dict[str, Any]:
 
 def read_nerfstudio(tree: Tree, size: Size | None) -> Camera:
     """Pixel centres at (0.5, 0.5), as in COLMAP."""
+    refuse_unread_distortion(tree, (), "give the coefficients as k1, k2, p1, p2, ...")
     model = lens_model(tree.get("camera_model", "OPENCV"), "camera_model")
     model = "fisheye" if tree.get("is_fisheye") else "brown" if model == "pinhole" else model
     if model == "brown":
@@ -259,6 +269,7 @@ def find_opensfm(tree: Tree) -> dict[str, Any]:
 
 def read_opensfm(tree: Tree, size: Size | None) -> Camera:
     """Lengths are in units of the longer side, centres measured from the middle of the image."""
+    refuse_unread_distortion(tree, (), "give the coefficients as k1, k2, p1, p2, ...")
     model = lens_model(tree["projection_type"], "projection_type")
     size = known_size(size_of(tree.get("width"), tree.get("height")) or size)
     longer = max(size)

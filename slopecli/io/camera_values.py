@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+import re
+from collections.abc import Collection, Mapping, Sequence
 from typing import Any
 
 from slopecli.errors import InputError
@@ -38,6 +39,7 @@ LENS_NAMES: dict[str, CameraModel] = {
 }
 BROWN_ORDER = ("k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6")
 FISHEYE_ORDER = ("k1", "k2", "k3", "k4")
+LOOKS_LIKE_DISTORTION = "coef|distor|^r?dist(?!ance)|radial|tangential|lensparam"
 MIN_FOCAL_RATIO = 0.02  # of the longer side; a focal length in millimetres or normalised units falls far below
 
 
@@ -78,10 +80,11 @@ def _matrix_data(matrix: Mapping[str, Any], name: str) -> list[float]:
     if "data" not in matrix:
         raise InputError(f"{name} holds {', '.join(map(str, matrix))}, needed a list or rows, cols and data")
     data = numbers(matrix["data"], name)
-    if "rows" in matrix and "cols" in matrix:
-        rows, cols = number(matrix["rows"], f"rows of {name}"), number(matrix["cols"], f"cols of {name}")
-        if rows * cols != len(data):
-            raise InputError(f"{name} has {len(data)} numbers, needed rows x cols = {rows:g} x {cols:g}")
+    for keys in (("rows", "cols"), ("sizes",)):
+        sides = [side for key in keys for side in numbers(matrix.get(key), f"{key} of {name}")]
+        if len(sides) >= len(keys) and math.prod(sides) != len(data):
+            shape = f"{' x '.join(keys)} = {' x '.join(f'{side:g}' for side in sides)}"
+            raise InputError(f"{name} has {len(data)} numbers, needed {shape}")
     return data
 
 
@@ -122,6 +125,25 @@ def named_coefficients(values: Mapping[str, Any], model: CameraModel) -> list[fl
     """Coefficients in OpenCV's order from their names; a missing one is 0."""
     order = FISHEYE_ORDER if model == "fisheye" else BROWN_ORDER
     return [number(values.get(name) or 0, name) for name in order]
+
+
+def plain_key(key: Any) -> str:
+    """A key without the separators and capitals in which files differ."""
+    return re.sub(r"[_\-. ]", "", str(key)).lower()
+
+
+def refuse_unread_distortion(keys: Collection[Any], read: Collection[str], remedy: str) -> None:
+    """Refuse a distortion under a name that is not read: it must not count as none.
+
+    Parameters
+    ----------
+    keys : all keys of the camera.
+    read : those the format does read.
+    remedy : what to do about another one.
+    """
+    for key in keys:
+        if key not in read and re.search(LOOKS_LIKE_DISTORTION, plain_key(key)):
+            raise InputError(f"{key!r} is not understood; {remedy}")
 
 
 def refuse_nonzero(values: Mapping[str, Any], names: Sequence[str], what: str) -> None:

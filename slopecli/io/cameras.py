@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-import contextlib
 import json
 import math
+import os
 import re
 from collections.abc import Callable, Mapping
 from os import PathLike
@@ -114,7 +114,7 @@ def _is_rescale(width: int, height: int, new_width: int, new_height: int) -> boo
 def _split_name(path: str, name: str | None) -> tuple[Path, str | None]:
     """FILE#NAME, unless a file of that whole name exists."""
     file, hash_sign, picked = path.rpartition("#")
-    if name is None and hash_sign and not Path(path).exists():
+    if name is None and hash_sign and not os.path.exists(path):
         return Path(file), picked
     return Path(path), name
 
@@ -177,7 +177,7 @@ def _cameras_in_binary(data: bytes) -> tuple[Reader, Mapping[str, Any]]:
 
 
 def _numpy_arrays(data: bytes) -> dict[str, Any]:
-    """The plain arrays of a .npz; pickled objects are left alone."""
+    """The arrays of a .npz; a pickled object stays unread, which only matters where coefficients are needed."""
     from io import BytesIO
 
     import numpy as np
@@ -186,8 +186,10 @@ def _numpy_arrays(data: bytes) -> dict[str, Any]:
     try:
         with np.load(BytesIO(data), allow_pickle=False) as archive:
             for key in archive.files:
-                with contextlib.suppress(ValueError):
+                try:
                     arrays[key] = archive[key].tolist()
+                except ValueError:
+                    arrays[key] = "a pickled object"
     except Exception:  # zipfile and NumPy raise a dozen kinds on damaged bytes
         raise InputError("is a damaged zip or NumPy archive") from None
     return arrays
@@ -216,7 +218,9 @@ def _cameras_in_xml(text: str) -> tuple[Reader, Mapping[str, Any]]:
 
 
 def _opencv_xml_value(element: Element) -> Any:
-    if element.get("type_id") == "opencv-matrix":
+    if len(element) and all(child.tag == "_" for child in element):
+        return [_opencv_xml_value(child) for child in element]
+    if len(element) or element.get("type_id"):
         return {child.tag: _opencv_xml_value(child) for child in element}
     words = (element.text or "").split()
     return words[0] if len(words) == 1 and element.tag != "data" else words

@@ -80,7 +80,7 @@ def _read_bytes(path: Path) -> bytes:
 
 def _refuse_non_files(path: Path) -> None:
     if path.is_dir():
-        raise InputError(f"{path}: is a folder, needed an image file; `slopemap batch` takes folders")
+        raise InputError(f"{path}: is a folder, needed an image file")
     if not path.exists():
         raise InputError(f"{path}: no such file; check the path")
     if not path.is_file():

@@ -10,7 +10,16 @@ from typing import Any
 from xml.etree.ElementTree import Element
 
 from slopecli.errors import InputError
-from slopecli.io.camera_values import Intrinsics, Size, known_size, make_camera, number, refuse_nonzero, size_of
+from slopecli.io.camera_values import (
+    Intrinsics,
+    Size,
+    known_size,
+    make_camera,
+    number,
+    refuse_nonzero,
+    refuse_unread_distortion,
+    size_of,
+)
 from slopecli.types import Camera
 
 
@@ -35,6 +44,7 @@ def read_metashape(calibration: Element, size: Size | None) -> Camera:
     kind = calibration.get("type") or values.get("projection") or "frame"
     if kind != "frame":
         raise InputError(f"Metashape camera type {kind!r} is not supported, only 'frame' is")
+    refuse_unread_distortion(values, (), "needed k1, k2, k3, p1, p2 as Metashape writes them")
     refuse_nonzero(values, ("b2", "skew"), "skew")
     refuse_nonzero(values, ("k4",), "radial distortion of order 8")
     refuse_nonzero(values, ("p3", "p4"), "tangential distortion of higher order")
