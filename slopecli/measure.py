@@ -16,6 +16,7 @@ from slopecli.types import FloatArray, Slopes, Solution, Up
 Verdict = Literal["safe", "unsafe", "undecided"]
 
 CAMERA_UP = (0.0, 0.0, -1.0)  # the camera looks straight down
+SAME_AREA = 0.99  # footprints this alike count as equally large
 BORROWED_SIGMA_DEG = 5.0  # terrain next to a window tells its slope no better than this
 
 
@@ -78,11 +79,15 @@ def _up_vector(options: Options) -> FloatArray:
 
 
 def dominant_plane(matched: Matched) -> int:
-    """Index of the answered patch with the largest footprint, of those seen themselves where there are any."""
+    """Index of the answered patch with the largest footprint, of those seen themselves where there are any.
+
+    Windows of a grid are as good as equal; among those the one with the most matches is taken.
+    """
     chosen = [(matched.windows[i], matched.matches[i]) for i in matched.answered]
     seen = [match.origin == "own" for _, match in chosen]
-    areas = [w * h * (own or not any(seen)) for ((_, _, w, h), _), own in zip(chosen, seen, strict=True)]
-    return int(np.argmax(areas))
+    areas = np.array([w * h * (own or not any(seen)) for ((_, _, w, h), _), own in zip(chosen, seen, strict=True)])
+    matches = np.array([len(match.uv1) for _, match in chosen])
+    return int(np.argmax(np.where(areas >= SAME_AREA * areas.max(), matches, -1)))
 
 
 def _doubted(slopes: Slopes, matched: Matched) -> Slopes:

@@ -13,7 +13,6 @@ class Options:
     Windows are (x, y, w, h) in pixels of image 1; `grid` (columns, rows) is used when there are none.
     """
 
-    planes: str = "windows"
     grid: tuple[int, int] = (3, 3)  # the paper's nine windows
     windows: tuple[tuple[int, int, int, int], ...] = ()
     features: Literal["sift", "foerstner"] = "sift"  # foerstner: the paper's corners and correlation
@@ -25,4 +24,4 @@ class Options:
     altitude_m: float | None = None
     tolerance_deg: float = 15.0  # what landers bear (paper, section I)
     confidence: float = 0.99
-    seed: int = 0
+    seed: int = 0  # of the random draws in the search for motions and planes; the answer hardly depends on it

@@ -74,12 +74,12 @@ def estimate(
     refuse_identical(image1, image2)
 
     # sparse features: which motions are possible
-    sparse = find_motions(image1.grey, image2.grey, camera1, camera2, FEATURE_MATCHERS[options.features])
+    sparse = find_motions(image1.grey, image2.grey, camera1, camera2, FEATURE_MATCHERS[options.features], options.seed)
     refuse_unmatched(sparse.n_features, len(sparse.matches), sparse.n_inliers)
     clock.tick("features")
 
     # the whole image, densely: the motion, and a first idea of every plane
-    scene, motions = survey(image1.grey, image2.grey, camera1, camera2, sparse)
+    scene, motions = survey(image1.grey, image2.grey, camera1, camera2, sparse, options.seed)
     parallax = parallax_px(scene.evidence.x1, scene.evidence.x2, camera2.focal_px)
     refuse_mirrored(scene.evidence.x1, scene.evidence.x2)
     diagnostics = check_strangers(scene.evidence.n_given, len(scene.evidence))

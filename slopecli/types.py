@@ -90,15 +90,6 @@ class Correspondences:
 
 
 @dataclass(frozen=True, eq=False)
-class Patch:
-    """Correspondences held coplanar, and their footprint in image 1 (`polygon_px` (k, 2), closed implicitly)."""
-
-    id: int
-    source: Literal["window", "ransac", "region"]
-    polygon_px: FloatArray
-
-
-@dataclass(frozen=True, eq=False)
 class Ambiguity:
     """Whether geometry leaves a second answer. `delta_chi2`: how much worse the alternative fits (None if none)."""
 

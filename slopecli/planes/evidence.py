@@ -70,9 +70,9 @@ def gather_evidence(
     return Evidence(uv1[keep], x1[keep], x2[keep], w[keep], leverage[keep], grey[keep], focal_px, len(keep))
 
 
-def scene_planes(evidence: Evidence) -> list[FloatArray]:
+def scene_planes(evidence: Evidence, seed: int = 0) -> list[FloatArray]:
     """Dominant planes of the scene, largest first: sequential RANSAC over triples of neighbours, fixed seed."""
-    rng = np.random.default_rng(0)
+    rng = np.random.default_rng(seed)
     left = np.arange(len(evidence))
     rays = homogeneous(evidence.x1)
     planes: list[FloatArray] = []

@@ -39,7 +39,7 @@ class _Reading:
 
 
 def survey(
-    grey1: Grey, grey2: Grey, camera1: Camera, camera2: Camera, sparse: Sparse
+    grey1: Grey, grey2: Grey, camera1: Camera, camera2: Camera, sparse: Sparse, seed: int = 0
 ) -> tuple[Scene, list[MotionEstimate]]:
     """Match all of image 1 densely under each motion the sparse matches leave open, and keep the one that holds.
 
@@ -55,7 +55,7 @@ def survey(
     found, best = reading.matches, reading.motions[0]
     grey = sample_grey(grey1, found.uv1)
     evidence = gather_evidence(found.uv1, found.x1, found.x2, grey, best.R, best.T, camera2.focal_px)
-    scene = Scene(camera1, camera2, pyramid1, pyramid2, best.R, best.T, evidence, scene_planes(evidence))
+    scene = Scene(camera1, camera2, pyramid1, pyramid2, best.R, best.T, evidence, scene_planes(evidence, seed))
     return scene, reading.motions
 
 

@@ -84,7 +84,7 @@ class Sparse:
 
 
 def find_motions(
-    grey1: Grey, grey2: Grey, camera1: Camera, camera2: Camera, matchers: Sequence[FeatureMatcher]
+    grey1: Grey, grey2: Grey, camera1: Camera, camera2: Camera, matchers: Sequence[FeatureMatcher], seed: int = 0
 ) -> Sparse:
     """Match features with one matcher after the other until enough of them agree on a motion.
 
@@ -94,17 +94,17 @@ def find_motions(
     sparse = Sparse(Matches(none, none, none, none), [], (0, 0), camera2.focal_px)
     for matcher in matchers:
         uv1, uv2, n_features = matcher(grey1, grey2)
-        sparse = _with_more(sparse, Matches.between(camera1, camera2, uv1, uv2), n_features)
+        sparse = _with_more(sparse, Matches.between(camera1, camera2, uv1, uv2), n_features, seed)
         if sparse.is_consistent and sparse.n_inliers >= ENOUGH_INLIERS:
             break
     return sparse
 
 
-def _with_more(sparse: Sparse, new: Matches, n_features: tuple[int, int]) -> Sparse:
+def _with_more(sparse: Sparse, new: Matches, n_features: tuple[int, int], seed: int) -> Sparse:
     """Motions from the new matches compete with those so far on all matches; thoroughly where few of them agree."""
     every, focal = sparse.matches.joined(new), sparse.focal_px
     for thorough in (False, True):
-        starts = starting_motions(new.x1, new.x2, focal, thorough)
+        starts = starting_motions(new.x1, new.x2, focal, thorough, seed)
         motions = rank_motions(sparse.motions + starts, every.x1, every.x2, focal)
         sparse = Sparse(every, motions, n_features, focal)
         if sparse.is_consistent:

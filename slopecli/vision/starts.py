@@ -18,7 +18,9 @@ HOMOGRAPHY_PX = 2.0  # distance of matches on the dominant plane from its predic
 DISTINCT_RAD = np.radians(1.0)  # motions closer than this in rotation, twice this in direction, are one
 
 
-def starting_motions(x1: FloatArray, x2: FloatArray, focal_px: float, thorough: bool = False) -> list[MotionEstimate]:
+def starting_motions(
+    x1: FloatArray, x2: FloatArray, focal_px: float, thorough: bool = False, seed: int = 0
+) -> list[MotionEstimate]:
     """Robustly estimated and refined motions, best first, duplicates removed.
 
     Essential matrices come from five-point RANSAC in several variants (many when `thorough`, for matches of which most
@@ -28,7 +30,7 @@ def starting_motions(x1: FloatArray, x2: FloatArray, focal_px: float, thorough: 
     """
     if len(x1) < MIN_MATCHES:
         return []
-    candidates = _essential_motions(x1, x2, focal_px, thorough) + _homography_motions(x1, x2, focal_px)
+    candidates = _essential_motions(x1, x2, focal_px, thorough, seed) + _homography_motions(x1, x2, focal_px)
     bounds = (SIGMA_PX[0] / focal_px, SIGMA_PX[1] / focal_px)
     refined = [refine_motion(R, T, x1, x2, bounds) for R, T in candidates]
     return rank_motions(refined, x1, x2, focal_px)
@@ -56,12 +58,12 @@ def _apart(a: MotionEstimate, b: MotionEstimate) -> bool:
     return bool(turn > DISTINCT_RAD or np.linalg.norm(a.T - b.T) > 2 * DISTINCT_RAD)
 
 
-def _essential_motions(x1: FloatArray, x2: FloatArray, focal_px: float, thorough: bool) -> list[Motion]:
+def _essential_motions(x1: FloatArray, x2: FloatArray, focal_px: float, thorough: bool, seed: int) -> list[Motion]:
     motions: list[Motion] = []
     for method, threshold_px in ((cv2.USAC_MAGSAC, 1.0), (cv2.RANSAC, 1.5)):
         motions += _five_point(x1, x2, method, threshold_px / focal_px)
     if thorough:
-        rng = np.random.default_rng(0)
+        rng = np.random.default_rng(seed)
         for _ in range(HALVES):  # random halves: each run of RANSAC otherwise repeats the same draw
             half = rng.permutation(len(x1))[: max(MIN_MATCHES, len(x1) // 2)]
             motions += _five_point(x1[half], x2[half], cv2.RANSAC, 1.0 / focal_px)
