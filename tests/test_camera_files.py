@@ -444,7 +444,7 @@ def test_opencv_xml_with_coefficients_in_an_array_of_one_dimension(tmp_path: Pat
         ("distCoeffs", "distCoeffs2", "'distCoeffs2' belongs to no matrix"),
     ],
 )
-def test_opencv_coefficients_that_are_not_understood_are_refused(tmp_path: Path, old: str, new: str, words: str) -> None:
+def test_opencv_coefficients_not_understood_are_refused(tmp_path: Path, old: str, new: str, words: str) -> None:
     (tmp_path / "nd.xml").write_text(OPENCV_ND.replace(old, new))
     with pytest.raises(InputError, match=words):
         load_camera(tmp_path / "nd.xml", size=(1024, 768))

@@ -14,6 +14,7 @@ from pathlib import Path
 import pytest
 
 from slopecli import __version__
+from slopecli.cli.app import slopemap as commands
 
 ROOT = Path(__file__).resolve().parent.parent
 DESCENT = ROOT / "sample_data" / "descent"
@@ -67,9 +68,16 @@ def test_a_misspelt_command_is_a_usage_error() -> None:
     assert "estimat" in done.stderr
 
 
+def test_every_command_named_in_a_document_exists() -> None:
+    texts = [path.read_text("utf-8") for path in (*ROOT.glob("docs/*.md"), *ROOT.glob("sample_data/*.md"))]
+    assert {word for text in texts for word in re.findall(r"`slopemap (\w+)", text)} <= set(commands.commands)
+
+
 # ---- usage errors: exit 2, said before any file is looked at ----
 
 USAGE = {
+    "empty camera": (["--camera", ""], "'--camera': it is empty"),
+    "empty second camera": (["--fov", "60", "--camera2", ""], "'--camera2': it is empty"),
     "no camera": ([], "--camera FILE, --intrinsics FX,FY,CX,CY or --fov DEG"),
     "two cameras": (["--camera", "c.json", "--fov", "60"], "--camera and --fov contradict each other"),
     "camera and intrinsics": (["--camera", "c.json", "--intrinsics", "8,8,4,4"], "contradict each other"),
@@ -120,8 +128,8 @@ def test_an_answer_must_go_somewhere() -> None:
 def test_a_file_cannot_be_the_output_folder(tmp_path: Path) -> None:
     (tmp_path / "notes.txt").write_text("mine")
     done = slopemap("estimate", *PAIR, *CAMERA, "-o", str(tmp_path / "notes.txt"))
-    assert done.returncode == 2
-    assert "notes.txt" in done.stderr
+    assert done.returncode == 1
+    assert "notes.txt is not a folder; choose another folder with -o" in done.stderr
     assert (tmp_path / "notes.txt").read_text() == "mine"
 
 
@@ -286,6 +294,53 @@ def test_camera_of_another_image_size(tmp_path: Path) -> None:
     (tmp_path / "wide.json").write_text(json.dumps({**camera, "width": 2 * camera["width"]}))
     line = refused(tmp_path, 1, *PAIR, "--camera", str(tmp_path / "wide.json"))
     assert str(2 * camera["width"]) in line
+    assert PAIR[0] in line
+    assert "wide.json" in line
+
+
+def test_scaled_intrinsics_are_told_as_information(tmp_path: Path) -> None:
+    camera = json.loads((DESCENT / "camera.json").read_text())
+    doubled = {key: 2 * camera[key] for key in ("width", "height", "fx", "fy", "cx", "cy")}
+    (tmp_path / "double.json").write_text(json.dumps({**camera, **doubled}))
+    done = slopemap("estimate", *PAIR, "--camera", str(tmp_path / "double.json"), "--json")
+    (line,) = (line for line in done.stderr.splitlines() if f"{PAIR[0]} with " in line)
+    assert line.startswith("info: ")
+    assert line.endswith("intrinsics scaled by 0.5")
+
+
+def test_an_empty_output_is_a_usage_error(tmp_path: Path) -> None:
+    done = slopemap("estimate", *PAIR, *CAMERA, "--output=", cwd=tmp_path)
+    assert (done.returncode, done.stdout) == (2, "")
+    assert "'--output': it is empty" in done.stderr
+    assert not list(tmp_path.iterdir())
+
+
+def test_an_empty_image_name_is_a_usage_error(tmp_path: Path) -> None:
+    done = slopemap("estimate", "", PAIR[1], *CAMERA, "-o", str(tmp_path / "out"))
+    assert (done.returncode, done.stdout) == (2, "")
+    assert "'IMAGE1': it is empty" in done.stderr
+
+
+@pytest.mark.skipif(os.name != "posix" or os.geteuid() == 0, reason="root may read everything")
+@pytest.mark.parametrize("kind", ["image", "camera"])
+def test_what_may_not_be_read_is_an_unusable_input(kind: str, tmp_path: Path) -> None:
+    locked = tmp_path / "locked"
+    shutil.copy(PAIR[0] if kind == "image" else CAMERA[1], locked)
+    locked.chmod(0)
+    arguments = (str(locked), PAIR[1], *CAMERA) if kind == "image" else (*PAIR, "--camera", str(locked))
+    assert "locked: cannot be read" in refused(tmp_path, 1, *arguments)
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs a device that is always full")
+@pytest.mark.parametrize("arguments", [("estimate", *PAIR, *CAMERA, "--json", "-q"), ("--help",)], ids=["json", "help"])
+def test_a_full_disk_under_stdout_is_no_fault_of_ours(arguments: tuple[str, ...]) -> None:
+    with open("/dev/full", "w") as full:
+        command = [sys.executable, "-m", "slopecli", *arguments]
+        done = subprocess.run(command, stdout=full, stderr=subprocess.PIPE, text=True, check=False)
+    assert done.returncode == 1
+    (line,) = done.stderr.splitlines()
+    assert line.startswith("slopemap: error: cannot write to stdout: No space left on device")
+    assert "fault" not in line
 
 
 def test_window_outside_the_image(tmp_path: Path) -> None:

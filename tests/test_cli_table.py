@@ -54,6 +54,16 @@ def test_a_poor_plane_says_why() -> None:
     assert row.endswith("poor: non-planar-patch")
 
 
+def test_an_unresolved_plane_has_its_second_slope_in_the_note() -> None:
+    report = make_report()
+    doubtful = replace(report, ambiguity=make_ambiguity(report))
+    slopes = {plane.id: f"{plane.slope_deg:.1f}" for plane in doubtful.ambiguity.alternative.planes}
+    for row, plane in zip(rows_of(result_table(doubtful)), doubtful.planes, strict=False):
+        assert f"  or {slopes[plane.id]}°" in row
+    resolved = replace(doubtful, ambiguity=replace(doubtful.ambiguity, status="resolved"))
+    assert "  or " not in result_table(resolved)
+
+
 def test_roughness_has_its_unit_once_there_is_a_scale() -> None:
     metric = make_report(scale=Scale("m", "altitude"))
     assert "0.0040 m" in result_table(metric)

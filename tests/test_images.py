@@ -153,7 +153,7 @@ def test_unusable_path(tmp_path: Path) -> None:
 
 
 def test_folder(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="is a folder"):
+    with pytest.raises(InputError, match=r"is a folder, needed an image file$"):
         load_image(tmp_path)
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import os
 import sys
 import traceback
@@ -9,11 +10,12 @@ from collections.abc import Sequence
 
 import click
 
-from slopecli.cli.talk import Talk
+from slopecli.cli.talk import Talk, drop_stdout
 from slopecli.errors import SlopemapError
 
 UNEXPECTED = 1
 INTERRUPTED = 130
+DISK_TROUBLE = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO)
 
 
 def run(command: click.Command, arguments: Sequence[str]) -> int:
@@ -31,6 +33,8 @@ def run(command: click.Command, arguments: Sequence[str]) -> int:
         return _end("interrupted", INTERRUPTED)
     except MemoryError:
         return _end("not enough memory for images of this size; try smaller images or fewer windows", UNEXPECTED)
+    except OSError as error:
+        return _disk_trouble(error) if error.errno in DISK_TROUBLE else _unexpected(error, talk)
     except Exception as error:
         return _unexpected(error, talk)
 
@@ -47,6 +51,12 @@ def _prepare_process() -> None:
 def _end(message: str, exit_code: int) -> int:
     click.echo(f"slopemap: error: {' '.join(message.split())}", err=True)
     return exit_code
+
+
+def _disk_trouble(error: OSError) -> int:
+    # files of -o answer for themselves, so what could not be written is stdout
+    drop_stdout()
+    return _end(f"cannot write to stdout: {error.strerror}; free some space or write elsewhere", UNEXPECTED)
 
 
 def _unexpected(error: Exception, talk: Talk) -> int:

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from slopecli.cli.parameter_types import PATH
 from slopecli.cli.shared_options import (
     at_most_one,
     camera_options,
@@ -22,6 +23,7 @@ from slopecli.cli.shared_options import (
 )
 from slopecli.cli.table import result_table, talk_lines
 from slopecli.cli.talk import Talk, print_result
+from slopecli.errors import InputError
 
 if TYPE_CHECKING:
     from slopecli.types import Camera, Image, Report
@@ -30,8 +32,8 @@ CAMERA_FLAGS = ("camera", "intrinsics", "fov")
 
 
 @click.command()
-@click.argument("image1", type=click.Path())
-@click.argument("image2", type=click.Path())
+@click.argument("image1", type=PATH)
+@click.argument("image2", type=PATH)
 @camera_options
 @output_options
 @window_options
@@ -71,7 +73,7 @@ def _check_usage(ctx: click.Context) -> None:
         raise click.UsageError("Nowhere to put the answer: give -o DIR, or --json to print it.", ctx)
 
 
-def _check_output(folder: Path) -> None:
+def _check_output(folder: str) -> None:
     from slopecli.io.outputs import check_directory
 
     check_directory(folder)
@@ -90,17 +92,28 @@ def _load_cameras(images: tuple[Image, Image], parameters: dict[str, Any], talk:
 
 
 def _load_camera(image: Image, parameters: dict[str, Any], talk: Talk) -> Camera:
-    from slopecli.io.cameras import camera_from_fov, camera_from_intrinsics, fit_camera_to_image, load_camera
+    from slopecli.io.cameras import camera_from_fov, camera_from_intrinsics
 
     size = (image.width, image.height)
     if parameters["camera"]:
-        camera, message = fit_camera_to_image(load_camera(parameters["camera"], size=size), *size)
-        if message:
-            talk.say(f"{image.path}: {message}")
-        return camera
+        return _camera_from_file(image, parameters["camera"], talk)
     if parameters["intrinsics"]:
         return camera_from_intrinsics(parameters["intrinsics"], *size)
     return camera_from_fov(parameters["fov"], *size)
+
+
+def _camera_from_file(image: Image, file: str, talk: Talk) -> Camera:
+    from slopecli.io.cameras import fit_camera_to_image, load_camera
+
+    size = (image.width, image.height)
+    camera = load_camera(file, size=size)
+    try:
+        camera, message = fit_camera_to_image(camera, *size)
+    except InputError as error:
+        raise InputError(f"{image.path} with {file}: {error}") from None
+    if message:
+        talk.say(f"info: {image.path} with {file}: {message}")
+    return camera
 
 
 def _solve(

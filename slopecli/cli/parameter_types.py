@@ -88,6 +88,17 @@ class Up(CommaSeparated):
         return f"{', '.join(self.words)} or {super()._wanted()}"
 
 
+class PathText(click.ParamType):
+    """A path that is not empty, as that of an unset shell variable is. What lies there is for `io` to judge."""
+
+    name = "path"
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> str:
+        if not value:
+            self.fail("it is empty, needed a path; is a shell variable unset?", param, ctx)
+        return str(value)
+
+
 class Between(click.FloatRange):
     """A finite number within bounds (click's own FloatRange lets nan through)."""
 
@@ -109,6 +120,7 @@ INTRINSICS = CommaSeparated("FX,FY,CX,CY", "800,800,511.5,383.5", float, lambda 
 VECTOR = CommaSeparated("X,Y,Z", "0,0,-1", float, _is_direction, "the vector must not be zero")
 UP = Up("X,Y,Z", "0,0,-1", float, _is_direction, "the vector must not be zero")
 GRID = Grid()
+PATH = PathText()
 POSITIVE = Between(min=0, min_open=True)
 
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import fields
 from functools import reduce
-from pathlib import Path
 from typing import Any
 
 import click
@@ -14,6 +13,7 @@ from click.core import ParameterSource
 from slopecli.cli.parameter_types import (
     GRID,
     INTRINSICS,
+    PATH,
     POSITIVE,
     UP,
     VECTOR,
@@ -44,8 +44,13 @@ def _set_talk(ctx: click.Context, parameter: click.Parameter, value: bool) -> No
 
 
 camera_options = _group(
-    _option("--camera", metavar="FILE", help="Camera file of both images; FILE#NAME takes one of several in it."),
-    _option("--camera2", metavar="FILE", help="Camera file of image 2 where it differs."),
+    _option(
+        "--camera",
+        metavar="FILE",
+        type=PATH,
+        help="Camera file of both images; FILE#NAME takes one of several in it.",
+    ),
+    _option("--camera2", metavar="FILE", type=PATH, help="Camera file of image 2 where it differs."),
     _option(
         "--intrinsics", metavar="FX,FY,CX,CY", type=INTRINSICS, help="Instead of a camera file, px; no distortion."
     ),
@@ -86,7 +91,8 @@ solving_options = _group(
         "--solver",
         type=choices_of("solver"),
         default=Options.solver,
-        help="mle: joint least squares; ha: homography alignment as printed; lh: Longuet-Higgins, averaged.",
+        help="mle: joint least squares; ha: homography alignment as printed; lh: Longuet-Higgins, averaged. "
+        "Sigmas of ha and lh are lower bounds.",
     ),
     _option(
         "--seed",
@@ -153,7 +159,7 @@ output_options = _group(
         "-o",
         "--output",
         metavar="DIR",
-        type=click.Path(file_okay=False, path_type=Path),
+        type=PATH,
         help="Where slopes.json, overlay.png, patches.ply and labels.png go; made if need be. "
         "Required unless --json is given.",
     ),

@@ -18,12 +18,20 @@ VERDICT_COLOURS = {"safe": "green", "unsafe": "red", "undecided": "yellow"}
 
 def result_table(report: Report) -> str:
     """One line per window in the order of ids, those without an answer included; angles in degrees."""
-    rows = [(plane.id, _plane_cells(plane, report.scale.unit)) for plane in report.planes]
+    others = _other_slopes(report)
+    rows = [(plane.id, _plane_cells(plane, report.scale.unit, others.get(plane.id))) for plane in report.planes]
     rows += [(window.id, _rejected_cells(window)) for window in report.rejected]
     return "\n".join(_aligned([HEADER, *(cells for _, cells in sorted(rows))]))
 
 
-def _plane_cells(plane: Plane, unit: str) -> tuple[str, ...]:
+def _other_slopes(report: Report) -> dict[int, float]:
+    """Slopes in degrees by plane id in the second answer, where the images do not tell which of the two is true."""
+    if report.ambiguity.status != "unresolved" or report.ambiguity.alternative is None:
+        return {}
+    return {plane.id: plane.slope_deg for plane in report.ambiguity.alternative.planes}
+
+
+def _plane_cells(plane: Plane, unit: str, other_slope_deg: float | None) -> tuple[str, ...]:
     low, high = plane.slope_ci95_deg
     return (
         str(plane.id),
@@ -34,8 +42,14 @@ def _plane_cells(plane: Plane, unit: str) -> tuple[str, ...]:
         _number(plane.p_safe, 3),
         _number(plane.roughness, 4) + (" m" if unit == "m" else ""),
         f"{plane.n_inliers}/{plane.n_correspondences}",
-        ": ".join(part for part in (plane.status, plane.reason) if part and part != "ok"),
+        _note(plane, other_slope_deg),
     )
+
+
+def _note(plane: Plane, other_slope_deg: float | None) -> str:
+    other = "" if other_slope_deg is None else f"or {_number(other_slope_deg, 1)}°"
+    status = ": ".join(part for part in (plane.status, plane.reason) if part and part != "ok")
+    return "; ".join(filter(None, (other, status)))
 
 
 def _rejected_cells(window: Rejected) -> tuple[str, ...]:

@@ -6,7 +6,7 @@ import os
 import sys
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 
 import click
@@ -45,5 +45,10 @@ def print_result(text: str) -> None:
     try:
         click.echo(text.rstrip("\n"), color=False if os.environ.get("NO_COLOR") else None)
     except BrokenPipeError:
-        # Python flushes stdout once more at exit, which would complain
+        drop_stdout()
+
+
+def drop_stdout() -> None:
+    """Send what stdout still holds nowhere: Python flushes it once more at exit, which would complain."""
+    with suppress(OSError):  # a stream in memory has no file
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
