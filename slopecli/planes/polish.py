@@ -16,7 +16,7 @@ from slopecli.vision.photometric import PlaneFit, View, align_plane, cell_shifts
 from slopecli.vision.sparse import pair_rays
 from slopecli.vision.warp import sample_map
 
-CLEAR_SCORE, CLEAR_SHARE = 0.9, 0.6  # where flow sees this much this well, alignment adds nothing
+CLEAR_SCORE, CLEAR_SHARE = 0.9, 0.85  # where flow sees this much this well, alignment adds nothing
 PLANAR_RATIO = 5.0  # misfit to the plane over the predicted variance of the matches: beyond it there is relief
 MIN_SCORE, MAX_LOSS = 0.5, 0.2  # correlation an alignment must reach, and may lose against the flow's
 MIN_CELLS, MIN_KEPT = 8, 0.3  # polished cells that can stand for the flow's matches, and their number over those
