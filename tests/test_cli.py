@@ -348,7 +348,7 @@ def test_window_outside_the_image(tmp_path: Path) -> None:
 
 
 def test_identical_images(tmp_path: Path) -> None:
-    refused(tmp_path, 3, PAIR[0], PAIR[0], *CAMERA)
+    assert "identical" in refused(tmp_path, 3, PAIR[0], PAIR[0], *CAMERA)
 
 
 def test_output_folder_that_cannot_be_made_is_said_before_the_images_are_read(tmp_path: Path) -> None:
