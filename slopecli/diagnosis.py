@@ -29,6 +29,12 @@ def refuse_identical(image1: Image, image2: Image) -> None:
         )
 
 
+def image_notes(image1: Image, image2: Image) -> list[Diagnostic]:
+    """What was done, or on purpose not done, in reading the images: rotation marks left alone, 16 bits mapped to 8."""
+    noted = [(number, image.note) for number, image in ((1, image1), (2, image2)) if image.note]
+    return [Diagnostic("image-note", "info", f"image {number}: {note}", float(number)) for number, note in noted]
+
+
 def refuse_unmatched(n_features: tuple[int, int], n_matches: int, n_inliers: int) -> None:
     """Raise NoAnswer when too few matches agree on one motion to be more than chance."""
     if min(n_features) < FEW_FEATURES:

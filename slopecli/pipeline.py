@@ -9,6 +9,7 @@ from functools import partial
 from slopecli.diagnosis import (
     check_parallax,
     check_strangers,
+    image_notes,
     parallax_px,
     refuse_identical,
     refuse_mirrored,
@@ -82,7 +83,8 @@ def estimate(
     scene, motions = survey(image1.grey, image2.grey, camera1, camera2, sparse, options.seed)
     parallax = parallax_px(scene.evidence.x1, scene.evidence.x2, camera2.focal_px)
     refuse_mirrored(scene.evidence.x1, scene.evidence.x2)
-    diagnostics = check_strangers(scene.evidence.n_given, len(scene.evidence))
+    diagnostics = image_notes(image1, image2)
+    diagnostics += check_strangers(scene.evidence.n_given, len(scene.evidence))
     diagnostics += check_parallax(parallax, motions[0].scale * camera2.focal_px)
     clock.tick("overview")
 

@@ -396,3 +396,9 @@ def test_a_camera_that_only_turned_is_refused() -> None:
     with pytest.raises(NoAnswer) as refusal:
         run(image2=with_grey(IMAGE1, seen + np.random.default_rng(0).normal(0, 1, seen.shape)))
     assert refusal.value.code == "pure-rotation"
+
+
+def test_what_was_done_in_reading_an_image_is_said() -> None:
+    report = run(image2=replace(IMAGE2, note="its EXIF orientation 6 was not applied"), windows=SMOOTH[:1])
+    said = [d.message for d in report.diagnostics if d.code == "image-note"]
+    assert said == ["image 2: its EXIF orientation 6 was not applied"]
