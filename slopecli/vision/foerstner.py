@@ -43,7 +43,7 @@ LIKELY_SHARE = 0.15  # of them at least find a partner if scale and turn are abo
 # Sub-pixel matching
 FINE_RADIUS_PX = 8
 MAX_ITERATIONS = 10
-SETTLED_PX = 0.015
+SETTLED_PX = 0.03  # OpenCV 4 samples images at 32nds of a pixel: steps below that do not end there
 EXACT = cv2.INTER_LANCZOS4  # for the last step: OpenCV's bicubic shifts smooth images by up to 0.05 px, this by 0.01
 MAX_STEP_PX = 1.5  # the image is linear no further
 MAX_DRIFT_PX = 3.0  # from where a patch began
