@@ -96,8 +96,8 @@ def decompose_essential(E: FloatArray) -> tuple[FloatArray, FloatArray]:
     R : (2, 3, 3) rotations, T : (3,) unit vector. The four motions are (R[i], +-T).
     """
     u, _, vt = np.linalg.svd(E)
-    u = u * np.sign(np.linalg.det(u))
-    vt = vt * np.sign(np.linalg.det(vt))
+    u = u * handedness(u)
+    vt = vt * handedness(vt)
     quarter_turn = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
     return np.stack([u @ quarter_turn @ vt, u @ quarter_turn.T @ vt]), vt[2]
 
@@ -118,5 +118,12 @@ def fit_rotation(p: FloatArray, x2: FloatArray, weight: FloatArray) -> FloatArra
 def nearest_rotation(M: FloatArray) -> FloatArray:
     """The rotation nearest to M (3, 3) in the Frobenius norm; also the mean of rotations when M is their sum."""
     u, _, vt = np.linalg.svd(M)
-    u[:, 2] *= np.linalg.det(u) * np.linalg.det(vt)
+    u[:, 2] *= handedness(u) * handedness(vt)
     return u @ vt
+
+
+def handedness(M: FloatArray) -> float:
+    """Sign of the determinant of a (3, 3) matrix: 1.0 keeps left and right apart, -1.0 exchanges them."""
+    # by hand: the library's determinant of one small matrix is nearly all overhead
+    a, b, c, d, e, f, g, h, i = M.ravel().tolist()
+    return 1.0 if a * (e * i - f * h) - b * (d * i - f * g) + c * (d * h - e * g) >= 0.0 else -1.0
