@@ -61,12 +61,11 @@ def _from_scene(window: Window, scene: Scene) -> WindowMatch | None:
     near = scene.evidence.near(window, REACHES[-1])
     local = _shares(scene.planes, scene, near * _kinship(window, scene, REACHES[-1]))
     weight = local + _shares(scene.planes, scene, np.ones(len(scene.evidence)))
-    angle = _angles(scene.planes)
-    best = int(np.argmax(np.exp(-((angle / PARALLEL_RAD) ** 2)) @ weight))
+    best = int(np.argmax(np.exp(-((_angles(scene.planes) / PARALLEL_RAD) ** 2)) @ weight))
     chosen = np.flatnonzero(scene.evidence.misfit_px(scene.planes[best]) < ON_PLANE_PX)
     if len(chosen) < MIN_CHOSEN:
         return None
-    doubt = float(np.sqrt(weight @ angle[best] ** 2 / max(float(weight.sum()), 1e-9)))
+    doubt = _disagreement(scene.planes, weight, best)
     words = "this is the orientation most of the scene shares, its distance is not the window's"
     return _as_match(chosen, window, scene, scene.planes[best], doubt, words)
 

@@ -42,11 +42,13 @@ FAINT_SCORE, FAINT_RAD = 0.8, np.radians(10.0)
 
 def match_window(window: Window, scene: Scene) -> WindowMatch:
     """Dense matches of one window, or those of the plane around it, or none with the reason."""
+    tried: list[FloatArray] = []
     for normal in _first_ideas(window, scene):
         match = _dense_match(window, scene, normal)
         if match.origin == "own":
             return match
-    return _part(window, scene) or borrow(window, scene)
+        tried.append(normal)
+    return _part(window, scene, tried) or borrow(window, scene)
 
 
 def _first_ideas(window: Window, scene: Scene) -> Iterator[FloatArray]:
@@ -57,10 +59,10 @@ def _first_ideas(window: Window, scene: Scene) -> Iterator[FloatArray]:
     yield from search_plane(window, scene)
 
 
-def _part(window: Window, scene: Scene) -> WindowMatch | None:
+def _part(window: Window, scene: Scene, tried: list[FloatArray]) -> WindowMatch | None:
     """Matches of the part of the window that image 2 shows, where that is enough to speak for it, else None."""
     normal = scene.evidence.plane_through(scene.evidence.near(window, 0.0))
-    if normal is None:
+    if normal is None or any(np.array_equal(normal, earlier) for earlier in tried):
         return None
     match = _dense_match(window, scene, normal)
     return match if match.share >= PART_SHARE else None
