@@ -57,7 +57,7 @@ def distorted() -> Report:
 
 @pytest.mark.parametrize("make", [make_report, ambiguous, without_numbers, empty, distorted])
 def test_every_result_keeps_the_schema(make: Any) -> None:
-    Draft202012Validator(load_schema()).validate(parsed(make()))
+    assert not list(Draft202012Validator(load_schema()).iter_errors(parsed(make())))
 
 
 def test_schema_is_a_schema_and_refuses_changed_keys() -> None:
