@@ -270,8 +270,27 @@ class Diagnostic:
 
 
 @dataclass(frozen=True, eq=False)
+class Segmentation:
+    """How image 1 was divided into planes, for pictures of the steps; all (h, w), of a working image that may be smaller.
+
+    gradient : float32, grey levels per px.  threshold : of the gradient, below which a pixel is inside a surface.
+    components : int32, connected regions below the threshold, 1 the largest, 0 for none.
+    merged : int32, the same after neighbours that one plane transfers were merged, 1..k.
+    """
+
+    gradient: NDArray[np.float32]
+    threshold: float
+    components: NDArray[np.int32]
+    merged: NDArray[np.int32]
+
+
+@dataclass(frozen=True, eq=False)
 class Report:
-    """Everything the files and the table are made from. `labels` (h, w) uint16: plane id per pixel, 0 for none."""
+    """Everything the files and the table are made from. `labels` (h, w) uint16: plane id per pixel, 0 for none.
+
+    A plane from "window" has the outline `polygon_px`; one from "ransac" or "region" has the pixels of its id in
+    `labels`, which may be in several pieces, and the outline of the largest piece as its polygon.
+    """
 
     images: tuple[ImageInfo, ImageInfo]
     cameras: tuple[Camera, Camera]
@@ -286,3 +305,4 @@ class Report:
     diagnostics: tuple[Diagnostic, ...]
     labels: NDArray[np.uint16]
     epipole1_px: tuple[float, float] | None = None
+    segmentation: Segmentation | None = None
