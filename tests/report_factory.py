@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
+import cv2
 import numpy as np
 
 from slopecli.types import (
@@ -21,6 +22,7 @@ from slopecli.types import (
     Rejected,
     Report,
     Scale,
+    Segmentation,
     Up,
 )
 
@@ -152,6 +154,65 @@ def make_report(
         "epipole1_px": (float(epipole[0]), float(epipole[1])),
     }
     return Report(**{**values, **changes})  # type: ignore[arg-type]
+
+
+def make_region_labels(width: int = 640, height: int = 480) -> np.ndarray:
+    """Planes of every shape: 1 the ground with a pond in it, 2 a wall round a window 3, 4 in two pieces, 5 tiny."""
+    u, v = np.meshgrid((np.arange(width) + 0.5) / width, (np.arange(height) + 0.5) / height)
+    labels = np.zeros((height, width), np.uint16)
+    labels[v > 0.62] = 1
+    labels[np.hypot((u - 0.7) * width, (v - 0.82) * height) < 0.1 * height] = 0
+    labels[(v > 0.1) & (v < 0.58) & (u > 0.05) & (u < 0.45)] = 2
+    labels[(v > 0.2) & (v < 0.5) & (u > 0.12) & (u < 0.3)] = 3
+    labels[(v > 0.1) & (v < 0.58) & (u > 0.5) & (u < 0.9) & ~((u > 0.73) & (u < 0.78))] = 4
+    labels[(v > 0.2) & (v < 0.24) & (u > 0.94) & (u < 0.965)] = 5
+    return labels
+
+
+def make_region_report(
+    camera: Camera | None = None, labels: np.ndarray | None = None, source: str = "region", **changes: object
+) -> Report:
+    """Planes found as the pixels of a label map; `changes` replace fields of the report."""
+    camera = camera or make_camera()
+    labels = make_region_labels(camera.width, camera.height) if labels is None else labels
+    count = len(SLOPES_DEG)
+    planes = tuple(
+        make_plane(
+            i, outline_of(labels, i), SLOPES_DEG[i % count], SIGMAS_DEG[i % count], 40.0 * i, camera, source=source
+        )
+        for i in np.unique(labels[labels > 0]).tolist()
+    )
+    options = {"planes": "regions", "tolerance_deg": TOLERANCE_DEG, "confidence": 0.99, "seed": 0}
+    fields: dict[str, object] = {
+        "planes": planes,
+        "rejected": (),
+        "labels": labels,
+        "options": options,
+        "epipole1_px": None,
+    }
+    return make_report(camera, [], **{**fields, **changes})
+
+
+def outline_of(labels: np.ndarray, label: int) -> np.ndarray:
+    """Outline of the largest piece."""
+    contours, _ = cv2.findContours((labels == label).astype(np.uint8), cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
+    return max(contours, key=cv2.contourArea).reshape(-1, 2).astype(float)
+
+
+def make_segmentation(labels: np.ndarray, width: int, threshold: float = 3.0) -> Segmentation:
+    """Steps that end in a label map, on a working image of another width: steep along the borders, pieces apart."""
+    height = round(labels.shape[0] * width / labels.shape[1])
+    merged = cv2.resize(labels, (width, height), interpolation=cv2.INTER_NEAREST).astype(np.int32)
+    same = np.full(merged.shape, True)
+    same[:, 1:] &= merged[:, 1:] == merged[:, :-1]
+    same[1:] &= merged[1:] == merged[:-1]
+    gradient = np.where(same, 0.4 * threshold, 4.0 * threshold).astype(np.float32)
+    components = np.zeros_like(merged)
+    for label in range(1, merged.max() + 1):
+        count, pieces = cv2.connectedComponents(((merged == label) & same).astype(np.uint8), connectivity=4)
+        components[pieces > 0] = components.max() + pieces[pieces > 0]
+        assert count > 1, "a region of one pixel's width has no inside"
+    return Segmentation(gradient, threshold, components, merged)
 
 
 def make_ambiguity(report: Report) -> AmbiguityReport:

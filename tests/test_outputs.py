@@ -11,14 +11,25 @@ from typing import Any
 import cv2
 import numpy as np
 import pytest
-from report_factory import make_image, make_report
+from report_factory import (
+    make_camera,
+    make_image,
+    make_region_labels,
+    make_region_report,
+    make_report,
+    make_segmentation,
+)
 
 from slopecli.errors import InputError
-from slopecli.io.outputs import check_directory, write_outputs
+from slopecli.io.outputs import OUTPUT_NAMES, check_directory, write_outputs
 from slopecli.io.result import report_to_json
 
 ALL = {"slopes.json", "overlay.png", "patches.ply", "labels.png"}
+STEPS = {"gradient.png", "components.png", "merged.png"}
 REPORT, IMAGE = make_report(), make_image()
+SMALL_IMAGE = make_image(320, 240, colour=True)
+SMALL_LABELS = make_region_labels(320, 240)
+REGIONS = make_region_report(make_camera(320, 240), SMALL_LABELS, segmentation=make_segmentation(SMALL_LABELS, 160))
 
 
 def contents(folder: Path) -> dict[str, bytes]:
@@ -34,14 +45,14 @@ def one_line(error: pytest.ExceptionInfo[InputError]) -> str:
 
 @pytest.fixture
 def earlier(tmp_path: Path) -> Path:
-    """A folder with an earlier answer and something of the user's own."""
-    for name in ALL:
+    """A folder with all that an earlier answer can be and something of the user's own."""
+    for name in OUTPUT_NAMES:
         (tmp_path / name).write_bytes(f"earlier {name}".encode())
     (tmp_path / "notes.txt").write_text("mine")
     return tmp_path
 
 
-def test_writes_the_four_files_and_says_which(tmp_path: Path) -> None:
+def test_writes_the_four_files_of_windows_and_says_which(tmp_path: Path) -> None:
     folder = tmp_path / "a" / "b"
     written = write_outputs(REPORT, IMAGE, folder)
     assert written[0] == folder / "slopes.json"
@@ -77,13 +88,40 @@ def test_replaces_an_earlier_answer_and_nothing_else(earlier: Path) -> None:
     now = contents(earlier)
     assert set(now) == ALL | {"notes.txt"}
     assert now["notes.txt"] == b"mine"
-    assert not any(now[name].startswith(b"earlier") for name in ALL)
+    assert not any(content.startswith(b"earlier") for content in now.values())
 
 
 def test_files_left_out_do_not_stay_from_an_earlier_run(earlier: Path) -> None:
     written = write_outputs(REPORT, IMAGE, earlier, overlay=False, ply=False)
     assert {path.name for path in written} == {"slopes.json", "labels.png"}
     assert set(contents(earlier)) == {"slopes.json", "labels.png", "notes.txt"}
+
+
+@pytest.mark.parametrize("declined", [set(), {"overlay"}, {"ply"}, {"glb"}, {"overlay", "ply", "glb"}], ids=str)
+def test_regions_come_with_a_textured_model(earlier: Path, declined: set[str]) -> None:
+    files = {"overlay": "overlay.png", "ply": "patches.ply", "glb": "patches.glb"}
+    written = write_outputs(REGIONS, SMALL_IMAGE, earlier, **dict.fromkeys(declined, False))
+    expected = {"slopes.json", "labels.png", *files.values()} - {files[name] for name in declined}
+    assert {path.name for path in written} == expected
+    assert set(contents(earlier)) == expected | {"notes.txt"}
+    assert not any(content.startswith(b"earlier") for content in contents(earlier).values())
+
+
+def test_steps_are_written_when_asked_for_and_there_are_any(tmp_path: Path) -> None:
+    write_outputs(REGIONS, SMALL_IMAGE, tmp_path, debug_images=True)
+    assert set(contents(tmp_path)) == ALL | STEPS | {"patches.glb"}
+    for name in STEPS:
+        assert cv2.imread(str(tmp_path / name)).std() > 5
+    write_outputs(make_region_report(make_camera(320, 240)), SMALL_IMAGE, tmp_path, debug_images=True)
+    assert set(contents(tmp_path)) == ALL | {"patches.glb"}  # found without a segmentation
+    write_outputs(REPORT, IMAGE, tmp_path, debug_images=True)
+    assert set(contents(tmp_path)) == ALL
+
+
+def test_same_regions_give_same_bytes(tmp_path: Path) -> None:
+    for name in ("one", "two"):
+        write_outputs(REGIONS, SMALL_IMAGE, tmp_path / name, debug_images=True)
+    assert contents(tmp_path / "one") == contents(tmp_path / "two")
 
 
 def fail_in(monkeypatch: pytest.MonkeyPatch, name: str, at: int, error: BaseException) -> None:
@@ -98,7 +136,7 @@ def fail_in(monkeypatch: pytest.MonkeyPatch, name: str, at: int, error: BaseExce
     monkeypatch.setattr(os, name, function)
 
 
-@pytest.mark.parametrize(("name", "at"), [("fsync", 1), ("fsync", 4), *(("rename", at) for at in range(1, 9))])
+@pytest.mark.parametrize(("name", "at"), [("fsync", 1), ("fsync", 4), *(("rename", at) for at in range(1, 13))])
 def test_full_disk_leaves_everything_as_it_was(
     earlier: Path, monkeypatch: pytest.MonkeyPatch, name: str, at: int
 ) -> None:
@@ -122,7 +160,7 @@ def test_failure_in_a_new_folder_leaves_no_folder(
 
 def test_interruption_leaves_everything_as_it_was(earlier: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     before = contents(earlier)
-    fail_in(monkeypatch, "rename", 6, KeyboardInterrupt())
+    fail_in(monkeypatch, "rename", 10, KeyboardInterrupt())
     with pytest.raises(KeyboardInterrupt):
         write_outputs(REPORT, IMAGE, earlier)
     assert contents(earlier) == before

@@ -7,12 +7,22 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from report_factory import BASELINE, make_camera, make_plane, make_report, normal_of, rectangle
+from report_factory import (
+    BASELINE,
+    make_camera,
+    make_image,
+    make_plane,
+    make_region_report,
+    make_report,
+    normal_of,
+    rectangle,
+)
 
 from slopecli.geometry.camera import pixels_from_rays
 from slopecli.io.colormap import slope_colours
 from slopecli.io.ply import plane_mesh, report_to_ply, triangulate
-from slopecli.types import Camera, Motion, Scale
+from slopecli.io.region_mesh import region_surfaces
+from slopecli.types import Camera, Image, Motion, Report, Scale
 
 DISTORTED = Camera(640, 480, 420.0, 421.0, 318.0, 242.0, "brown", (-0.28, 0.07, 2e-4, -1e-4))
 PROPERTIES = (
@@ -152,6 +162,51 @@ def test_pixels_the_lens_does_not_image_are_left_out() -> None:
     mesh = plane_mesh(make_plane(1, rectangle(0, 0, 639, 479), 5.0), folded)
     assert mesh is not None
     assert np.isfinite(mesh.vertices["x"]).all()
+
+
+def region_ply(report: Report, image: Image | None) -> tuple[list[str], np.ndarray, np.ndarray]:
+    return parse(report_to_ply(report, image, region_surfaces(report)))
+
+
+@pytest.mark.parametrize("camera", [make_camera(), DISTORTED], ids=["pinhole", "distorted"])
+def test_regions_lie_on_their_planes_with_normals_and_scalars(camera: Camera) -> None:
+    report = make_region_report(camera)
+    _, columns, triangles = region_ply(report, make_image())
+    for plane in report.planes:
+        vertices, faces = of_patch(columns, triangles, plane.id)
+        assert len(faces) > 100
+        assert np.abs(vertices[:, :3] @ plane.normal_cam1 + plane.distance).max() < 1e-6 * plane.distance
+        assert (vertices[:, 3:6] == plane.normal_cam1.astype(np.float32)).all()
+        assert np.allclose(vertices[:, 9:12], [plane.slope_deg, plane.slope_deg, plane.slope_sigma_deg])
+        a, b, c = columns[faces][:, :, :3].transpose(1, 0, 2)
+        assert (np.cross(b - a, c - a) @ plane.normal_cam1 > 0).all()
+    assert set(columns[:, 12]) == {0, 1, 2, 3, 4, 5}  # the cameras are there too
+
+
+def test_regions_have_the_colours_of_the_image_red_first() -> None:
+    colour = np.zeros((480, 640, 3), np.uint8)
+    colour[..., 0], colour[..., 1], colour[..., 2] = 30, (np.arange(640) // 3)[None], (np.arange(480) // 2)[:, None]
+    report = make_region_report()
+    _, columns, _ = region_ply(report, Image(np.zeros((480, 640), np.uint8), colour))
+    vertices = columns[columns[:, 12] > 0]
+    uv = pixels_from_rays(report.cameras[0], vertices[:, :2] / vertices[:, 2:3])
+    expected = np.column_stack([uv[:, 1] / 2, uv[:, 0] / 3, np.full(len(uv), 30)])
+    assert np.abs(vertices[:, 6:9] - expected).max() < 3
+    _, columns, _ = region_ply(report, Image(np.full((480, 640), 77, np.uint8)))
+    assert (columns[columns[:, 12] > 0][:, 6:9] == 77).all()
+
+
+def test_regions_without_an_image_have_the_colour_of_their_slope() -> None:
+    report = make_region_report()
+    _, columns, triangles = region_ply(report, None)
+    for plane in report.planes:
+        vertices, _ = of_patch(columns, triangles, plane.id)
+        assert (vertices[:, 6:9] == slope_colours(plane.slope_deg)[0]).all()
+
+
+def test_image_leaves_windows_as_they_are() -> None:
+    report = make_report()
+    assert report_to_ply(report, make_image(), region_surfaces(report)) == report_to_ply(report)
 
 
 def test_unknown_sigma_is_written_as_zero_not_nan() -> None:

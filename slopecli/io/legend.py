@@ -131,7 +131,7 @@ def _swatch(verdict: str, picture: Picture, centre: np.ndarray, radius: float) -
     low = np.rint(centre).astype(int) - half
     patch = np.full((2 * half[1], 2 * half[0], 3), marks.NO_ANSWER, np.uint8)
     corners = np.array([[0, 0], [1, 0], [1, 1], [0, 1]]) * (2.0 * half - 1)
-    marks.paint_verdict(patch, corners, verdict, max(1, round(0.18 * radius)))
+    marks.paint_verdict(patch, [corners], verdict, max(1, round(0.18 * radius)))
     marks.badge(patch, verdict, half - 0.5, 0.9 * radius)
     picture[low[1] : low[1] + 2 * half[1], low[0] : low[0] + 2 * half[0]] = patch
 

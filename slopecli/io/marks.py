@@ -5,6 +5,8 @@ Pictures are (h, w, 3) uint8 RGB and changed in place; points are (k, 2) px of t
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import cv2
 import numpy as np
 from numpy.typing import NDArray
@@ -24,8 +26,8 @@ NO_ANSWER_INK: Colour = (70, 70, 70)
 FOCUS: Colour = (255, 110, 200)
 BADGE_COLOURS = {"safe": CALM, "undecided": CAUTION, "unsafe": HAZARD, "rejected": NO_ANSWER}
 
-_SHIFT = 4  # OpenCV draws at 1/16 px
-_ONE = 1 << _SHIFT
+SHIFT = 4  # OpenCV draws at 1/16 px
+_ONE = 1 << SHIFT
 _DASH = 0.45  # share of the period; round line ends make it look longer
 
 
@@ -36,7 +38,7 @@ def fixed_point(points: FloatArray) -> NDArray[np.int32]:
 
 def stroke(picture: Picture, points: FloatArray, colour: Colour, width: int, *, closed: bool = False) -> None:
     """Draw a line through points (k, 2)."""
-    cv2.polylines(picture, [fixed_point(points)], closed, colour, width, cv2.LINE_AA, _SHIFT)
+    cv2.polylines(picture, [fixed_point(points)], closed, colour, width, cv2.LINE_AA, SHIFT)
 
 
 def cased_stroke(picture: Picture, points: FloatArray, colour: Colour, width: int, *, closed: bool = False) -> None:
@@ -47,50 +49,69 @@ def cased_stroke(picture: Picture, points: FloatArray, colour: Colour, width: in
 
 def fill(picture: Picture, points: FloatArray, colour: Colour) -> None:
     """Fill a polygon (k, 2)."""
-    cv2.fillPoly(picture, [fixed_point(points)], colour, cv2.LINE_AA, _SHIFT)
+    cv2.fillPoly(picture, [fixed_point(points)], colour, cv2.LINE_AA, SHIFT)
 
 
 def disc(picture: Picture, centre: FloatArray, radius: float, colour: Colour, width: int = cv2.FILLED) -> None:
     """Draw a disc, or a ring where `width` is positive."""
     u, v = fixed_point(centre)
-    cv2.circle(picture, (int(u), int(v)), round(radius * _ONE), colour, width, cv2.LINE_AA, _SHIFT)
+    cv2.circle(picture, (int(u), int(v)), round(radius * _ONE), colour, width, cv2.LINE_AA, SHIFT)
 
 
 def polygon_mask(points: FloatArray, shape: tuple[int, int]) -> NDArray[np.uint8]:
     """Return (h, w) uint8, 255 inside the polygon."""
     mask = np.zeros(shape, np.uint8)
-    cv2.fillPoly(mask, [fixed_point(points)], 255, cv2.LINE_8, _SHIFT)
+    cv2.fillPoly(mask, [fixed_point(points)], 255, cv2.LINE_8, SHIFT)
     return mask
 
 
-def paint_verdict(patch: Picture, polygon: FloatArray, verdict: str, line: int) -> None:
+def lay_over(picture: Picture, painted: Picture, cover: NDArray[np.uint8]) -> None:
+    """Replace a picture by a painted one where `cover` (h, w) is 255, and mix them where it is between."""
+    cv2.copyTo(painted, np.multiply(cover == 255, 255, dtype=np.uint8), picture)
+    seam = np.nonzero((cover > 0) & (cover < 255))
+    share = cover[seam][:, None] / 255.0
+    picture[seam] = np.rint(share * painted[seam] + (1.0 - share) * picture[seam])
+
+
+def paint_verdict(
+    patch: Picture, outlines: Sequence[FloatArray], verdict: str, line: int, *, curved: bool = False
+) -> None:
     """Give a patch the hatch and border of its verdict.
 
-    The border is drawn on the polygon's edge; the caller clips it to the polygon, so that neighbours keep their own.
+    The border is drawn on the outlines; the caller clips it to the patch, so that neighbours keep their own.
 
     Parameters
     ----------
-    patch : the picture under the polygon's bounding box, its ground already tinted.
-    polygon : (k, 2) in px of `patch`.
+    patch : the picture under the bounding box of the outlines, its ground already tinted.
+    outlines : closed, (k, 2) each, in px of `patch`.
     verdict : "safe", "unsafe", "undecided" or "rejected".
     line : width of a thin border, px; the other widths and spacings follow from it.
+    curved : the outlines are curves of many short sides, whose corners mean nothing.
     """
     if verdict == "unsafe":
         # vermilion alone is as light as a middling slope: the dark rim shows on a grey print
-        _hatch(patch, 16 * line, INK, line + 2, rising=True)
-        _hatch(patch, 16 * line, HAZARD, line, rising=True)
-        stroke(patch, polygon, INK, 4 * line + 2, closed=True)
-        stroke(patch, polygon, HAZARD, 4 * line, closed=True)
+        spacing = 16 * (max(2, line) if curved else line)  # regions are many and small: sparser, they are read better
+        _hatch(patch, spacing, INK, line + 2, rising=True)
+        _hatch(patch, spacing, HAZARD, line, rising=True)
+        _border(patch, outlines, (INK, 4 * line + 2), (HAZARD, 4 * line))
     elif verdict == "undecided":
-        stroke(patch, polygon, INK, 3 * line, closed=True)
-        for dash in dashes(polygon, 14 * line):
-            stroke(patch, dash, CAUTION, 3 * line)
+        _border(patch, outlines, (INK, 3 * line))
+        cut = curve_dashes if curved else dashes
+        for outline in outlines:
+            for dash in cut(outline, 14 * line):
+                stroke(patch, dash, CAUTION, 3 * line)
     elif verdict == "safe":
-        stroke(patch, polygon, INK, line + 3, closed=True)
-        stroke(patch, polygon, CALM, line + 1, closed=True)
+        _border(patch, outlines, (INK, line + 3), (CALM, line + 1))
     else:
         _hatch(patch, 5 * line, NO_ANSWER_INK, max(1, round(0.4 * line)), rising=False)
-        stroke(patch, polygon, NO_ANSWER_INK, line + 1, closed=True)
+        _border(patch, outlines, (NO_ANSWER_INK, line + 1))
+
+
+def _border(patch: Picture, outlines: Sequence[FloatArray], *strokes: tuple[Colour, int]) -> None:
+    """Draw closed lines of the given colours and widths, one over the other."""
+    for colour, width in strokes:
+        for outline in outlines:
+            stroke(patch, outline, colour, width, closed=True)
 
 
 def _hatch(patch: Picture, spacing: float, colour: Colour, width: int, *, rising: bool) -> None:
@@ -99,7 +120,7 @@ def _hatch(patch: Picture, spacing: float, colour: Colour, width: int, *, rising
     starts = np.arange(-height, breadth, spacing * np.sqrt(2))
     heads, tails = (height, 0) if rising else (0, height)
     ends = np.array([[[u, heads], [u + height, tails]] for u in starts])
-    cv2.polylines(patch, list(fixed_point(ends)), False, colour, width, cv2.LINE_AA, _SHIFT)
+    cv2.polylines(patch, list(fixed_point(ends)), False, colour, width, cv2.LINE_AA, SHIFT)
 
 
 def dashes(points: FloatArray, period: float) -> list[FloatArray]:
@@ -109,6 +130,18 @@ def dashes(points: FloatArray, period: float) -> list[FloatArray]:
         count = max(1, round(float(np.linalg.norm(end - start)) / period))
         cuts = np.clip((np.arange(count + 1)[:, None] + [-_DASH / 2, _DASH / 2]) / count, 0.0, 1.0)
         pieces += [start + cut[:, None] * (end - start) for cut in cuts]
+    return pieces
+
+
+def curve_dashes(points: FloatArray, period: float) -> list[FloatArray]:
+    """Cut a closed curve (k, 2) into dashes, one in every `period` of its length wherever its corners are."""
+    closed = np.vstack([points, points[:1]])
+    reached = np.append(0.0, np.cumsum(np.linalg.norm(np.diff(closed, axis=0), axis=1)))
+    count = max(1, round(float(reached[-1]) / period))
+    pieces = []
+    for start, end in (np.arange(count)[:, None] + [0.0, _DASH]) * reached[-1] / count:
+        stops = np.r_[start, reached[(reached > start) & (reached < end)], end]
+        pieces.append(np.column_stack([np.interp(stops, reached, axis) for axis in closed.T]))
     return pieces
 
 

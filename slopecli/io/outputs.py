@@ -10,14 +10,25 @@ from pathlib import Path
 from slopecli.errors import InputError
 from slopecli.types import Image, Report
 
-RESULT, OVERLAY, PLY, LABELS = "slopes.json", "overlay.png", "patches.ply", "labels.png"
-OUTPUT_NAMES = (OVERLAY, PLY, LABELS, RESULT)  # the result comes last: where it is, the others are
+RESULT, OVERLAY, PLY, GLB, LABELS = "slopes.json", "overlay.png", "patches.ply", "patches.glb", "labels.png"
+STEPS = ("gradient.png", "components.png", "merged.png")
+OUTPUT_NAMES = (*STEPS, OVERLAY, PLY, GLB, LABELS, RESULT)  # the result comes last: where it is, the others are
 
 
 def write_outputs(
-    report: Report, image: Image, directory: str | Path, *, overlay: bool = True, ply: bool = True
+    report: Report,
+    image: Image,
+    directory: str | Path,
+    *,
+    overlay: bool = True,
+    ply: bool = True,
+    glb: bool = True,
+    debug_images: bool = False,
 ) -> list[Path]:
-    """Write slopes.json, labels.png and, unless declined, overlay.png and patches.ply.
+    """Write slopes.json, labels.png and, unless declined, overlay.png, patches.ply and patches.glb.
+
+    patches.glb is made where planes were found as regions; the pictures of the segmentation's steps, where there was
+    one and if they are asked for.
 
     Everything is encoded and stored beside before the first file appears under its name. After a failure the folder
     is as it was. Files of an earlier run that are declined now are removed, as they would not belong to this result.
@@ -36,8 +47,12 @@ def write_outputs(
     ------
     InputError : the folder cannot be made or written to, or the disk is full.
     """
+    from slopecli.io.png import encode_labels
+    from slopecli.io.result import report_to_json
+
     folder = Path(directory)
-    contents = _encode(report, image, overlay, ply)
+    contents = {RESULT: (report_to_json(report) + "\n").encode("ascii"), LABELS: encode_labels(report)}
+    contents |= _encode_pictures(report, image, overlay, debug_images) | _encode_meshes(report, image, ply, glb)
     check_directory(folder)
     try:
         _store(contents, folder)
@@ -68,19 +83,27 @@ def _complaint(folder: Path, reason: str) -> str:
     return f"cannot write results to {folder}: {reason}; choose another folder with -o"
 
 
-def _encode(report: Report, image: Image, overlay: bool, ply: bool) -> dict[str, bytes]:
-    from slopecli.io.png import encode_labels, encode_overlay
-    from slopecli.io.result import report_to_json
+def _encode_pictures(report: Report, image: Image, overlay: bool, steps: bool) -> dict[str, bytes]:
+    from slopecli.io.overlay import draw_overlay
+    from slopecli.io.png import encode_picture
+    from slopecli.io.steps import draw_steps
 
-    contents = {RESULT: (report_to_json(report) + "\n").encode("ascii"), LABELS: encode_labels(report)}
-    if overlay:
-        from slopecli.io.overlay import draw_overlay
+    pictures = {OVERLAY: draw_overlay(report, image)} if overlay else {}
+    if steps:
+        pictures |= {f"{name}.png": picture for name, picture in draw_steps(report, image).items()}
+    return {name: encode_picture(picture) for name, picture in pictures.items()}
 
-        contents[OVERLAY] = encode_overlay(draw_overlay(report, image))
-    if ply:
-        from slopecli.io.ply import report_to_ply
 
-        contents[PLY] = report_to_ply(report)
+def _encode_meshes(report: Report, image: Image, ply: bool, glb: bool) -> dict[str, bytes]:
+    from slopecli.io.glb import report_to_glb
+    from slopecli.io.ply import report_to_ply
+    from slopecli.io.region_mesh import region_surfaces
+
+    regions = any(plane.source != "window" for plane in report.planes)
+    surfaces = region_surfaces(report) if regions and (ply or glb) else []
+    contents = {PLY: report_to_ply(report, image, surfaces)} if ply else {}
+    if glb and regions:
+        contents[GLB] = report_to_glb(report, image, surfaces)
     return contents
 
 

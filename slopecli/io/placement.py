@@ -5,61 +5,17 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
-from typing import TypeVar
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from slopecli.io.footprints import Footprint
 from slopecli.io.lettering import Box, Label, box_around, find_room
 from slopecli.types import FloatArray, Plane, Rejected
-
-Pixel = TypeVar("Pixel", bound=np.generic)
 
 LARGE, SMALL, TINY = 1.4, 0.8, 0.62  # text sizes over that of the overlay
 SMALLEST_TEXT_PX = 9
 NARROW_FROM = 6.0  # side of a patch over the text size below which a label in three rows would crowd it
-
-
-@dataclass(frozen=True, eq=False)
-class Footprint:
-    """A patch on the picture.
-
-    Attributes
-    ----------
-    polygon : (k, 2) picture px.
-    mask : (h, w) uint8, 255 where the patch shows, of the polygon's bounding box, whose first pixel is `corner` (u, v).
-    downhill : (2,) unit vector on the picture, None where undefined.
-    other_slope_deg : slope of the plane in the second answer, when the first is not known to be the right one.
-    """
-
-    item: Plane | Rejected
-    polygon: FloatArray
-    mask: NDArray[np.uint8]
-    corner: tuple[int, int]
-    downhill: FloatArray | None = None
-    other_slope_deg: float | None = None
-
-    @property
-    def verdict(self) -> str:
-        return self.item.verdict if isinstance(self.item, Plane) else "rejected"
-
-    @cached_property
-    def centre(self) -> FloatArray:
-        """(2,) centre of gravity, px."""
-        moments = cv2.moments(self.mask, binaryImage=True)
-        return np.array([moments["m10"], moments["m01"]]) / max(moments["m00"], 1.0) + self.corner
-
-    @cached_property
-    def size(self) -> float:
-        """Side of the square of the same area, px."""
-        return math.sqrt(cv2.countNonZero(self.mask))
-
-    def crop(self, picture: NDArray[Pixel]) -> NDArray[Pixel]:
-        """View of the picture under the bounding box."""
-        (u, v), (height, width) = self.corner, self.mask.shape
-        return picture[v : v + height, u : u + width]
 
 
 @dataclass(frozen=True, eq=False)
@@ -107,7 +63,7 @@ def place_labels(
     taken, waiting = list(obstacles), []
     for footprint in footprints:
         size = round(np.clip(footprint.size / 14, text_px, LARGE * text_px))
-        one = _place_inside(footprint, _labels(footprint, size, text_px), taken)
+        one = place_inside(footprint, full_labels(footprint, size, text_px), taken)
         if one is None:
             waiting.append(footprint)
         else:
@@ -130,8 +86,8 @@ def slope_text(plane: Plane) -> tuple[str, str]:
     return f"{plane.slope_deg:.{min(digits, 1)}f}°", f"± {sigma:.{digits}f}°"
 
 
-def _labels(footprint: Footprint, size: int, text_px: int) -> list[Label]:
-    """What a label may say, the fullest first."""
+def full_labels(footprint: Footprint, size: int, text_px: int) -> list[Label]:
+    """Return what a label of a patch with room may say, the fullest first."""
     small, name = max(SMALLEST_TEXT_PX, round(SMALL * text_px)), str(footprint.item.id)
     if isinstance(footprint.item, Rejected):
         full = Label((name, footprint.item.reason), size, "rejected")
@@ -146,14 +102,14 @@ def _labels(footprint: Footprint, size: int, text_px: int) -> list[Label]:
     return labels
 
 
-def _place_inside(footprint: Footprint, labels: Sequence[Label], taken: Sequence[Box]) -> Placed | None:
-    """Fullest label that fits into the patch together with its arrow, the pair centred as well as can be."""
+def place_inside(footprint: Footprint, labels: Sequence[Label], taken: Sequence[Box]) -> Placed | None:
+    """Place the fullest label that fits into the patch together with its arrow, the pair centred as well as can be."""
     for label in labels:
         tail, least = _arrow_from(label, footprint.downhill)
         points = np.array([-label.extent / 2, label.extent / 2, tail + least])
         low, high = points.min(axis=0), points.max(axis=0)
         extent = high - low + 0.5 * label.size
-        room = find_room(footprint.mask, np.array(footprint.corner), extent, footprint.centre, taken)
+        room = find_room(footprint.ground, np.array(footprint.corner), extent, footprint.centre, taken)
         if room is not None:
             centre = room - (low + high) / 2
             return Placed(footprint, label, centre, centre + tail, _arrow_length(footprint, centre + tail, label.size))
@@ -175,9 +131,9 @@ def _arrow_length(footprint: Footprint, tail: FloatArray, size: int) -> float:
     lengths = np.linspace(1.0, max(1.6 * size, 0.2 * footprint.size), 24)
     ahead = tail + (lengths + 0.5 * size)[:, None] * footprint.downhill - footprint.corner
     columns, rows = np.rint(ahead).astype(int).T
-    height, width = footprint.mask.shape
+    height, width = footprint.ground.shape
     within = (columns >= 0) & (rows >= 0) & (columns < width) & (rows < height)
-    within[within] = footprint.mask[rows[within], columns[within]] > 0
+    within[within] = footprint.ground[rows[within], columns[within]] > 0
     usable = lengths if within.all() else lengths[: int(np.argmin(within))]
     return float(max([1.4 * size, *usable[-1:]]))
 
@@ -192,7 +148,7 @@ def _free_of(footprints: Sequence[Footprint], shape: tuple[int, int]) -> NDArray
 
 def _place_beside(footprint: Footprint, free: NDArray[np.uint8], taken: Sequence[Box], text_px: int) -> Placed | None:
     """Label next to a patch too small for it, on ground that no other patch needs; the arrow stays inside."""
-    label = _labels(footprint, text_px, text_px)[1]
+    label = full_labels(footprint, text_px, text_px)[1]
     low = np.maximum(np.floor(footprint.corner - 2.2 * label.extent).astype(int), 0)
     high = np.ceil(footprint.corner + 2.2 * label.extent + footprint.mask.shape[::-1]).astype(int)
     around = free[low[1] : high[1], low[0] : high[0]]
@@ -211,5 +167,5 @@ def _place_tiny(footprint: Footprint, taken: Sequence[Box], text_px: int) -> Pla
     second = (f"{item.slope_deg:.0f}°",) if isinstance(item, Plane) else ()
     label = Label((str(item.id), *second), max(SMALLEST_TEXT_PX, round(TINY * text_px)), footprint.verdict)
     still = replace(footprint, downhill=None)
-    placed = _place_inside(footprint, [label], taken) or _place_inside(still, [label], taken)
+    placed = place_inside(footprint, [label], taken) or place_inside(still, [label], taken)
     return placed or Placed(still, label, footprint.centre, footprint.centre, 0.0)

@@ -1,4 +1,6 @@
-"""patches.ply: every plane as a mesh coloured by slope, with both cameras, in camera-1 axes.
+"""patches.ply: every plane as a mesh, with both cameras, in camera-1 axes.
+
+Windows have the colour of their slope, planes found as regions that of image 1.
 
 Written here rather than by trimesh, which reads it back in the tests: trimesh writes no comments of ours, so unit and
 frame would be lost, and importing it takes longer than solving a pair. The layout is what common viewers agree on:
@@ -11,16 +13,16 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+import cv2
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from slopecli import __version__
-from slopecli.geometry.camera import rays_from_pixels
 from slopecli.io.colormap import slope_colours
-from slopecli.types import Camera, FloatArray, IntArray, Plane, Report
+from slopecli.io.surface import Surface, lay_on_plane
+from slopecli.types import Camera, FloatArray, Image, IntArray, Plane, Report
 
 SUBDIVISIONS = 2  # of every edge by two: enough to follow the curve that a lens makes of a straight border
-LEAST_INCIDENCE = 0.01  # cosine: rays closer than 0.6 deg to the plane's own direction meet it too far away to draw
 CAMERA_SIZE = 0.06  # of the median distance of the planes
 CAMERA_COLOURS = ((40, 40, 40), (150, 150, 150))
 
@@ -41,7 +43,7 @@ class Mesh:
     triangles: IntArray
 
 
-def report_to_ply(report: Report) -> bytes:
+def report_to_ply(report: Report, image: Image | None = None, surfaces: Sequence[Surface] = ()) -> bytes:
     """Serialise planes and cameras as a binary PLY file.
 
     Source: Turk, "The PLY Polygon File Format", 1994.
@@ -49,8 +51,11 @@ def report_to_ply(report: Report) -> bytes:
     Parameters
     ----------
     report : the finished answer; lengths are in the unit of its scale.
+    image : image 1, which colours the surfaces; without it they have the colour of their slope.
+    surfaces : the planes that were found as regions, from `region_surfaces`.
     """
-    meshes = [mesh for plane in report.planes if (mesh := plane_mesh(plane, report.cameras[0])) is not None]
+    windows = (plane_mesh(plane, report.cameras[0]) for plane in report.planes if plane.source == "window")
+    meshes = [*(mesh for mesh in windows if mesh is not None), *_surface_meshes(report, image, surfaces)]
     size = CAMERA_SIZE * _median_distance(report.planes)
     rotation, centre = report.motion.rotation_cam2_from_cam1, report.motion.baseline_cam1
     meshes.append(camera_mesh(report.cameras[0], np.eye(3), np.zeros(3), size, CAMERA_COLOURS[0]))
@@ -77,20 +82,30 @@ def plane_mesh(plane: Plane, camera: Camera) -> Mesh | None:
     The mesh, or None where no part of the footprint meets the plane in front of the camera.
     """
     uv, triangles = _subdivided(np.asarray(plane.polygon_px, float), triangulate(plane.polygon_px))
-    rays = np.column_stack([rays_from_pixels(camera, uv), np.ones(len(uv))])
-    incidence = -(rays @ plane.normal_cam1)
-    with np.errstate(invalid="ignore"):  # a lens has no ray for some pixels: NaN, which is dropped here too
-        seen = incidence > LEAST_INCIDENCE * np.linalg.norm(rays, axis=1)
-    triangles = triangles[seen[triangles].all(axis=1)]
-    if not len(triangles):
-        return None
-    used, indices = np.unique(triangles, return_inverse=True)
-    points = rays[used] * (plane.distance / incidence[used])[:, None]
-    vertices = _vertices(points, plane.normal_cam1, slope_colours(plane.slope_deg)[0])
+    surface = lay_on_plane(plane, camera, uv, triangles)
+    return None if surface is None else _surface_mesh(surface, slope_colours(plane.slope_deg)[0])
+
+
+def _surface_mesh(surface: Surface, colours: ArrayLike) -> Mesh:
+    """Mesh of a part of a plane, with what is known of the plane at every vertex."""
+    plane = surface.plane
+    vertices = _vertices(surface.points, plane.normal_cam1, colours)
     vertices["quality"] = vertices["scalar_slope_deg"] = plane.slope_deg
     vertices["scalar_sigma_slope_deg"] = np.nan_to_num(plane.slope_sigma_deg)
     vertices["scalar_patch_id"] = plane.id
-    return Mesh(vertices, _facing(points, indices.reshape(-1, 3), plane.normal_cam1))
+    return Mesh(vertices, _facing(surface.points, surface.triangles, plane.normal_cam1))
+
+
+def _surface_meshes(report: Report, image: Image | None, surfaces: Sequence[Surface]) -> list[Mesh]:
+    if image is None:
+        return [_surface_mesh(each, slope_colours(each.plane.slope_deg)[0]) for each in surfaces]
+    # a vertex stands for the pixels nearest to it, and has their mean colour
+    spacing = np.sqrt(np.count_nonzero(report.labels) / max(1, sum(len(each.uv) for each in surfaces)))
+    pixels = cv2.cvtColor(image.grey, cv2.COLOR_GRAY2RGB) if image.colour is None else image.colour[:, :, ::-1]
+    pixels = cv2.blur(pixels, (max(1, round(spacing)),) * 2)
+    most = [image.width - 1, image.height - 1]
+    nearest = [np.clip(np.rint(each.uv).astype(int), 0, most).T for each in surfaces]
+    return [_surface_mesh(each, pixels[v, u]) for each, (u, v) in zip(surfaces, nearest, strict=True)]
 
 
 def camera_mesh(camera: Camera, rotation: FloatArray, centre: FloatArray, size: float, colour: Sequence[int]) -> Mesh:

@@ -1,0 +1,55 @@
+"""Pixels laid onto a plane: the rays of image 1, lens included, met with it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from slopecli.geometry.camera import rays_from_pixels
+from slopecli.types import BoolArray, Camera, FloatArray, IntArray, Plane
+
+LEAST_INCIDENCE = 0.01  # cosine: rays closer than 0.6 deg to the plane's own direction meet it too far away to draw
+
+
+@dataclass(frozen=True, eq=False)
+class Surface:
+    """Part of a plane: uv (n, 2) px of image 1, points (n, 3) in camera-1 axes, triangles (m, 3) of their indices."""
+
+    plane: Plane
+    uv: FloatArray
+    points: FloatArray
+    triangles: IntArray
+
+
+def lay_on_plane(plane: Plane, camera: Camera, uv: FloatArray, triangles: IntArray) -> Surface | None:
+    """Project a flat mesh in the image onto a plane.
+
+    Parameters
+    ----------
+    plane : plane with `normal_cam1 . P = -distance`.
+    camera : camera 1.
+    uv : (n, 2) px of its image.
+    triangles : (m, 3) indices into uv.
+
+    Returns
+    -------
+    The part that meets the plane in front of the camera and not at a grazing angle, None where nothing does.
+    """
+    rays = np.column_stack([rays_from_pixels(camera, uv), np.ones(len(uv))])
+    incidence = -(rays @ plane.normal_cam1)
+    with np.errstate(invalid="ignore"):  # a lens has no ray for some pixels: NaN, which is dropped here too
+        seen = incidence > LEAST_INCIDENCE * np.linalg.norm(rays, axis=1)
+        points = rays * (plane.distance / np.where(seen, incidence, 1.0))[:, None]
+    return trimmed(Surface(plane, uv, points, triangles), seen)
+
+
+def trimmed(surface: Surface, keep: BoolArray) -> Surface | None:
+    """Return what is left with the vertices to `keep` (n,) and the triangles between them, None if nothing is."""
+    triangles = surface.triangles[keep[surface.triangles].all(axis=1)]
+    if not len(triangles):
+        return None
+    used = np.zeros(len(keep), bool)
+    used[triangles] = True
+    renumbered = np.cumsum(used) - 1
+    return Surface(surface.plane, surface.uv[used], surface.points[used], renumbered[triangles])
