@@ -271,7 +271,7 @@ class Diagnostic:
 
 @dataclass(frozen=True, eq=False)
 class Segmentation:
-    """How image 1 was divided into planes, for pictures of the steps; all (h, w), of a working image that may be smaller.
+    """How image 1 was divided into planes, for pictures of the steps; all (h, w), of a working image, maybe smaller.
 
     gradient : float32, grey levels per px.  threshold : of the gradient, below which a pixel is inside a surface.
     components : int32, connected regions below the threshold, 1 the largest, 0 for none.

@@ -19,7 +19,7 @@ SIGNIFICANT_DIGITS = 9  # 1e-9 of a rotation is 6e-8 deg; more digits would only
 NEGLIGIBLE = 1e-12  # what is left of an exact zero after arithmetic; its digits differ from machine to machine
 LINE_LENGTH = 110
 
-_NOT_IN_JSON = {"labels", "epipole1_px"}  # written as labels.png, drawn on overlay.png
+_NOT_IN_JSON = {"labels", "epipole1_px", "segmentation"}  # written as labels.png, drawn on overlay.png and the steps
 
 
 def report_to_json(report: Report) -> str:
