@@ -1,160 +1,159 @@
 """Which plane every point is on, as the minimum of one energy, whatever a plane's equation may be.
 
-E(labels) = sum of the points' costs + `smooth` for every two neighbours on different planes + `plane_cost` for every
-plane in use, all in nats (negative logarithms of probabilities), so that what a plane explains weighs against what
-it costs to state it. Label 0 is "on no plane". Source: PEARL (Isack and Boykov, IJCV 2012) with label costs
-(Delong et al., IJCV 2012); the labels come from annealed mean-field messages, which NumPy sends all at once.
+E = sum of the points' costs + a cost for every two neighbours on different planes + a price for every plane in use.
+All are in nats, negative logarithms of probabilities, so that what a plane explains weighs against what it takes to
+state it. Column 0 and label 0 stand for "on no plane". Source: PEARL (Isack and Boykov, IJCV 2012) with label costs
+(Delong et al., IJCV 2012). Departs from them: the labels come from annealed mean-field messages, which NumPy sends
+all at once, and are then settled one by one; a cut of the graph is not needed where most points know their plane.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Protocol
 
 import numpy as np
 
 from slopecli.types import BoolArray, FloatArray, IntArray
 
-TEMPERATURES = (4.0, 2.0, 1.0, 0.5, 0.25)  # nats: neighbours first lean on each other, then decide
-ROUNDS = 8  # of choosing, assigning and refitting: labels rarely change after five
+TEMPERATURES = (4.0, 2.0, 1.0, 0.5)  # nats: neighbours first lean on each other, then decide
+MESSAGES = 2  # at each temperature
+SWEEPS = 10  # of settling, at most: two or three change anything
 
 
 @dataclass(frozen=True, eq=False)
 class Graph:
     """Who is next to whom: neighbour (n, m) indices, weight (n, m), 0 where a point has fewer than m neighbours.
 
-    The relation is mutual, and its weights are what it costs, in nats, that the two are on different planes.
+    The relation is mutual; a weight is what it costs, in nats, that the two are on different planes.
     """
 
     neighbour: IntArray
     weight: FloatArray
 
-    def agreement(self, share: FloatArray) -> FloatArray:
-        """(n, k): how much each point's neighbours are for every label, when `share` (n, k) says how they lean."""
+    def __len__(self) -> int:
+        return len(self.neighbour)
+
+    def leaning(self, share: FloatArray) -> FloatArray:
+        """(n, k): the weight of each point's neighbours for every label, when `share` (n, k) says how they lean."""
         total = np.zeros_like(share)
         for column, weight in zip(self.neighbour.T, self.weight.T, strict=True):
-            total += share[column] * weight[:, None]
+            total += share[column] * weight[:, None].astype(share.dtype)
         return total
 
-    def disagreement(self, labels: IntArray) -> FloatArray:
-        """(n,): what each point pays for neighbours with another label (both ends pay)."""
-        return np.asarray((self.weight * (labels[self.neighbour] != labels[:, None])).sum(axis=1))
+    def votes(self, labels: IntArray, n_labels: int) -> FloatArray:
+        """(n, n_labels): the weight of each point's neighbours that have each label."""
+        place = labels[self.neighbour] + np.arange(len(self))[:, None] * n_labels
+        count = np.bincount(place.ravel(), self.weight.ravel(), len(self) * n_labels)
+        return np.asarray(count.reshape(len(self), n_labels))
 
-
-class PlaneModel(Protocol):
-    """The equation of planes: parameters (k, ...) of k planes, and what they say of the n points."""
-
-    def cost(self, planes: FloatArray) -> FloatArray:
-        """(n, k) cost of a point on a plane, nats."""
-
-    def refit(self, planes: FloatArray, labels: IntArray) -> FloatArray:
-        """The planes, fitted again to the points labelled 1..k."""
+    def border(self, labels: IntArray) -> float:
+        """The cost of all neighbours with different labels, nats."""
+        return 0.5 * float(self.weight[labels[self.neighbour] != labels[:, None]].sum())
 
 
 @dataclass(frozen=True, eq=False)
-class Prices:
-    """none: cost of a point on no plane. plane: cost of a plane. Nats."""
+class Energy:
+    """none: the cost of a point on no plane. plane: the price of a plane. Both in nats."""
 
+    graph: Graph
     none: float
     plane: float
 
+    def columns(self, cost: FloatArray) -> FloatArray:
+        """(n, k + 1): the cost of every label, from the cost (n, k) on every plane."""
+        return np.column_stack([np.full(len(cost), self.none), cost])
 
-def label_points(
-    model: PlaneModel, candidates: FloatArray, graph: Graph, prices: Prices, sample: IntArray
-) -> tuple[IntArray, FloatArray]:
-    """Choose planes among the candidates and say which point is on which.
+    def of(self, columns: FloatArray, labels: IntArray) -> float:
+        """The energy of a labelling, nats."""
+        paid = np.take_along_axis(columns, labels[:, None], axis=1).sum()
+        in_use = np.count_nonzero(np.bincount(labels, minlength=1)[1:])
+        return float(paid) + self.graph.border(labels) + self.plane * in_use
 
-    Parameters
-    ----------
-    candidates : (c, ...) parameters of proposed planes.  sample : indices of points on which they compete first.
+    def assign(self, columns: FloatArray) -> IntArray:
+        """(n,) labels that nearly minimise the energy, all planes being stated already."""
+        cost = np.minimum(columns - columns.min(axis=1, keepdims=True), 1e6).astype(np.float32)
+        share = _soft(cost, TEMPERATURES[0])
+        for temperature in TEMPERATURES:
+            for _ in range(MESSAGES):
+                share = _soft(cost - self.graph.leaning(share), temperature)
+        return self.settle(columns, np.argmax(share, axis=1))
 
-    Returns
-    -------
-    labels : (n,) -1 for none, else 0..k-1, the plane with most points first.  planes : (k, ...) parameters.
-    """
-    screen = np.minimum(model.cost(candidates)[sample], prices.none) * (len(graph.neighbour) / len(sample))
-    none = prices.none * len(graph.neighbour) / len(sample)
-    planes = candidates[_cover(screen, np.full(len(sample), none), prices.plane)]
-    labels = np.zeros(len(graph.neighbour), np.int64)
-    for _ in range(ROUNDS):
-        labels = _assign(_with_none(model.cost(planes), prices), graph)
-        planes, labels = _without_dear(model, planes, labels, graph, prices)
-        planes = model.refit(planes, labels)
-    labels = _assign(_with_none(model.cost(planes), prices), graph)
-    return _by_size(labels, planes)
+    def settle(self, columns: FloatArray, labels: IntArray) -> IntArray:
+        """Let points change their labels one after another as long as that lowers the energy.
 
+        Two neighbours never move in one sweep, or they might change places for ever.
+        """
+        points = np.arange(len(labels))
+        for _ in range(SWEEPS):
+            total = columns - self.graph.votes(labels, columns.shape[1])
+            best = total.argmin(axis=1)
+            gain = total[points, labels] - total[points, best]
+            if not (gain > 0).any():
+                break
+            rank = np.empty(len(labels), np.int64)
+            rank[np.argsort(gain, kind="stable")] = points
+            first = ((rank[self.graph.neighbour] < rank[:, None]) | (self.graph.weight == 0)).all(axis=1)
+            labels = np.where((gain > 0) & first, best, labels)
+        return labels
 
-def _with_none(cost: FloatArray, prices: Prices) -> FloatArray:
-    return np.column_stack([np.full(len(cost), prices.none), cost])
+    def price_of_absence(self, columns: FloatArray, labels: IntArray, k: int) -> tuple[float, IntArray]:
+        """By how much the energy grows when plane k is given up, and the labels (n,) then.
 
-
-def _cover(cost: FloatArray, best: FloatArray, price: float) -> list[int]:
-    """Indices of columns of `cost` (n, c) that pay for themselves, the one that saves most first."""
-    chosen: list[int] = []
-    saves = np.maximum(best[:, None] - cost, 0.0).sum(axis=0)
-    while True:
-        # what a plane saves only falls as others are chosen, so only the front runners need counting again
-        front = np.argsort(-saves)[:16]
-        saves[front] = np.maximum(best[:, None] - cost[:, front], 0.0).sum(axis=0)
-        winner = int(front[np.argmax(saves[front])])
-        if saves[winner] < np.max(np.delete(saves, front), initial=0.0):
-            continue
-        if saves[winner] <= price:
-            return chosen
-        chosen.append(winner)
-        best = np.minimum(best, cost[:, winner])
-
-
-def _assign(cost: FloatArray, graph: Graph) -> IntArray:
-    """Labels (n,) that nearly minimise the energy with all planes (columns of cost (n, k + 1)) in use."""
-    share = _soft(cost, TEMPERATURES[0])
-    for temperature in TEMPERATURES:
-        for _ in range(2):
-            share = _soft(cost - graph.agreement(share), temperature)
-    return np.asarray(np.argmax(share, axis=1))
+        Its points go where they cost least, given their neighbours on other planes.
+        """
+        own = np.flatnonzero(labels == k)
+        near, weight = self.graph.neighbour[own], self.graph.weight[own]
+        total = columns[own].copy()
+        np.add.at(total, (np.arange(len(own))[:, None], labels[near]), -weight)
+        total[:, k] = np.inf
+        after = labels.copy()
+        after[own] = total.argmin(axis=1)
+        parted = weight * (after[near] != after[own][:, None])
+        mates = labels[near] == k  # seen from both ends
+        border = (np.where(mates, 0.5, 1.0) * parted).sum() - weight[~mates].sum()
+        growth = (columns[own, after[own]] - columns[own, k]).sum() + border
+        return float(growth) - self.plane, after
 
 
 def _soft(cost: FloatArray, temperature: float) -> FloatArray:
-    weight = np.exp((cost.min(axis=1, keepdims=True) - cost) / temperature)
+    weight = np.exp((cost.min(axis=1, keepdims=True) - cost) / np.float32(temperature))
     return np.asarray(weight / weight.sum(axis=1, keepdims=True))
 
 
-def _without_dear(
-    model: PlaneModel, planes: FloatArray, labels: IntArray, graph: Graph, prices: Prices
-) -> tuple[FloatArray, IntArray]:
-    """Drop planes, the dearest first, as long as that lowers the energy."""
-    cost = _with_none(model.cost(planes), prices)
-    keep = np.ones(cost.shape[1], bool)
-    while keep.sum() > 1:
-        extra = np.array([_price_of_absence(cost, keep, labels, graph, k) for k in range(1, len(keep))])
-        extra[~keep[1:]] = np.inf
-        worst = int(np.argmin(extra))
-        if extra[worst] > prices.plane:
-            break
-        keep[worst + 1] = False
-        labels = _assign(np.where(keep, cost, 1e6), graph)
-    renumber = np.cumsum(keep) - 1
-    return planes[keep[1:]], renumber[labels]
+def cover(cost: FloatArray, current: FloatArray, price: float) -> IntArray:
+    """Indices of columns of `cost` (n, c) that save more than their price over `current` (n,), best first.
+
+    Each is chosen for what it saves beside those chosen before (the greedy answer to facility location).
+    """
+    chosen: list[int] = []
+    saves = np.maximum(current[:, None] - cost, 0.0).sum(axis=0)
+    fresh = np.ones(len(saves), bool)
+    while len(saves) and saves.max() > price:
+        # what a plane saves only falls as others are chosen: whoever leads with a fresh count has won
+        leader = int(np.argmax(saves))
+        if not fresh[leader]:
+            front = np.argsort(-saves, kind="stable")[:16]
+            saves[front] = np.maximum(current[:, None] - cost[:, front], 0.0).sum(axis=0)
+            fresh[front] = True
+            continue
+        chosen.append(leader)
+        current = np.minimum(current, cost[:, leader])
+        fresh[:] = False
+        saves[leader] = 0.0
+    return np.array(chosen, np.int64)
 
 
-def _price_of_absence(cost: FloatArray, keep: BoolArray, labels: IntArray, graph: Graph, k: int) -> float:
-    """By how much the energy of points and neighbours grows when plane k's points go to their next best plane."""
-    own = np.flatnonzero(labels == k)
-    if not len(own):
-        return 0.0
-    others = keep.copy()
-    others[k] = False
-    after = labels.copy()
-    after[own] = np.flatnonzero(others)[np.argmin(cost[own][:, others], axis=1)]
-    change = cost[own, after[own]] - cost[own, k]
-    border = graph.disagreement(after).sum() - graph.disagreement(labels).sum()
-    return float(change.sum() + 0.5 * border)
+def in_use(labels: IntArray, n_planes: int) -> tuple[BoolArray, IntArray]:
+    """Which planes (n_planes,) have points, and the labels (n,) when only those are kept."""
+    used = np.bincount(labels, minlength=n_planes + 1)[1:] > 0
+    number = np.concatenate([[0], np.cumsum(used)])
+    return used, np.asarray(number[labels])
 
 
-def _by_size(labels: IntArray, planes: FloatArray) -> tuple[IntArray, FloatArray]:
-    size = np.bincount(labels, minlength=len(planes) + 1)[1:]
-    order = np.argsort(-size, kind="stable")
-    order = order[size[order] > 0]
-    rank = np.full(len(planes) + 1, -1)
+def by_size(labels: IntArray, n_planes: int) -> tuple[IntArray, IntArray]:
+    """Labels 0 for none, 1..k renumbered to -1 for none, 0.., most points first; and the planes in that order."""
+    size = np.bincount(labels, minlength=n_planes + 1)[1:]
+    order = np.argsort(-size, kind="stable")[: np.count_nonzero(size)]
+    rank = np.full(n_planes + 1, -1)
     rank[order + 1] = np.arange(len(order))
-    return rank[labels], planes[order]
+    return np.asarray(rank[labels]), np.asarray(order)

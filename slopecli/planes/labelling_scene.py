@@ -2,45 +2,28 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
+from slopecli.errors import InputError
 from slopecli.geometry.epipolar import homogeneous
-from slopecli.planes.labelling import Prices, label_points
+from slopecli.planes.labelling import Energy, by_size
 from slopecli.planes.labelling_graph import mutual_graph, nearest
+from slopecli.planes.labelling_models import DepthModel
+from slopecli.planes.labelling_search import State, make_pool, search, settled
+from slopecli.planes.proposals import propose_surfaces
 from slopecli.types import FloatArray, IntArray
 
 NEIGHBOURS = 6  # of every cell
 SMOOTH = 1.0  # nats for two neighbours on different planes
-PLANE_CELLS = 8.0  # cells a plane must explain, that nothing else does, to be stated
-FLOOR_PX = 0.2  # 1-sigma in image 2 within which no surface is flatter: lens, matching, relief
-AROUND, TRIPLES = 24, 8  # cells around a seed through which planes are proposed, and triples tried
-SEEDS = 1200
-SAMPLE = 2500  # cells on which the proposals compete
-LEAST = 8  # cells: fewer show no plane
-
-
-@dataclass(frozen=True, eq=False)
-class _ScenePlanes:
-    """Planes as scaled normals (k, 3): rows (n, 3) and target (n,) are px of image 2, so that
-    target - rows @ normal is the residual, px; sigma_px its 1-sigma."""
-
-    rows: FloatArray
-    target: FloatArray
-    sigma_px: float
-
-    def cost(self, planes: FloatArray) -> FloatArray:
-        residual = self.target[:, None] - self.rows @ planes.T
-        return np.asarray(0.5 * (residual / self.sigma_px) ** 2)
-
-    def refit(self, planes: FloatArray, labels: IntArray) -> FloatArray:
-        fitted = planes.copy()
-        for k in range(len(planes)):
-            own = labels == k + 1
-            if own.sum() >= LEAST:
-                fitted[k] = np.linalg.lstsq(self.rows[own], self.target[own], rcond=None)[0]
-        return fitted
+PLANE = 40.0  # nats to state a plane: about ten cells that nothing else explains
+SCALE_PX = (
+    0.2,
+    1.0,
+)  # px of image 2: no surface is matched as flatter, or counts as flat beyond
+SEARCHED = 2500  # cells among which planes are sought; all are labelled in the end
+SAMPLE = 1200  # cells on which proposals compete
+AROUND = 24  # cells around a seed that propose a plane
+LEAST_CELLS = 8  # fewer show no plane
 
 
 def label_scene_planes(
@@ -59,59 +42,45 @@ def label_scene_planes(
     x1 : (n, 2) normalised points of image 1.  w : (n,) inverse depths, 1/baseline.
     leverage : (n,) image-2 motion per unit of inverse depth, normalised.  uv1 : (n, 2) px of image 1.
     focal_px : px of image 2 per unit of normalised coordinate.  seed : of the random draws.
-    sigma_px : 1-sigma of a cell's distance in image 2 from its plane; None estimates it.
+    sigma_px : scale of a cell's distance in image 2 from its plane, px; None estimates it.
 
     Returns
     -------
-    labels : (n,) int, 0..k-1, the plane with most cells first, -1 for none.
+    labels : (n,) int, 0..k-1, the plane with most cells first, -1 for none. One plane may be in several pieces.
     scaled_normals : (k, 3), N . (x1, 1) = w.
+
+    Raises
+    ------
+    InputError : the arrays do not match or are not finite.
     """
-    if len(uv1) < LEAST:
-        return np.full(len(uv1), -1), np.empty((0, 3))
+    n = len(x1)
+    shapes = [np.shape(x1), np.shape(w), np.shape(leverage), np.shape(uv1)]
+    if shapes != [(n, 2), (n,), (n,), (n, 2)] or not np.isfinite(np.column_stack([x1, w, leverage, uv1])).all():
+        raise InputError(f"x1, w, leverage, uv1 must be finite, (n, 2), (n,), (n,), (n, 2); found {shapes}")
+    if n < LEAST_CELLS:
+        return np.full(n, -1), np.empty((0, 3))
     px = leverage * focal_px
-    rows, target = homogeneous(x1) * px[:, None], w * px
+    bounds = SCALE_PX if sigma_px is None else (sigma_px, sigma_px)
+    cells = DepthModel(homogeneous(x1) * px[:, None], w * px, np.zeros(n), bounds)
     rng = np.random.default_rng(seed)
+    part = np.sort(rng.permutation(n)[:SEARCHED])
+    found = _found(cells.take(part), uv1[part], rng)
+    if n > len(part):
+        graph = mutual_graph(nearest(uv1, NEIGHBOURS), SMOOTH)
+        found = settled(cells, Energy(graph, _none(cells), PLANE), found.planes, found.scale)
+    labels, order = by_size(found.labels, len(found.planes))
+    return labels, found.planes[order]
+
+
+def _none(cells: DepthModel) -> float:
+    """The cost of a cell on no plane, nats: its depth may be any that the scene shows."""
+    low, high = np.quantile(cells.target, [0.01, 0.99])
+    return float(np.log(max(high - low, 10 * cells.bounds[0])))
+
+
+def _found(cells: DepthModel, uv1: FloatArray, rng: np.random.Generator) -> State:
     near = nearest(uv1, AROUND)
-    candidates, local = _propose(rows, target, near, rng)
-    sigma = sigma_px if sigma_px is not None else max(local, FLOOR_PX)
-    spread = float(np.ptp(np.quantile(target, [0.02, 0.98]))) + 4 * sigma
-    none = float(np.log(spread / (sigma * np.sqrt(2 * np.pi))))
-    none = min(max(none, 2.0), 4.5)
-    sample = rng.permutation(len(uv1))[:SAMPLE]
-    graph = mutual_graph(near[:, :NEIGHBOURS], SMOOTH)
-    model = _ScenePlanes(rows, target, sigma)
-    return label_points(model, candidates, graph, Prices(none, PLANE_CELLS * none), sample)
-
-
-def _propose(
-    rows: FloatArray, target: FloatArray, near: IntArray, rng: np.random.Generator
-) -> tuple[FloatArray, float]:
-    """(c, 3) planes through cells around seeds, and the noise that the cells around them show, px."""
-    n = len(rows)
-    seeds = rng.permutation(n)[:SEEDS]
-    around = np.column_stack([seeds, near[seeds]])
-    A, b = rows[around], target[around]
-    pick = rng.random((len(seeds), TRIPLES, around.shape[1])).argpartition(3, axis=2)[:, :, :3]
-    at = np.arange(len(seeds))[:, None, None]
-    matrix = A[at, pick]
-    area = np.abs(np.linalg.det(matrix))
-    ok = area > 1e-9 * np.abs(matrix).max(axis=(2, 3)) ** 3
-    matrix[~ok] = np.eye(3)
-    normal = np.linalg.solve(matrix, b[at, pick][..., None])[..., 0]
-    residual = np.abs(np.einsum("sij,stj->sti", A, normal) - b[:, None])
-    half = np.median(residual, axis=2)
-    half[~ok] = np.inf
-    best = half.argmin(axis=1)
-    normal, half = normal[np.arange(len(seeds)), best], half.min(axis=1)
-    ok = np.isfinite(half)
-    A, b, normal, half = A[ok], b[ok], normal[ok], half[ok]
-    for _ in range(3):
-        r = np.einsum("sij,sj->si", A, normal) - b
-        scale = np.maximum(np.median(np.abs(r), axis=1) / 0.6745, 0.05)
-        weight = 1 / (1 + (r / (2 * scale[:, None])) ** 2) ** 2
-        M = np.einsum("sij,si,sik->sjk", A, weight, A)
-        trace = np.trace(M, axis1=1, axis2=2)[:, None, None]
-        normal = np.linalg.solve(M + 1e-12 * trace * np.eye(3), np.einsum("sij,si,si->sj", A, weight, b)[..., None])
-        normal = normal[..., 0]
-    r = np.abs(np.einsum("sij,sj->si", A, normal) - b)
-    return np.asarray(normal), float(np.median(np.median(r, axis=1)) / 0.6745)
+    energy = Energy(mutual_graph(near[:, :NEIGHBOURS], SMOOTH), _none(cells), PLANE)
+    proposals = propose_surfaces(cells.rows, cells.target, near, rng)
+    pool = make_pool(cells, proposals, np.arange(len(proposals)), rng.permutation(len(uv1))[:SAMPLE], energy.none)
+    return search(cells, energy, pool)
