@@ -83,9 +83,9 @@ def dominant_plane(matched: Matched) -> int:
 
     Windows of a grid are as good as equal; among those the one with the most matches is taken.
     """
-    chosen = [(matched.windows[i], matched.matches[i]) for i in matched.answered]
+    chosen = [(matched.footprints[i].area_px, matched.matches[i]) for i in matched.answered]
     seen = [match.origin == "own" for _, match in chosen]
-    areas = np.array([w * h * (own or not any(seen)) for ((_, _, w, h), _), own in zip(chosen, seen, strict=True)])
+    areas = np.array([area * (own or not any(seen)) for (area, _), own in zip(chosen, seen, strict=True)])
     matches = np.array([len(match.uv1) for _, match in chosen])
     return int(np.argmax(np.where(areas >= SAME_AREA * areas.max(), matches, -1)))
 

@@ -9,6 +9,7 @@ from functools import partial
 from slopecli.diagnosis import (
     check_parallax,
     check_strangers,
+    check_unexplained,
     image_notes,
     parallax_px,
     refuse_identical,
@@ -16,13 +17,10 @@ from slopecli.diagnosis import (
     refuse_unmatched,
 )
 from slopecli.options import Options
-from slopecli.planes.corners import match_window_corners
-from slopecli.planes.joint import join_windows, solve_jointly
-from slopecli.planes.matching import match_window
-from slopecli.planes.scene import Scene
+from slopecli.planes import PLANE_FINDERS
+from slopecli.planes.joint import join_patches, solve_jointly
 from slopecli.planes.survey import survey
-from slopecli.planes.window_match import WindowMatch
-from slopecli.planes.windows import Window, check_windows, grid_windows
+from slopecli.planes.window_finder import wanted_windows
 from slopecli.report import build_report
 from slopecli.types import Camera, Image, Report
 from slopecli.vision.features import EFFORTS, match_sift
@@ -31,14 +29,10 @@ from slopecli.vision.sparse import FeatureMatcher, find_motions
 
 OnStage = Callable[[str, float], None]
 
-# what `--features` names: matchers of whole images, tried in turn, and the matcher of a window
+# what `--features` names: matchers of whole images, tried in turn
 FEATURE_MATCHERS: dict[str, tuple[FeatureMatcher, ...]] = {
     "sift": tuple(partial(match_sift, effort=effort) for effort in EFFORTS),
     "foerstner": (match_foerstner,),
-}
-WINDOW_MATCHERS: dict[str, Callable[[Window, Scene], WindowMatch]] = {
-    "sift": match_window,
-    "foerstner": match_window_corners,
 }
 
 
@@ -51,7 +45,7 @@ def estimate(
     *,
     on_stage: OnStage | None = None,
 ) -> Report:
-    """Estimate the slope of every window of image 1, with its uncertainty.
+    """Estimate the slope of every window, or of every plane found in image 1, with its uncertainty.
 
     Parameters
     ----------
@@ -61,7 +55,7 @@ def estimate(
 
     Returns
     -------
-    report : `Report`, which slopes.json, the pictures and the table are made from; windows without an answer stand
+    report : `Report`, which slopes.json, the pictures and the table are made from; patches without an answer stand
         in `rejected`.
 
     Raises
@@ -70,8 +64,7 @@ def estimate(
     NoAnswer : the pair cannot tell (no overlap, no texture, no parallax, pure rotation), with reason and remedy.
     """
     clock = _Clock(on_stage)
-    windows = list(options.windows) or grid_windows(*options.grid, image1.width, image1.height)
-    check_windows(windows, image1.width, image1.height)
+    wanted_windows(options, image1.width, image1.height)
     refuse_identical(image1, image2)
 
     # sparse features: which motions are possible
@@ -88,13 +81,13 @@ def estimate(
     diagnostics += check_parallax(parallax, motions[0].scale * camera2.focal_px)
     clock.tick("overview")
 
-    # every window by itself, guided by that
-    match = WINDOW_MATCHERS[options.features]
-    matches = [match(window, scene) for window in windows]
-    clock.tick("windows")
+    # patches held to be planes, each with its own matches
+    patches = PLANE_FINDERS[options.planes](scene, options)
+    diagnostics += check_unexplained(patches)
+    clock.tick(options.planes)
 
-    # all windows together: one motion, one normal each, one epipolar geometry
-    matched = join_windows(windows, matches, scene)
+    # all patches together: one motion, one normal each, one epipolar geometry
+    matched = join_patches(patches, scene)
     solution = solve_jointly(matched, scene, motions, options.solver)
     clock.tick("solve")
 

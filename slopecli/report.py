@@ -15,9 +15,9 @@ from slopecli.geometry.metrics import rotation_angle
 from slopecli.geometry.slope import slope_interval, surface_normals
 from slopecli.measure import Measured, judge, measure
 from slopecli.options import Options
+from slopecli.planes.footprint import paint_labels
 from slopecli.planes.joint import Matched
 from slopecli.planes.window_match import WindowMatch
-from slopecli.planes.windows import paint_labels, window_polygon
 from slopecli.types import (
     Alternative,
     AlternativePlane,
@@ -68,8 +68,8 @@ def build_report(
     if not planes:
         raise NoAnswer(
             "low-texture",
-            f"the matches of all {len(matched.windows)} windows leave their slopes open",
-            "choose larger windows, or such with texture that both images show",
+            f"the matches of all {len(matched.matches)} {matched.patches.source}s leave their slopes open",
+            f"choose larger {matched.patches.source}s, or such with texture that both images show",
         )
     relief = {matched.answered[k] + 1: float(r) for k, r in enumerate(solution.relief)}
     epipole = epipole1_px(solution, cameras[0])
@@ -87,8 +87,9 @@ def build_report(
         planes=planes,
         rejected=_rejected(matched, every),
         diagnostics=(*diagnostics, *diagnose(planes, relief, solution, epipole, fit.noise_px)),
-        labels=paint_labels([matched.windows[i - 1] for i in ids], ids, (images[0].height, images[0].width)),
+        labels=paint_labels([matched.footprints[i - 1] for i in ids], ids, (images[0].height, images[0].width)),
         epipole1_px=epipole,
+        segmentation=matched.patches.segmentation,
     )
 
 
@@ -168,14 +169,15 @@ def _plane(
     slope = main.only(k)
     low, high = np.degrees(slope_interval(slope)[0])
     aspect = None if np.isnan(slope.aspect_rad[0]) else float(np.degrees(slope.aspect_rad[0]))
-    status, reason = _status(match, float(solution.relief[k]), float(kept.sum() / max(member.sum(), 1)))
+    inlier_share = float(kept.sum() / max(member.sum(), 1))
+    status, reason = _status(match, matched.patches.source, float(solution.relief[k]), inlier_share)
     rival = other if solution.ambiguity.status == "unresolved" else None
     p_safe, p_other = float(main.p_safe[k]), None if rival is None else float(rival.p_safe[k])
     H = homography_of_plane(solution.R, solution.T, solution.scaled_normals[k])
     return Plane(
         id=number + 1,
-        source="window",
-        polygon_px=window_polygon(matched.windows[number]),
+        source=matched.patches.source,
+        polygon_px=matched.footprints[number].polygon_px,
         normal_cam1=surface_normals(solution)[k],
         distance=_signed_distance(solution.scaled_normals[k], matched.correspondences.x1[member]),
         slope_deg=float(np.degrees(slope.slope_rad[0])),
@@ -210,11 +212,13 @@ def _rms(H: FloatArray, matched: Matched, kept: BoolArray) -> float:
     return float(np.sqrt((residual**2).mean()))
 
 
-def _status(match: WindowMatch, roughness: float, inlier_share: float) -> tuple[Literal["ok", "poor"], str | None]:
+def _status(
+    match: WindowMatch, source: str, roughness: float, inlier_share: float
+) -> tuple[Literal["ok", "poor"], str | None]:
     if match.origin == "borrowed":
         return "poor", match.reason
     if match.share < LEAST_SEEN:
-        return "poor", f"only {100 * match.share:.0f} % of the window could be matched"
+        return "poor", f"only {100 * match.share:.0f} % of the {source} could be matched"
     if roughness > ROUGH or match.left_out > MOST_LEFT_OUT or inlier_share < 1 - MOST_LEFT_OUT:
         return "poor", "non-planar-patch"
     return "ok", None
@@ -254,10 +258,10 @@ def _ambiguity(
 
 
 def _rejected(matched: Matched, planes: list[Plane]) -> tuple[Rejected, ...]:
-    """Windows without matches, and those whose matches leave the slope open."""
+    """Patches without matches, and those whose matches leave the slope open."""
     bare = [
-        Rejected(i + 1, window_polygon(window), match.code, match.reason)
-        for i, (window, match) in enumerate(zip(matched.windows, matched.matches, strict=True))
+        Rejected(i + 1, footprint.polygon_px, match.code, match.reason)
+        for i, (footprint, match) in enumerate(zip(matched.footprints, matched.matches, strict=True))
         if match.origin == "none"
     ]
     vague = [
@@ -265,4 +269,4 @@ def _rejected(matched: Matched, planes: list[Plane]) -> tuple[Rejected, ...]:
         for plane in planes
         if not _known(plane)
     ]
-    return tuple(sorted(bare + vague, key=lambda window: window.id))
+    return tuple(sorted(bare + vague, key=lambda rejected: rejected.id))

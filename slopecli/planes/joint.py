@@ -1,4 +1,4 @@
-"""All windows together: their matches stacked and weighed, and one motion with all their planes solved from them."""
+"""All patches together: their matches stacked and weighed, and one motion with all their planes solved from them."""
 
 from __future__ import annotations
 
@@ -12,9 +12,10 @@ from slopecli.geometry.camera import pixels_from_rays
 from slopecli.geometry.motion import MotionEstimate, epipolar_residual
 from slopecli.geometry.solve import solve_planes
 from slopecli.planes.evidence import Evidence
+from slopecli.planes.footprint import Footprint
+from slopecli.planes.patches import Patches
 from slopecli.planes.scene import Scene
 from slopecli.planes.window_match import WindowMatch
-from slopecli.planes.windows import Window
 from slopecli.types import Correspondences, FloatArray, IntArray, Solution
 from slopecli.vision.sampling import correlation_gain, thin
 
@@ -26,35 +27,45 @@ SYSTEMATIC_PX = 0.02  # RMS misfit that lens models, interpolation and shading l
 
 @dataclass(frozen=True, eq=False)
 class Matched:
-    """All windows with their matches, and what of them the solver is given.
+    """All patches with their matches, and what of them the solver is given.
 
-    answered : indices of the windows that have matches, in patch order.
+    answered : indices of the patches that have matches, in the solver's order.
     weights : (n,) of the correspondences, inverse variances relative to REFERENCE_PX.
     """
 
-    windows: list[Window]
-    matches: list[WindowMatch]
+    patches: Patches
     answered: list[int]
     correspondences: Correspondences
     weights: FloatArray
 
+    @property
+    def footprints(self) -> list[Footprint]:
+        """Of all patches, answered or not."""
+        return self.patches.footprints
 
-def join_windows(windows: list[Window], matches: list[WindowMatch], scene: Scene) -> Matched:
-    """Stack the windows' matches, one patch each, and for the motion some of those outside them (patch -1).
+    @property
+    def matches(self) -> list[WindowMatch]:
+        """Of all patches, answered or not."""
+        return self.patches.matches
+
+
+def join_patches(patches: Patches, scene: Scene) -> Matched:
+    """Stack the patches' matches, and for the motion some of those outside all of them (patch -1).
 
     Raises
     ------
-    NoAnswer : no window has matches.
+    NoAnswer : no patch has matches.
     """
+    matches = patches.matches
     answered = [i for i, match in enumerate(matches) if match.origin != "none"]
     if not answered:
         raise NoAnswer(
             "low-texture",
-            f"none of the {len(windows)} windows can be matched: {matches[0].reason}",
-            "choose windows with texture that both images show",
+            f"none of the {len(matches)} {patches.source}s can be matched: {matches[0].reason}",
+            f"choose {patches.source}s with texture that both images show",
         )
     parts, evidence = [matches[i] for i in answered], scene.evidence
-    outside = _outside(evidence, [windows[i] for i in answered])
+    outside = _outside(evidence, [patches.footprints[i] for i in answered])
     correspondences = Correspondences(
         uv1=np.vstack([*(p.uv1 for p in parts), evidence.uv1[outside]]),
         uv2=np.vstack([*(p.uv2 for p in parts), pixels_from_rays(scene.camera2, evidence.x2[outside])]),
@@ -64,20 +75,20 @@ def join_windows(windows: list[Window], matches: list[WindowMatch], scene: Scene
     )
     outside_sigma = OUTSIDE_SIGMA_PX / float(scene.pyramid1.overview_scale.mean())
     variance = np.concatenate([*(p.variance_px[:, 0] for p in parts), np.full(len(outside), outside_sigma**2)])
-    return Matched(windows, matches, answered, correspondences, REFERENCE_PX**2 / variance)
+    return Matched(patches, answered, correspondences, REFERENCE_PX**2 / variance)
 
 
-def _outside(evidence: Evidence, windows: list[Window]) -> IntArray:
+def _outside(evidence: Evidence, footprints: list[Footprint]) -> IntArray:
     free = np.ones(len(evidence), bool)
-    for window in windows:
-        free &= ~evidence.near(window, 0.0)
+    for footprint in footprints:
+        free &= ~footprint.covers(evidence.uv1)
     return thin(evidence.uv1, np.flatnonzero(free), OUTSIDE_POINTS)
 
 
 def solve_jointly(
     matched: Matched, scene: Scene, motions: list[MotionEstimate], solver: Literal["mle", "ha", "lh"]
 ) -> Solution:
-    """One motion and one plane per answered window, started from every motion still in question."""
+    """One motion and one plane per answered patch, started from every motion still in question."""
     parts = [matched.matches[i] for i in matched.answered]
     points = matched.correspondences
     solution = solve_planes(

@@ -136,11 +136,11 @@ def _dense_match(window: Window, scene: Scene, normal: FloatArray) -> WindowMatc
     cells = dense_cells(view.grid, view.mapping(normal), scene.pyramid2, scene.shape2, cell, finest=0)
     cells = cells.take(inside_window(cells.uv1, window))
     possible = max(1.0, window[2] * window[3] * float(np.prod(view.grid.scale)) / cell**2)
-    return polish(_usable(cells, scene, possible), window, scene, cell)
+    return polish(match_of_cells(cells, scene, possible), window, scene, cell)
 
 
-def _usable(cells: Cells, scene: Scene, possible: float) -> WindowMatch:
-    """Those of the cells that are well matched and on the window's plane; `possible`: how many the window holds."""
+def match_of_cells(cells: Cells, scene: Scene, possible: float) -> WindowMatch:
+    """Those of the cells that are well matched and on the patch's plane; `possible`: how many the patch holds."""
     x1, x2, seen = pair_rays(scene.camera1, scene.camera2, cells.uv1, cells.uv2)
     focal = scene.camera2.focal_px
     variance = axis_variance(cells.information, cells.uv1, scene, FLOOR_PX, NOISE_GREY) / cells.pixel_scale**2

@@ -11,6 +11,7 @@ from slopecli.geometry.epipolar import homogeneous
 from slopecli.planes.evidence import Evidence
 from slopecli.planes.windows import Window
 from slopecli.types import Camera, FloatArray
+from slopecli.vision.dense import Cells
 from slopecli.vision.photometric import View, make_view
 from slopecli.vision.warp import Pyramid, cut
 
@@ -20,7 +21,10 @@ BORDER_PX = 8  # px of the working grid around a window: flow needs to see past 
 
 @dataclass(frozen=True, eq=False)
 class Scene:
-    """What is known before the windows are looked at: images, cameras, the motion, evidence and the scene's planes."""
+    """What is known before the windows are looked at: images, cameras, the motion, evidence and the scene's planes.
+
+    cells : all of the overview, those of faint texture too, which `evidence` leaves out.
+    """
 
     camera1: Camera
     camera2: Camera
@@ -30,6 +34,11 @@ class Scene:
     T: FloatArray
     evidence: Evidence
     planes: list[FloatArray]
+    cells: Cells
+
+    @property
+    def shape1(self) -> tuple[int, int]:
+        return self.camera1.height, self.camera1.width
 
     @property
     def shape2(self) -> tuple[int, int]:

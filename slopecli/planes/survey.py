@@ -10,6 +10,7 @@ from slopecli.geometry.motion import MotionEstimate, assess_motion, epipolar_res
 from slopecli.planes.evidence import gather_evidence, scene_planes
 from slopecli.planes.scene import Scene
 from slopecli.types import Camera, FloatArray
+from slopecli.vision.dense import Cells
 from slopecli.vision.features import Grey, shrink
 from slopecli.vision.overview import MAX_PIXELS, overview_cells
 from slopecli.vision.sampling import sample_grey
@@ -26,10 +27,11 @@ SCORE_PX = 0.5  # motions compete on squared residuals truncated at four of thes
 
 @dataclass(frozen=True, eq=False)
 class _Reading:
-    """Dense matches as one motion leads to them, and all motions refined on them, best first."""
+    """Dense matches as one motion leads to them, all motions refined on them, best first, and the cells they are of."""
 
     matches: Matches
     motions: list[MotionEstimate]
+    cells: Cells
 
     def n_consistent(self, focal_px: float) -> int:
         """How many dense matches the best motion explains: flow led astray does not close and obeys none."""
@@ -55,7 +57,8 @@ def survey(
     found, best = reading.matches, reading.motions[0]
     grey = sample_grey(grey1, found.uv1)
     evidence = gather_evidence(found.uv1, found.x1, found.x2, grey, best.R, best.T, camera2.focal_px)
-    scene = Scene(camera1, camera2, pyramid1, pyramid2, best.R, best.T, evidence, scene_planes(evidence, seed))
+    planes = scene_planes(evidence, seed)
+    scene = Scene(camera1, camera2, pyramid1, pyramid2, best.R, best.T, evidence, planes, reading.cells)
     return scene, reading.motions
 
 
@@ -64,14 +67,14 @@ def _read(
 ) -> _Reading:
     obey = sparse.obeying(motion)
     lead1, lead2 = sparse.matches.uv1[obey], sparse.matches.uv2[obey]
-    cells = overview_cells(layer, pyramid2, (camera2.height, camera2.width), lead1, lead2)
-    cells = cells.take(np.linalg.eigvalsh(cells.information)[:, 0] > MIN_INFORMATION)
+    every = overview_cells(layer, pyramid2, (camera2.height, camera2.width), lead1, lead2)
+    cells = every.take(np.linalg.eigvalsh(every.information)[:, 0] > MIN_INFORMATION)
     uv1, uv2 = cells.uv1, cells.uv2
     if len(cells) < ENOUGH_CELLS:
         uv1, uv2 = np.vstack([uv1, lead1]), np.vstack([uv2, lead2])
     dense = Matches.between(camera1, camera2, uv1, uv2)
     starts = [motion, *(m for m in sparse.motions if m is not motion)]
-    return _Reading(dense, _refined(starts, dense.x1, dense.x2, camera2.focal_px))
+    return _Reading(dense, _refined(starts, dense.x1, dense.x2, camera2.focal_px), every)
 
 
 def _refined(motions: list[MotionEstimate], x1: FloatArray, x2: FloatArray, focal_px: float) -> list[MotionEstimate]:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from slopecli.errors import InputError
 from slopecli.types import BoolArray, FloatArray
@@ -47,11 +46,3 @@ def window_polygon(window: Window) -> FloatArray:
     x, y, w, h = window
     left, top, right, bottom = x - 0.5, y - 0.5, x + w - 0.5, y + h - 0.5
     return np.array([[left, top], [right, top], [right, bottom], [left, bottom]])
-
-
-def paint_labels(windows: list[Window], ids: list[int], shape: tuple[int, int]) -> NDArray[np.uint16]:
-    """(h, w) uint16 with each window's id inside it; where windows overlap the later one wins."""
-    labels = np.zeros(shape, np.uint16)
-    for (x, y, w, h), number in zip(windows, ids, strict=True):
-        labels[y : y + h, x : x + w] = number
-    return labels

@@ -138,7 +138,7 @@ def resample(pyramid2: Pyramid, mapping: FloatImage, grid: Grid) -> FloatImage:
     return sample_layer(pyramid2.at(magnification(mapping, grid) / grid.mean_scale), mapping)
 
 
-def covered(mapping: FloatImage, shape2: tuple[int, int], margin: float = 2.0) -> NDArray[np.bool_]:
+def covered(mapping: FloatImage | FloatArray, shape2: tuple[int, int], margin: float = 2.0) -> NDArray[np.bool_]:
     """Where a map of full-resolution pixels lands inside image 2, `margin` px from its border."""
     u, v = mapping[..., 0], mapping[..., 1]
     return (u >= margin) & (v >= margin) & (u <= shape2[1] - 1 - margin) & (v <= shape2[0] - 1 - margin)

@@ -1,0 +1,22 @@
+"""What a finder of planes returns: patches of image 1, each with the matches that speak for its plane."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+from slopecli.planes.footprint import Footprint
+from slopecli.planes.window_match import WindowMatch
+from slopecli.types import Segmentation
+
+Source = Literal["window", "ransac", "region"]
+
+
+@dataclass(frozen=True, eq=False)
+class Patches:
+    """Footprints and their matches, in the order of their ids; `segmentation`: how they were found, for pictures."""
+
+    source: Source
+    footprints: list[Footprint]
+    matches: list[WindowMatch]
+    segmentation: Segmentation | None = None

@@ -1,0 +1,89 @@
+"""Dense matches of all regions at once, image 2 pulled onto image 1 by the plane of each."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from slopecli.geometry.camera import pixels_from_rays, rays_from_pixels
+from slopecli.geometry.epipolar import homogeneous
+from slopecli.planes.footprint import Footprint
+from slopecli.planes.matching import match_of_cells
+from slopecli.planes.scene import Scene
+from slopecli.planes.window_match import WindowMatch, no_match
+from slopecli.types import FloatArray
+from slopecli.vision.dense import Cells, dense_cells
+from slopecli.vision.features import shrink
+from slopecli.vision.segmentation import Labels, grown
+from slopecli.vision.warp import FloatImage, Grid
+
+MATCHED_PIXELS = 1.0e6  # of image 1 on which matches are measured
+CELL = 6  # px of that grid: small enough to have several in a region of a thousandth of the image
+LEAST_WIDTH = 1e-2  # smallest over largest spread of a region's matches: along a line they leave a tilt open
+REACH_PX = 16.0  # of that grid around a region
+OWN_SHARE = 0.6  # of a cell that must lie in the region, and none of it in another
+NOWHERE = -1e4  # px of image 2 for pixels on no plane
+
+
+def match_regions(
+    labels: Labels, planes: list[FloatArray], footprints: list[Footprint], scene: Scene
+) -> list[WindowMatch]:
+    """Matches of the cells that lie inside each region, or none with the reason.
+
+    Parameters
+    ----------
+    labels : (h, w) 1..k, 0 for none, of image 1 or of a smaller copy of it.
+    planes : scaled normals (3,) of the k planes.  footprints : of the same, in image 1.
+    """
+    grey, scale = shrink(scene.pyramid1.at(1.0).grey, MATCHED_PIXELS)
+    grid = Grid(grey, 0.0, 0.0, scale)
+    size = (grid.shape[1], grid.shape[0])
+    labels = np.asarray(cv2.resize(labels.astype(np.uint16), size, interpolation=cv2.INTER_NEAREST), np.int32)
+    # flow needs to see past a region's border, and over the holes in it
+    mapping = _mapping(grid, grown(labels, REACH_PX), planes, scene)
+    cells = dense_cells(grid, mapping, scene.pyramid2, scene.shape2, CELL, finest=0)
+    number = _own_label(labels, CELL)[tuple(cells.index.T)]
+    return [
+        _match(cells.take(number == k), footprint.area_px * float(np.prod(scale)) / CELL**2, scene)
+        for k, footprint in enumerate(footprints, 1)
+    ]
+
+
+def _mapping(grid: Grid, labels: Labels, planes: list[FloatArray], scene: Scene) -> FloatImage:
+    """(h, w, 2) px of image 2 every pixel is sent to by its own plane."""
+    rows, columns = np.nonzero(labels)
+    uv1 = grid.full(np.column_stack([columns, rows]).astype(float))
+    rays = homogeneous(rays_from_pixels(scene.camera1, uv1))
+    w = np.einsum("ni,ni->n", rays, np.array(planes)[labels[rows, columns] - 1])
+    moved = rays @ scene.R.T - w[:, None] * (scene.R @ scene.T)
+    ahead = (moved[:, 2] > 1e-9) & (w > 0)
+    uv2 = pixels_from_rays(scene.camera2, moved[:, :2] / np.where(ahead, moved[:, 2], 1.0)[:, None])
+    mapping = np.full((*grid.shape, 2), NOWHERE, np.float32)
+    mapping[rows, columns] = np.where(ahead[:, None] & np.isfinite(uv2), uv2, NOWHERE)
+    return mapping
+
+
+def _own_label(labels: Labels, cell: int) -> NDArray[np.int32]:
+    """(h // cell, w // cell) label of the cells most of which lie on one plane, 0 for the others."""
+    rows, columns = labels.shape[0] // cell, labels.shape[1] // cell
+    blocks = labels[: rows * cell, : columns * cell].reshape(rows, cell, columns, cell)
+    most = blocks.max((1, 3))
+    share = (blocks == most[:, None, :, None]).mean((1, 3))
+    mixed = blocks.min((1, 3), where=blocks > 0, initial=np.iinfo(np.int32).max) != most
+    return np.where((share > OWN_SHARE) & ~mixed, most, 0)
+
+
+def _match(cells: Cells, possible: float, scene: Scene) -> WindowMatch:
+    match = match_of_cells(cells, scene, max(1.0, possible))
+    if match.origin == "none":
+        return no_match("too little texture: few of its pixels can be matched")
+    if not _spread(match.x1):
+        return no_match("its matches lie on a line, so they leave its tilt open")
+    return match
+
+
+def _spread(x1: FloatArray) -> bool:
+    """Whether points (n, 2) span an area."""
+    spread = np.linalg.svd(x1 - x1.mean(0), compute_uv=False)
+    return bool(len(x1) >= 3 and spread[-1] > LEAST_WIDTH * spread[0])

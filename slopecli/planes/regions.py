@@ -1,0 +1,115 @@
+"""The urban procedure: every plane of the scene found in the image itself, with the pixels that lie on it.
+
+Source: Cheng, experiment 3, steps 1-7. Departs from the paper: components of low gradient propose planes rather than
+being them, since a textured facade is all gradient; neighbourhoods of dense matches propose others; and which pixel
+lies on which plane is decided last, for all planes at once, by how well each transfers it into image 2.
+"""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+
+from slopecli.geometry.camera import pixels_from_rays, rays_from_pixels
+from slopecli.options import Options
+from slopecli.planes.footprint import region_footprints
+from slopecli.planes.patches import Patches
+from slopecli.planes.region_cells import component_planes, fewest_planes, neighbourhood_planes, region_cells
+from slopecli.planes.region_labels import BorderCost, enlarged, label_blocks
+from slopecli.planes.region_match import match_regions
+from slopecli.planes.region_merge import Labelled, merged, refitted
+from slopecli.planes.scene import Scene
+from slopecli.types import FloatArray, Segmentation
+from slopecli.vision.comparison import Comparison
+from slopecli.vision.features import shrink
+from slopecli.vision.segmentation import (
+    Labels,
+    adaptive_threshold,
+    connected_components,
+    smooth_gradient,
+    without_small_pieces,
+)
+from slopecli.vision.warp import Grid
+
+WORKING_PIXELS = 5.0e5  # of image 1 that are labelled; borders of planes are as exact as that
+SKETCH_PIXELS = 1.25e5  # on which the many proposals first compete
+LEAST_COMPONENT = 5e-4  # share of the image: smaller components propose no plane
+LEAST_SKETCHED = 1e-3  # share of the image below which a plane is dropped while others are sought
+LEAST_PIECE = 3e-4  # share of the image: smaller pieces of a plane are accidents
+# of labelling: px a side of the blocks, and the least region that stays, in shares of the least that is reported
+ROUNDS = ((4, 0.4), (4, 1.0), (3, 1.0))
+
+
+def find_regions(scene: Scene, options: Options) -> Patches:
+    """Planes of the scene, largest first, each with its pixels and its own matches."""
+    rng = np.random.default_rng(options.seed)
+    grid = _working_grid(scene, WORKING_PIXELS)
+    # steps 1-3: gradient, threshold, components
+    gradient = smooth_gradient(grid.grey)
+    threshold = options.gradient_threshold or adaptive_threshold(gradient)
+    components = connected_components(gradient, threshold, LEAST_COMPONENT * gradient.size)
+    # steps 4-7: planes of components and neighbourhoods, neighbours that one plane transfers merged
+    proposals = _proposed_planes(scene, components, grid, rng)
+    found = _labelled(scene, grid, proposals, gradient, threshold, options, rng)
+    footprints = region_footprints(found.labels, scene.shape1)
+    matches = match_regions(found.labels, found.planes, footprints, scene)
+    return Patches("region", footprints, matches, Segmentation(gradient, threshold, components, found.labels))
+
+
+def _working_grid(scene: Scene, pixels: float) -> Grid:
+    grey, scale = shrink(scene.pyramid1.at(1.0).grey, pixels)
+    return Grid(grey, 0.0, 0.0, scale)
+
+
+def _comparison(scene: Scene, grid: Grid) -> Comparison:
+    return Comparison(
+        grid,
+        lambda uv: rays_from_pixels(scene.camera1, uv),
+        lambda rays: pixels_from_rays(scene.camera2, rays),
+        scene.R,
+        scene.T,
+        scene.pyramid2,
+        scene.shape2,
+        scene.camera2.focal_px,
+    )
+
+
+def _proposed_planes(scene: Scene, components: Labels, grid: Grid, rng: np.random.Generator) -> list[FloatArray]:
+    """Scaled normals (3,) of planes the dense matches suggest."""
+    cells = region_cells(scene)
+    nearby = neighbourhood_planes(cells, rng)
+    return [*fewest_planes(cells, nearby), *component_planes(cells, components, grid, nearby)]
+
+
+def _labelled(
+    scene: Scene,
+    grid: Grid,
+    planes: list[FloatArray],
+    gradient: np.ndarray,
+    threshold: float,
+    options: Options,
+    rng: np.random.Generator,
+) -> Labelled:
+    """Planes compete for the pixels, are fitted to what they won and merged, and compete again, ever finer."""
+    comparison = _comparison(scene, grid)
+    labels = _sketch(scene, planes, gradient, threshold, grid)
+    found = Labelled(planes, labels).by_size(LEAST_SKETCHED * labels.size)
+    borders = BorderCost.along_edges(gradient, threshold)
+    for side, share in ROUNDS:
+        found = merged(comparison, refitted(comparison, found, rng), options.merge_px, rng)
+        labels = enlarged(label_blocks(comparison, found.planes, borders, side), side, grid.shape)
+        # planes that hold crumbs only go, and next time the others compete for those
+        labels = without_small_pieces(labels, LEAST_PIECE * labels.size)
+        found = Labelled(found.planes, labels).by_size(share * options.min_region_percent / 100 * labels.size)
+    return merged(comparison, found, options.merge_px, rng)
+
+
+def _sketch(scene: Scene, planes: list[FloatArray], gradient: np.ndarray, threshold: float, grid: Grid) -> Labels:
+    """(h, w) labels of all proposals at low resolution, where trying many planes is cheap."""
+    small = _working_grid(scene, SKETCH_PIXELS)
+    size = (small.shape[1], small.shape[0])
+    coarse = np.asarray(cv2.resize(gradient, size, interpolation=cv2.INTER_AREA), np.float32)
+    borders = BorderCost.along_edges(coarse, threshold)
+    labels = enlarged(label_blocks(_comparison(scene, small), planes, borders, 2), 2, small.shape)
+    size = (grid.shape[1], grid.shape[0])
+    return np.asarray(cv2.resize(labels.astype(np.uint16), size, interpolation=cv2.INTER_NEAREST), np.int32)
