@@ -64,7 +64,7 @@ def _painted(members: list[IntArray], scene: Scene) -> Labels:
         layer[at[:, 0], at[:, 1]] = 1
         layer[:] = np.maximum(layer, cv2.morphologyEx(layer, cv2.MORPH_CLOSE, np.ones((3, 3), np.uint8)))
     cells = np.where(layers.any(0), layers.argmax(0) + 1, 0)
-    size = (int(round(columns * side)), int(round(rows * side)))
+    size = (round(columns * side), round(rows * side))
     full = cv2.resize(cells.astype(np.uint16), size, interpolation=cv2.INTER_NEAREST)
     full = cv2.copyMakeBorder(full, 0, 1, 0, 1, cv2.BORDER_REPLICATE)
     return np.asarray(full[: scene.shape1[0], : scene.shape1[1]], np.int32)

@@ -1,4 +1,4 @@
-"""Which pixels of image 1 a patch covers: a window's rectangle, or a region of any shape and in any number of pieces."""
+"""Which pixels of image 1 a patch covers: a window's rectangle, or a region of any shape and number of pieces."""
 
 from __future__ import annotations
 

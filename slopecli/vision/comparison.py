@@ -1,6 +1,6 @@
 """How well a plane transfers image 1 into image 2, pixel by pixel, and the plane that transfers given pixels best.
 
-The motion is held. Everything that does not depend on the plane is computed once, since hundreds of planes are compared.
+The motion is held. What does not depend on the plane is computed once, since hundreds of planes are compared.
 """
 
 from __future__ import annotations
