@@ -42,17 +42,21 @@ class BorderCost:
         return BorderCost(cut(self.left).min(3).sum(1), cut(self.above).min(1).sum(2))
 
 
-def label_blocks(comparison: Comparison, planes: Sequence[FloatArray], borders: BorderCost, side: int) -> Labels:
-    """(h // side, w // side) number of the plane each block of `side` px lies on, 1..k, 0 for none."""
-    height, width = comparison.shape
+def label_blocks(
+    comparison: Comparison, planes: Sequence[FloatArray], borders: BorderCost, side: int, step: int = 1
+) -> Labels:
+    """(h // side, w // side) number of the plane each block of `side` px lies on, 1..k, 0 for none.
+
+    step : of a block's pixels every so many are compared, along rows and columns; it divides `side`.
+    """
+    height, width = (n // side * side for n in comparison.shape)
     size = (width // side, height // side)
-    cost = np.empty((height // side, width // side, len(planes) + 1), np.float32)
+    cost = np.empty((size[1], size[0], len(planes) + 1), np.float32)
     cost[..., 0] = UNEXPLAINED * side**2
     for number, normal in enumerate(planes, 1):
-        mean = cv2.resize(
-            comparison.cost(normal)[: height // side * side, : width // side * side], size, interpolation=cv2.INTER_AREA
-        )
-        cost[..., number] = mean * side**2
+        compared = comparison.cost(normal, step)[: height // step, : width // step]
+        cost[..., number] = cv2.resize(compared, size, interpolation=cv2.INTER_AREA)
+        cost[..., number] *= side**2
     return cheapest_labels(cost, borders.of_blocks(side))
 
 

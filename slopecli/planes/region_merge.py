@@ -110,8 +110,8 @@ class _Merging:
         return np.concatenate([rows_i[:n], rows_j[:m]]), np.concatenate([columns_i[:n], columns_j[:m]])
 
     def _mean_cost(self, k: int, normal: FloatArray) -> float:
-        cost = self._comparison.cost_at(self._points[k], normal)
-        return float(cost.mean()) if len(cost) else OUTSIDE
+        points = self._points[k]
+        return float(self._comparison.cost_at(points, normal).mean()) if len(points[0]) else OUTSIDE
 
 
 def _drawn(labels: Labels, count: int, most: int, rng: np.random.Generator) -> list[Points]:

@@ -10,6 +10,7 @@ from __future__ import annotations
 import cv2
 import numpy as np
 
+from slopecli.errors import NoAnswer
 from slopecli.geometry.camera import pixels_from_rays, rays_from_pixels
 from slopecli.options import Options
 from slopecli.planes.footprint import region_footprints
@@ -20,7 +21,7 @@ from slopecli.planes.region_match import match_regions
 from slopecli.planes.region_merge import Labelled, merged, refitted
 from slopecli.planes.scene import Scene
 from slopecli.types import FloatArray, Segmentation
-from slopecli.vision.comparison import Comparison
+from slopecli.vision.comparison import Comparison, single_threaded
 from slopecli.vision.features import shrink
 from slopecli.vision.segmentation import (
     Labels,
@@ -36,12 +37,18 @@ SKETCH_PIXELS = 1.25e5  # on which the many proposals first compete
 LEAST_COMPONENT = 5e-4  # share of the image: smaller components propose no plane
 LEAST_SKETCHED = 1e-3  # share of the image below which a plane is dropped while others are sought
 LEAST_PIECE = 3e-4  # share of the image: smaller pieces of a plane are accidents
-# of labelling: px a side of the blocks, and the least region that stays, in shares of the least that is reported
-ROUNDS = ((4, 0.4), (4, 1.0), (3, 1.0))
+# of labelling: px a side of the blocks, the step between px of them that are compared, and the least region that stays,
+# in shares of the least that is reported
+ROUNDS = ((4, 2, 0.4), (4, 1, 1.0), (3, 1, 1.0))
 
 
 def find_regions(scene: Scene, options: Options) -> Patches:
-    """Planes of the scene, largest first, each with its pixels and its own matches."""
+    """Planes of the scene, largest first, each with its pixels and its own matches.
+
+    Raises
+    ------
+    NoAnswer : no plane holds as much of the image as a region must.
+    """
     rng = np.random.default_rng(options.seed)
     grid = _working_grid(scene, WORKING_PIXELS)
     # steps 1-3: gradient, threshold, components
@@ -49,8 +56,15 @@ def find_regions(scene: Scene, options: Options) -> Patches:
     threshold = options.gradient_threshold or adaptive_threshold(gradient)
     components = connected_components(gradient, threshold, LEAST_COMPONENT * gradient.size)
     # steps 4-7: planes of components and neighbourhoods, neighbours that one plane transfers merged
-    proposals = _proposed_planes(scene, components, grid, rng)
-    found = _labelled(scene, grid, proposals, gradient, threshold, options, rng)
+    with single_threaded():
+        proposals = _proposed_planes(scene, components, grid, rng)
+        found = _labelled(scene, grid, proposals, gradient, threshold, options, rng)
+    if not found.planes:
+        raise NoAnswer(
+            "low-texture",
+            f"no plane explains {options.min_region_percent:g} % of image 1",
+            "give images with more texture or more overlap, or a smaller --min-region",
+        )
     footprints = region_footprints(found.labels, scene.shape1)
     matches = match_regions(found.labels, found.planes, footprints, scene)
     return Patches("region", footprints, matches, Segmentation(gradient, threshold, components, found.labels))
@@ -95,11 +109,11 @@ def _labelled(
     labels = _sketch(scene, planes, gradient, threshold, grid)
     found = Labelled(planes, labels).by_size(LEAST_SKETCHED * labels.size)
     borders = BorderCost.along_edges(gradient, threshold)
-    for side, share in ROUNDS:
+    for side, step, share in ROUNDS:
         found = merged(comparison, refitted(comparison, found, rng), options.merge_px, rng)
-        labels = enlarged(label_blocks(comparison, found.planes, borders, side), side, grid.shape)
+        blocks = label_blocks(comparison, found.planes, borders, side, step)
         # planes that hold crumbs only go, and next time the others compete for those
-        labels = without_small_pieces(labels, LEAST_PIECE * labels.size)
+        labels = enlarged(without_small_pieces(blocks, LEAST_PIECE * blocks.size), side, grid.shape)
         found = Labelled(found.planes, labels).by_size(share * options.min_region_percent / 100 * labels.size)
     return merged(comparison, found, options.merge_px, rng)
 

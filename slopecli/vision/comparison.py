@@ -5,7 +5,8 @@ The motion is held. What does not depend on the plane is computed once, since hu
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Iterator
+from contextlib import contextmanager
 
 import cv2
 import numpy as np
@@ -13,7 +14,7 @@ import numpy as np
 from slopecli.geometry.epipolar import homogeneous
 from slopecli.types import BoolArray, FloatArray, IntArray
 from slopecli.vision.photometric import detrend
-from slopecli.vision.warp import FloatImage, Grid, Pyramid, Transfer, covered, transfer_map
+from slopecli.vision.warp import FloatImage, Grid, Pyramid, Transfer, covered, map_nodes, spread_nodes
 
 SHADING_PX = 8.0  # working px over which brightness is taken for exposure and shading, not texture
 NOISE_GREY = 2.5  # 1-sigma of the difference of two images of one surface, grey levels
@@ -25,6 +26,17 @@ MIN_SEEN = 0.3  # share of the pixels image 2 must show for a plane to be fitted
 MAX_STEP_PX, SETTLED_PX = 1.0, 0.02  # working px a step may move pixels by, and by which it ends the fit
 
 Points = tuple[IntArray, IntArray]  # rows and columns of working pixels
+
+
+@contextmanager
+def single_threaded() -> Iterator[None]:
+    """OpenCV on one thread: hundreds of small comparisons cost more to hand to threads than they take."""
+    threads = cv2.getNumThreads()
+    cv2.setNumThreads(1)
+    try:
+        yield
+    finally:
+        cv2.setNumThreads(threads)
 
 
 class Comparison:
@@ -48,7 +60,8 @@ class Comparison:
         focal2_px: float,
     ) -> None:
         self.grid, self.shape, self._shape2, self._focal2_px = grid, grid.shape, shape2, focal2_px
-        self._rays1, self._pixels2, self._R, self._epipole2 = rays1, pixels2, R, R @ T
+        self._pixels2, self._R, self._epipole2 = pixels2, R, R @ T
+        self._nodes = homogeneous(rays1(map_nodes(grid)))
         ours = grid.grey.astype(np.float32)
         self._ours = detrend(ours, SHADING_PX)
         self._certainty = (1 / (NOISE_GREY**2 + MISPLACED_PX**2 * _squared_gradient(ours))).astype(np.float32)
@@ -62,16 +75,18 @@ class Comparison:
             *self.shape, 3
         )
 
-    def cost(self, normal: FloatArray) -> FloatImage:
-        """(h, w) squared photometric transfer error of a plane, in variances, truncated."""
-        mapping = transfer_map(self.grid, self._transfer(normal))
+    def cost(self, normal: FloatArray, step: int = 1) -> FloatImage:
+        """(h, w) squared photometric transfer error of a plane, in variances, truncated; of every `step`-th pixel."""
+        mapping = spread_nodes(self.grid, self._project(self._nodes, normal))[::step, ::step]
         outside = ~covered(mapping, self._shape2)
         if (self._scale2 != 1).any():
             mapping = (mapping + 0.5) * self._scale2.astype(np.float32) - 0.5
-        cost = cv2.remap(self._theirs, mapping, None, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)  # type: ignore[call-overload]
-        cost -= self._ours
+        cost = cv2.remap(
+            self._theirs, np.ascontiguousarray(mapping), None, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE
+        )  # type: ignore[call-overload]
+        cost -= self._ours[::step, ::step]
         cost *= cost
-        cost *= self._certainty
+        cost *= self._certainty[::step, ::step]
         np.minimum(cost, np.float32(TRUNCATED), out=cost)
         cost[outside] = OUTSIDE
         return np.asarray(cost, np.float32)
@@ -120,9 +135,6 @@ class Comparison:
             if most < SETTLED_PX:
                 break
         return normal
-
-    def _transfer(self, normal: FloatArray) -> Callable[[FloatArray], FloatArray]:
-        return lambda uv: self._project(homogeneous(self._rays1(uv)), normal)
 
     def _project(self, rays: FloatArray, normal: FloatArray) -> FloatArray:
         """Px of image 2 (n, 2) the plane sends rays to; far outside it where the plane is behind a camera."""

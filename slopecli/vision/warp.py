@@ -51,15 +51,30 @@ class Grid:
 
 def transfer_map(grid: Grid, transfer: Transfer) -> FloatImage:
     """Map (h, w, 2) float32 of full-resolution image-2 pixels, exact on nodes NODE_STEP apart."""
-    height, width = grid.shape
-    rows, columns = -(-height // NODE_STEP) + 2, -(-width // NODE_STEP) + 2
-    node = lambda n: (np.arange(n) - 0.5) * NODE_STEP - 0.5  # noqa: E731 - one before and one past the border
+    return spread_nodes(grid, transfer(map_nodes(grid)))
+
+
+def map_nodes(grid: Grid) -> FloatArray:
+    """Nodes (n, 2) of a map over the grid, full-resolution px of image 1, one before and one past its border."""
+    rows, columns = _node_shape(grid)
+    node = lambda n: (np.arange(n) - 0.5) * NODE_STEP - 0.5  # noqa: E731
     x, y = np.meshgrid(node(columns), node(rows))
-    values = transfer(grid.full(np.stack([x, y], -1).reshape(-1, 2))).reshape(rows, columns, 2)
+    return grid.full(np.stack([x, y], -1).reshape(-1, 2))
+
+
+def spread_nodes(grid: Grid, values: FloatArray) -> FloatImage:
+    """Map (h, w, 2) float32 from its values (n, 2) at `map_nodes`, bilinear in between."""
+    (height, width), (rows, columns) = grid.shape, _node_shape(grid)
     dense = cv2.resize(
-        values.astype(np.float32), (columns * NODE_STEP, rows * NODE_STEP), interpolation=cv2.INTER_LINEAR
+        values.reshape(rows, columns, 2).astype(np.float32),
+        (columns * NODE_STEP, rows * NODE_STEP),
+        interpolation=cv2.INTER_LINEAR,
     )
     return np.ascontiguousarray(dense[NODE_STEP : NODE_STEP + height, NODE_STEP : NODE_STEP + width], np.float32)
+
+
+def _node_shape(grid: Grid) -> tuple[int, int]:
+    return -(-grid.shape[0] // NODE_STEP) + 2, -(-grid.shape[1] // NODE_STEP) + 2
 
 
 @dataclass(frozen=True, eq=False)
