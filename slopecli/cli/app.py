@@ -6,6 +6,7 @@ import click
 
 from slopecli import __version__
 from slopecli.cli.estimate import estimate
+from slopecli.cli.segment import segment
 
 EPILOG = """\b
 Exit status:
@@ -21,9 +22,10 @@ Exit status:
 def slopemap() -> None:
     """How steep is the ground, and how sure are we?
 
-    Finds one relative motion and one normal per image window from two overlapping images, all consistent with a
+    Finds one relative motion and one normal per window or plane from two overlapping images, all consistent with a
     single epipolar geometry, and reports each slope with its uncertainty.
     """
 
 
 slopemap.add_command(estimate)
+slopemap.add_command(segment)

@@ -1,34 +1,25 @@
-"""`slopemap estimate`: slopes of windows from one pair of images."""
+"""`slopemap estimate`: slopes of windows, or of planes found, from one pair of images."""
 
 from __future__ import annotations
 
-from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import click
 
+from slopecli.cli.pair import answer_pair
 from slopecli.cli.parameter_types import PATH
 from slopecli.cli.shared_options import (
-    at_most_one,
     camera_options,
+    finder_options,
     frame_options,
-    given,
-    options_from,
     output_options,
+    region_options,
     scale_options,
     solving_options,
     talk_options,
     verdict_options,
     window_options,
 )
-from slopecli.cli.table import result_table, talk_lines
-from slopecli.cli.talk import Talk, print_result
-from slopecli.errors import InputError
-
-if TYPE_CHECKING:
-    from slopecli.types import Camera, Image, Report
-
-CAMERA_FLAGS = ("camera", "intrinsics", "fov")
 
 
 @click.command()
@@ -36,7 +27,9 @@ CAMERA_FLAGS = ("camera", "intrinsics", "fov")
 @click.argument("image2", type=PATH)
 @camera_options
 @output_options
+@finder_options
 @window_options
+@region_options
 @frame_options
 @scale_options
 @verdict_options
@@ -53,88 +46,4 @@ def estimate(ctx: click.Context, image1: str, image2: str, **parameters: Any) ->
     Example:
       slopemap estimate first.png second.png --camera camera.json -o out
     """
-    _check_usage(ctx)
-    talk = ctx.ensure_object(Talk)
-    if parameters["output"]:
-        _check_output(parameters["output"])
-    images = _load_images(image1, image2, talk)
-    cameras = _load_cameras(images, parameters, talk)
-    report = _solve(images, cameras, parameters, talk)
-    _deliver(report, images[0], parameters, talk)
-
-
-def _check_usage(ctx: click.Context) -> None:
-    at_most_one(ctx, *CAMERA_FLAGS)
-    at_most_one(ctx, "grid", "windows")
-    at_most_one(ctx, "baseline_m", "altitude_m")
-    if not given(ctx, *CAMERA_FLAGS):
-        raise click.UsageError("No camera: give --camera FILE, --intrinsics FX,FY,CX,CY or --fov DEG.", ctx)
-    if not given(ctx, "output", "as_json"):
-        raise click.UsageError("Nowhere to put the answer: give -o DIR, or --json to print it.", ctx)
-
-
-def _check_output(folder: str) -> None:
-    from slopecli.io.outputs import check_directory
-
-    check_directory(folder)
-
-
-def _load_images(image1: str, image2: str, talk: Talk) -> tuple[Image, Image]:
-    with talk.timed("load"):
-        from slopecli.io.images import load_image
-
-        return load_image(image1), load_image(image2)
-
-
-def _load_cameras(images: tuple[Image, Image], parameters: dict[str, Any], talk: Talk) -> tuple[Camera, Camera]:
-    second = {**parameters, "camera": parameters["camera2"]} if parameters["camera2"] else parameters
-    return _load_camera(images[0], parameters, talk), _load_camera(images[1], second, talk)
-
-
-def _load_camera(image: Image, parameters: dict[str, Any], talk: Talk) -> Camera:
-    from slopecli.io.cameras import camera_from_fov, camera_from_intrinsics
-
-    size = (image.width, image.height)
-    if parameters["camera"]:
-        return _camera_from_file(image, parameters["camera"], talk)
-    if parameters["intrinsics"]:
-        return camera_from_intrinsics(parameters["intrinsics"], *size)
-    return camera_from_fov(parameters["fov"], *size)
-
-
-def _camera_from_file(image: Image, file: str, talk: Talk) -> Camera:
-    from slopecli.io.cameras import fit_camera_to_image, load_camera
-
-    size = (image.width, image.height)
-    camera = load_camera(file, size=size)
-    try:
-        camera, message = fit_camera_to_image(camera, *size)
-    except InputError as error:
-        raise InputError(f"{image.path} with {file}: {error}") from None
-    if message:
-        talk.say(f"info: {image.path} with {file}: {message}")
-    return camera
-
-
-def _solve(
-    images: tuple[Image, Image], cameras: tuple[Camera, Camera], parameters: dict[str, Any], talk: Talk
-) -> Report:
-    from slopecli.pipeline import estimate as estimate_pair
-
-    return estimate_pair(*images, *cameras, options_from(parameters), on_stage=talk.stage)
-
-
-def _deliver(report: Report, image1: Image, parameters: dict[str, Any], talk: Talk) -> None:
-    from slopecli.io.outputs import write_outputs
-    from slopecli.io.result import report_to_json
-
-    written: list[Path] = []
-    if parameters["output"]:
-        with talk.timed("write"):
-            keep = {"overlay": not parameters["no_overlay"], "ply": not parameters["no_ply"]}
-            written = write_outputs(report, image1, parameters["output"], **keep)
-    print_result(report_to_json(report) if parameters["as_json"] else result_table(report))
-    for line in talk_lines(report):
-        talk.say(line)
-    if written:
-        talk.say(f"wrote {', '.join(map(str, written))}")
+    answer_pair(ctx, image1, image2, parameters)

@@ -80,6 +80,41 @@ window_options = _group(
     ),
 )
 
+finder_options = _group(
+    _option(
+        "--planes",
+        type=choices_of("planes"),
+        default=Options.planes,
+        help="What is held to be a plane: windows; ransac: what matches agree on; regions: as slopemap segment.",
+    ),
+)
+
+region_options = _group(
+    _option(
+        "--min-region",
+        "min_region_percent",
+        metavar="PERCENT",
+        type=Between(0, 100, min_open=True),
+        default=Options.min_region_percent,
+        help="Of image 1: smaller planes are not reported.",
+    ),
+    _option(
+        "--gradient-threshold",
+        metavar="GREY/PX",
+        type=POSITIVE,
+        help="Of the smoothed image: a pixel below it is inside a surface, one above it at a border.  "
+        "[default: what 60 % of the image stay below]",
+    ),
+    _option(
+        "--merge-px",
+        metavar="PX",
+        type=POSITIVE,
+        default=Options.merge_px,
+        help="Two regions that send the smaller's pixels this close together in image 2 may be one plane; they are if "
+        "one plane transfers both as well as two. px of an image of at most half a million.",
+    ),
+)
+
 solving_options = _group(
     _option(
         "--features",
@@ -103,30 +138,36 @@ solving_options = _group(
     ),
 )
 
-frame_options = _group(
-    _option(
-        "--up",
-        metavar="camera|dominant-plane|X,Y,Z",
-        type=UP,
-        default=Options.up,
-        help="What is level: camera 1 looks straight down; the largest plane; or a vector against gravity in "
-        "camera-1 axes (x right, y down, z forward).",
-    ),
-    _option(
-        "--up-sigma",
-        "up_sigma_deg",
-        metavar="DEG",
-        type=Between(0, 90, max_open=True),
-        default=Options.up_sigma_deg,
-        help="1-sigma uncertainty of that direction; it enters the slopes' intervals.",
-    ),
-    _option(
-        "--north",
-        metavar="X,Y,Z",
-        type=VECTOR,
-        help="Where aspect is 0, in camera-1 axes.  [default: the image's up direction]",
-    ),
-)
+
+def frame_options_with(up: str) -> Decorator:
+    """Options of the reference of slopes, with the command's own default for what is level."""
+    return _group(
+        _option(
+            "--up",
+            metavar="camera|dominant-plane|X,Y,Z",
+            type=UP,
+            default=up,
+            help="What is level: camera 1 looks straight down; the largest plane; or a vector against gravity in "
+            "camera-1 axes (x right, y down, z forward).",
+        ),
+        _option(
+            "--up-sigma",
+            "up_sigma_deg",
+            metavar="DEG",
+            type=Between(0, 90, max_open=True),
+            default=Options.up_sigma_deg,
+            help="1-sigma uncertainty of that direction; it enters the slopes' intervals.",
+        ),
+        _option(
+            "--north",
+            metavar="X,Y,Z",
+            type=VECTOR,
+            help="Where aspect is 0, in camera-1 axes.  [default: the image's up direction]",
+        ),
+    )
+
+
+frame_options = frame_options_with(str(Options.up))
 
 scale_options = _group(
     _option("--baseline", "baseline_m", metavar="M", type=POSITIVE, help="Distance between the cameras, for metres."),
@@ -160,12 +201,14 @@ output_options = _group(
         "--output",
         metavar="DIR",
         type=PATH,
-        help="Where slopes.json, overlay.png, patches.ply and labels.png go; made if need be. "
-        "Required unless --json is given.",
+        help="Where slopes.json, overlay.png, patches.ply and labels.png go, and patches.glb where planes were found; "
+        "made if need be. Required unless --json is given.",
     ),
     _option("--json", "as_json", is_flag=True, help="Print slopes.json on stdout instead of the table."),
     _option("--no-overlay", is_flag=True, help="Leave out overlay.png."),
     _option("--no-ply", is_flag=True, help="Leave out patches.ply."),
+    _option("--no-glb", is_flag=True, help="Leave out patches.glb."),
+    _option("--debug-images", is_flag=True, help="Add pictures of how regions were found, step by step."),
 )
 
 talk_options = _group(

@@ -12,16 +12,35 @@ if TYPE_CHECKING:
     from slopecli.types import Plane, Rejected, Report
 
 HEADER = ("id", "slope", "95 % interval", "aspect", "verdict", "P(safe)", "roughness", "points", "note")
-LEFT_ALIGNED = ("verdict", "note")
+# of planes found in the image, of which it is asked what they are and how large
+FOUND_HEADER = ("id", "what", "image", "slope", "95 % interval", "aspect", "verdict", "P(safe)", "points", "note")
+LEFT_ALIGNED = ("what", "verdict", "note")
 VERDICT_COLOURS = {"safe": "green", "unsafe": "red", "undecided": "yellow"}
 
 
 def result_table(report: Report) -> str:
-    """One line per window in the order of ids, those without an answer included; angles in degrees."""
+    """One line per window or plane in the order of ids, those without an answer included; angles in degrees."""
+    found = any(plane.source != "window" for plane in report.planes)
+    return "\n".join(_found_table(report) if found else _window_table(report))
+
+
+def _window_table(report: Report) -> Iterator[str]:
     others = _other_slopes(report)
     rows = [(plane.id, _plane_cells(plane, report.scale.unit, others.get(plane.id))) for plane in report.planes]
-    rows += [(window.id, _rejected_cells(window)) for window in report.rejected]
-    return "\n".join(_aligned([HEADER, *(cells for _, cells in sorted(rows))]))
+    rows += [(window.id, _rejected_cells(window, len(HEADER))) for window in report.rejected]
+    return _aligned(HEADER, [cells for _, cells in sorted(rows)])
+
+
+def _found_table(report: Report) -> Iterator[str]:
+    from slopecli.kinds import plane_kinds, plane_share
+
+    kinds, others = plane_kinds(report), _other_slopes(report)
+    rows = [
+        (plane.id, _found_cells(plane, kinds[plane.id], plane_share(report, plane), others.get(plane.id)))
+        for plane in report.planes
+    ]
+    rows += [(region.id, _rejected_cells(region, len(FOUND_HEADER))) for region in report.rejected]
+    return _aligned(FOUND_HEADER, [cells for _, cells in sorted(rows)])
 
 
 def _other_slopes(report: Report) -> dict[int, float]:
@@ -46,24 +65,30 @@ def _plane_cells(plane: Plane, unit: str, other_slope_deg: float | None) -> tupl
     )
 
 
+def _found_cells(plane: Plane, kind: str, share: float, other_slope_deg: float | None) -> tuple[str, ...]:
+    number, slope, interval, aspect, verdict, safe, _, points, note = _plane_cells(plane, "", other_slope_deg)
+    return number, kind, f"{100 * share:.1f} %", slope, interval, aspect, verdict, safe, points, note
+
+
 def _note(plane: Plane, other_slope_deg: float | None) -> str:
     other = "" if other_slope_deg is None else f"or {_number(other_slope_deg, 1)}°"
     status = ": ".join(part for part in (plane.status, plane.reason) if part and part != "ok")
     return "; ".join(filter(None, (other, status)))
 
 
-def _rejected_cells(window: Rejected) -> tuple[str, ...]:
-    return (str(window.id), *"-" * (len(HEADER) - 2), f"no answer: {window.reason}")
+def _rejected_cells(rejected: Rejected, columns: int) -> tuple[str, ...]:
+    return (str(rejected.id), *"-" * (columns - 2), f"no answer: {rejected.reason}")
 
 
 def _number(value: float, decimals: int) -> str:
     return f"{value:.{decimals}f}" if math.isfinite(value) else "-"
 
 
-def _aligned(rows: list[tuple[str, ...]]) -> Iterator[str]:
+def _aligned(header: tuple[str, ...], rows: list[tuple[str, ...]]) -> Iterator[str]:
+    rows = [header, *rows]
     widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
     for row in rows:
-        cells = [_padded(*cell) for cell in zip(HEADER, row, widths, strict=True)]
+        cells = [_padded(*cell) for cell in zip(header, row, widths, strict=True)]
         yield "  ".join(cells).rstrip()
 
 
@@ -78,8 +103,9 @@ def talk_lines(report: Report) -> Iterator[str]:
     yield _up_line(report)
     if report.ambiguity.status == "unresolved":
         yield _ambiguity_line(report)
+    noun = "window" if all(plane.source == "window" for plane in report.planes) else "region"
     for window in report.rejected:
-        yield f"window {window.id}: no answer: {window.reason}: {window.message}"
+        yield f"{noun} {window.id}: no answer: {window.reason}: {window.message}"
     for diagnostic in report.diagnostics:
         remedy = f"; {diagnostic.remedy}" if diagnostic.remedy else ""
         yield f"{diagnostic.severity}: {diagnostic.code}: {diagnostic.message}{remedy}"

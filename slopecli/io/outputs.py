@@ -11,7 +11,7 @@ from slopecli.errors import InputError
 from slopecli.types import Image, Report
 
 RESULT, OVERLAY, PLY, GLB, LABELS = "slopes.json", "overlay.png", "patches.ply", "patches.glb", "labels.png"
-STEPS = ("gradient.png", "components.png", "merged.png")
+STEPS = ("step1_gradient.png", "step2_components.png", "step3_merged.png")
 OUTPUT_NAMES = (*STEPS, OVERLAY, PLY, GLB, LABELS, RESULT)  # the result comes last: where it is, the others are
 
 
@@ -90,7 +90,7 @@ def _encode_pictures(report: Report, image: Image, overlay: bool, steps: bool) -
 
     pictures = {OVERLAY: draw_overlay(report, image)} if overlay else {}
     if steps:
-        pictures |= {f"{name}.png": picture for name, picture in draw_steps(report, image).items()}
+        pictures |= dict(zip(STEPS, draw_steps(report, image).values(), strict=False))
     return {name: encode_picture(picture) for name, picture in pictures.items()}
 
 

@@ -1,0 +1,120 @@
+"""What the commands on one pair do, once their options are read: load, solve, write, print."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from slopecli.cli.shared_options import at_most_one, given, options_from
+from slopecli.cli.table import result_table, talk_lines
+from slopecli.cli.talk import Talk, print_result
+from slopecli.errors import InputError
+
+if TYPE_CHECKING:
+    from slopecli.types import Camera, Image, Report
+
+CAMERA_FLAGS = ("camera", "intrinsics", "fov")
+REGION_FLAGS = ("min_region_percent", "gradient_threshold", "merge_px")
+
+
+def answer_pair(ctx: click.Context, image1: str, image2: str, parameters: dict[str, Any]) -> None:
+    """One pair from files to files, and a table or JSON on stdout."""
+    _check_usage(ctx)
+    talk = ctx.ensure_object(Talk)
+    if parameters["output"]:
+        _check_output(parameters["output"])
+    images = _load_images(image1, image2, talk)
+    cameras = _load_cameras(images, parameters, talk)
+    report = _solve(images, cameras, parameters, talk)
+    _deliver(report, images[0], parameters, talk)
+
+
+def _check_usage(ctx: click.Context) -> None:
+    at_most_one(ctx, *CAMERA_FLAGS)
+    at_most_one(ctx, "grid", "windows")
+    at_most_one(ctx, "baseline_m", "altitude_m")
+    if not given(ctx, *CAMERA_FLAGS):
+        raise click.UsageError("No camera: give --camera FILE, --intrinsics FX,FY,CX,CY or --fov DEG.", ctx)
+    _check_planes(ctx)
+    if not given(ctx, "output", "as_json"):
+        raise click.UsageError("Nowhere to put the answer: give -o DIR, or --json to print it.", ctx)
+
+
+def _check_planes(ctx: click.Context) -> None:
+    """Refuse options of one finder of planes together with another finder."""
+    finder = ctx.params.get("planes", "regions")
+    window_flags, region_flags = given(ctx, "grid", "windows"), given(ctx, *REGION_FLAGS)
+    if window_flags and finder != "windows":
+        raise click.UsageError(f"{window_flags[0]} is for --planes windows; --planes {finder} finds its own.", ctx)
+    if region_flags and finder == "windows":
+        raise click.UsageError(f"{region_flags[0]} is for --planes ransac or regions; windows have no use for it.", ctx)
+
+
+def _check_output(folder: str) -> None:
+    from slopecli.io.outputs import check_directory
+
+    check_directory(folder)
+
+
+def _load_images(image1: str, image2: str, talk: Talk) -> tuple[Image, Image]:
+    with talk.timed("load"):
+        from slopecli.io.images import load_image
+
+        return load_image(image1), load_image(image2)
+
+
+def _load_cameras(images: tuple[Image, Image], parameters: dict[str, Any], talk: Talk) -> tuple[Camera, Camera]:
+    second = {**parameters, "camera": parameters["camera2"]} if parameters["camera2"] else parameters
+    return _load_camera(images[0], parameters, talk), _load_camera(images[1], second, talk)
+
+
+def _load_camera(image: Image, parameters: dict[str, Any], talk: Talk) -> Camera:
+    from slopecli.io.cameras import camera_from_fov, camera_from_intrinsics
+
+    size = (image.width, image.height)
+    if parameters["camera"]:
+        return _camera_from_file(image, parameters["camera"], talk)
+    if parameters["intrinsics"]:
+        return camera_from_intrinsics(parameters["intrinsics"], *size)
+    return camera_from_fov(parameters["fov"], *size)
+
+
+def _camera_from_file(image: Image, file: str, talk: Talk) -> Camera:
+    from slopecli.io.cameras import fit_camera_to_image, load_camera
+
+    size = (image.width, image.height)
+    camera = load_camera(file, size=size)
+    try:
+        camera, message = fit_camera_to_image(camera, *size)
+    except InputError as error:
+        raise InputError(f"{image.path} with {file}: {error}") from None
+    if message:
+        talk.say(f"info: {image.path} with {file}: {message}")
+    return camera
+
+
+def _solve(
+    images: tuple[Image, Image], cameras: tuple[Camera, Camera], parameters: dict[str, Any], talk: Talk
+) -> Report:
+    from slopecli.pipeline import estimate as estimate_pair
+
+    return estimate_pair(*images, *cameras, options_from(parameters), on_stage=talk.stage)
+
+
+def _deliver(report: Report, image1: Image, parameters: dict[str, Any], talk: Talk) -> None:
+    from slopecli.io.outputs import write_outputs
+    from slopecli.io.result import report_to_json
+
+    written: list[Path] = []
+    if parameters["output"]:
+        with talk.timed("write"):
+            keep = {name: not parameters[f"no_{name}"] for name in ("overlay", "ply", "glb")}
+            keep["debug_images"] = parameters["debug_images"]
+            written = write_outputs(report, image1, parameters["output"], **keep)
+    print_result(report_to_json(report) if parameters["as_json"] else result_table(report))
+    for line in talk_lines(report):
+        talk.say(line)
+    if written:
+        talk.say(f"wrote {', '.join(map(str, written))}")
