@@ -9,7 +9,9 @@ from report_factory import make_camera, make_image, normal_of
 
 from slopecli.geometry.epipolar import homogeneous, tangent_basis
 from slopecli.options import Options
+from slopecli.planes.footprint import window_footprint
 from slopecli.planes.joint import Matched
+from slopecli.planes.patches import Patches
 from slopecli.planes.window_match import WindowMatch, no_match
 from slopecli.planes.windows import Window
 from slopecli.report import build_report
@@ -105,6 +107,7 @@ def make_report_of(
     parts = [matches[i] for i in answered]
     uv1, uv2, x1, x2 = (np.vstack([getattr(p, name) for p in parts]) for name in ("uv1", "uv2", "x1", "x2"))
     correspondences = Correspondences(uv1, uv2, x1, x2, np.repeat(np.arange(len(parts)), POINTS))
-    matched = Matched(chosen, matches, answered, correspondences, np.ones(len(uv1)))
+    patches = Patches("window", [window_footprint(window) for window in chosen], matches)
+    matched = Matched(patches, answered, correspondences, np.ones(len(uv1)))
     image = make_image()
     return build_report((image, image), (CAMERA, CAMERA), options or Options(), matched, solution, [])

@@ -22,7 +22,7 @@ FLOORS = (
     "vision",
     "planes",
     "simulate",
-    "diagnosis measure",
+    "diagnosis measure kinds",
     "report",
     "pipeline",
     "io",

@@ -25,7 +25,7 @@ from slopecli.io.outputs import OUTPUT_NAMES, check_directory, write_outputs
 from slopecli.io.result import report_to_json
 
 ALL = {"slopes.json", "overlay.png", "patches.ply", "labels.png"}
-STEPS = {"gradient.png", "components.png", "merged.png"}
+STEPS = {"step1_gradient.png", "step2_components.png", "step3_merged.png"}
 REPORT, IMAGE = make_report(), make_image()
 SMALL_IMAGE = make_image(320, 240, colour=True)
 SMALL_LABELS = make_region_labels(320, 240)

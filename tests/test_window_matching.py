@@ -14,11 +14,13 @@ from slopecli.geometry.epipolar import homogeneous
 from slopecli.geometry.metrics import normal_angle
 from slopecli.geometry.motion import inverse_depth
 from slopecli.planes.evidence import Evidence, gather_evidence, scene_planes
+from slopecli.planes.footprint import paint_labels, window_footprint
 from slopecli.planes.matching import match_window
 from slopecli.planes.scene import Scene, epipolar_axes
 from slopecli.planes.window_match import WindowMatch, no_match, overdispersion
-from slopecli.planes.windows import Window, check_windows, grid_windows, paint_labels, window_polygon
+from slopecli.planes.windows import Window, check_windows, grid_windows, window_polygon
 from slopecli.types import FloatArray
+from slopecli.vision.dense import Cells
 from slopecli.vision.features import shrink
 from slopecli.vision.overview import overview_cells
 from slopecli.vision.sampling import sample_grey
@@ -30,14 +32,17 @@ WINDOW: Window = (110, 70, 100, 100)
 FAINTEST_CELL = 100.0  # grey^2/px^2: weaker cells of the overview move with the noise
 
 
-def evidence_of(pair: Pair, layer: Layer) -> Evidence:
+def cells_of(pair: Pair, layer: Layer) -> Cells:
     """Dense matches of the whole image, led by sparse ones that are right, under the true motion."""
     rng = np.random.default_rng(0)
     size1, size2 = (np.array([c.width, c.height]) - 1.0 for c in (pair.camera1, pair.camera2))
     uv1 = rng.uniform([0, 0], size1, (600, 2))
     uv2 = pair.transfer(uv1)
     seen = ((uv2 > 2) & (uv2 < size2 - 2)).all(1) & ~pair.hidden(uv1)
-    cells = overview_cells(layer, Pyramid(pair.grey2), pair.grey2.shape, uv1[seen], uv2[seen])
+    return overview_cells(layer, Pyramid(pair.grey2), pair.grey2.shape, uv1[seen], uv2[seen])
+
+
+def evidence_of(pair: Pair, cells: Cells) -> Evidence:
     cells = cells.take(np.linalg.eigvalsh(cells.information)[:, 0] > FAINTEST_CELL)
     x1, x2 = rays_from_pixels(pair.camera1, cells.uv1), rays_from_pixels(pair.camera2, cells.uv2)
     grey = sample_grey(pair.grey1, cells.uv1)
@@ -46,11 +51,12 @@ def evidence_of(pair: Pair, layer: Layer) -> Evidence:
 
 def scene_of(pair: Pair, evidence: Evidence | None = None, planes: Sequence[FloatArray] | None = None) -> Scene:
     layer = Layer(*shrink(pair.grey1, 1e6))
+    cells = cells_of(pair, layer)
     if evidence is None:
-        evidence = evidence_of(pair, layer)
+        evidence = evidence_of(pair, cells)
     found = list(planes) if planes is not None else scene_planes(evidence)
     pyramid1, pyramid2 = Pyramid(pair.grey1, layer.scale), Pyramid(pair.grey2)
-    return Scene(pair.camera1, pair.camera2, pyramid1, pyramid2, pair.R, pair.T, evidence, found)
+    return Scene(pair.camera1, pair.camera2, pyramid1, pyramid2, pair.R, pair.T, evidence, found, cells)
 
 
 def some(evidence: Evidence, keep: np.ndarray) -> Evidence:
@@ -86,7 +92,8 @@ def matched(surfaces: Sequence[Surface | FloatArray], window: Window = WINDOW, *
 @pytest.mark.parametrize(("columns", "rows"), [(3, 3), (1, 1), (7, 5), (10, 2)])
 def test_grid_windows_tile_the_image_exactly(columns: int, rows: int) -> None:
     windows = grid_windows(columns, rows, 331, 241)
-    labels = paint_labels(windows, list(range(1, len(windows) + 1)), (241, 331))
+    footprints = [window_footprint(window) for window in windows]
+    labels = paint_labels(footprints, list(range(1, len(windows) + 1)), (241, 331))
     assert len(windows) == columns * rows
     assert sum(w * h for _, _, w, h in windows) == 331 * 241
     assert (labels > 0).all()
@@ -124,14 +131,6 @@ def test_a_bad_window_is_named_with_what_is_wrong_and_what_is_needed(window: Win
 def test_the_outline_of_a_window_runs_along_pixel_edges() -> None:
     outline = window_polygon((10, 20, 30, 40))
     assert outline.tolist() == [[9.5, 19.5], [39.5, 19.5], [39.5, 59.5], [9.5, 59.5]]
-
-
-def test_labels_are_painted_inside_windows_and_later_ones_win() -> None:
-    labels = paint_labels([(0, 0, 4, 3), (2, 1, 4, 4)], [7, 300], (6, 8))
-    assert labels.dtype == np.uint16
-    assert np.unique(labels).tolist() == [0, 7, 300]
-    assert (labels == 7).sum() == 12 - 4
-    assert (labels[1:5, 2:6] == 300).all()
 
 
 # ---- matching ----
