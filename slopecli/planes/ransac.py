@@ -28,6 +28,7 @@ SMOOTH = 0.5  # nats for two neighbours on different planes
 PLANE, FREEDOM = 40.0, 5.0  # nats to state that there is a plane, and for every degree of freedom to say which
 FLOOR_PX = 0.1  # smallest scale of noise believed: nobody matches better
 CEILING = 0.01  # largest, of the diagonal of what image 2 shows: beyond that a surface is no plane
+SEARCHED = 700  # matches among which planes are sought; all are labelled in the end
 SAMPLE = 600  # points on which proposals compete
 EPIPOLAR_ROUNDS = 2  # of fitting planes and epipolar geometry in turn
 
@@ -102,33 +103,67 @@ def _prepare(uv1: FloatArray, uv2: FloatArray, sigma_px: float | None) -> _Match
 
 
 def _label(matches: _Matches, rng: np.random.Generator) -> IntArray:
+    """Labels (n,) 0 for none: planes sought among some of the matches, then all of them labelled."""
+    part = _some(matches, rng)
+    state, epipolar = _sought(part, rng)
+    if part is matches or not len(state.planes):
+        return state.labels if part is matches else np.zeros(len(matches.x1), np.int64)
+    graph = mutual_graph(matches.near[:, :NEIGHBOURS], SMOOTH)
+    if epipolar is None:
+        free = HomographyModel(matches.x1, matches.x2, matches.bounds)
+        return settled(free, _free_energy(graph, matches), state.planes, state.scale).labels
+    bound, _ = _depth_model(matches, epipolar)
+    return settled(bound, _bound_energy(graph, matches), state.planes, state.scale).labels
+
+
+def _some(matches: _Matches, rng: np.random.Generator) -> _Matches:
+    """Matches enough to seek planes among, evenly drawn; the same object when there are no more."""
+    if len(matches.x1) <= SEARCHED:
+        return matches
+    part = np.sort(rng.permutation(len(matches.x1))[:SEARCHED])
+    x1, x2 = matches.x1[part], matches.x2[part]
+    return _Matches(x1, x2, nearest_in_both(x1, x2, CIRCLES[-1][0]), matches.none, matches.bounds)
+
+
+def _sought(matches: _Matches, rng: np.random.Generator) -> tuple[State, Epipolar | None]:
+    """The planes, and the epipolar geometry they share if it pays."""
     graph = mutual_graph(matches.near[:, :NEIGHBOURS], SMOOTH)
     free, model = _free_planes(matches, graph, rng)
     if not len(free.planes):
-        return free.labels
+        return free, None
     line = 0.5 * matches.none
     epipolar = find_epipolar(
         matches.x1, matches.x2, free.planes, model.squares(free.planes), free.labels, free.scale,
         matches.bounds, line, rng,
     )  # fmt: skip
     if epipolar is None:
-        return free.labels
-    bound = _bound_planes(matches, graph, epipolar, free, rng)
-    return bound.labels if bound.energy + 7 * FREEDOM < free.energy else free.labels
+        return free, None
+    bound, epipolar = _bound_planes(matches, graph, epipolar, free, rng)
+    return (bound, epipolar) if bound.energy + 7 * FREEDOM < free.energy else (free, None)
+
+
+def _free_energy(graph: Graph, matches: _Matches) -> Energy:
+    return Energy(graph, matches.none, PLANE + 8 * FREEDOM)
+
+
+def _bound_energy(graph: Graph, matches: _Matches) -> Energy:
+    return Energy(graph, matches.none, PLANE + 3 * FREEDOM)
 
 
 def _free_planes(matches: _Matches, graph: Graph, rng: np.random.Generator) -> tuple[State, HomographyModel]:
     """Planes as homographies that have nothing to do with each other."""
     model = HomographyModel(matches.x1, matches.x2, matches.bounds)
-    energy = Energy(graph, matches.none, PLANE + 8 * FREEDOM)
+    energy = _free_energy(graph, matches)
     proposals = propose_homographies(matches.x1, matches.x2, matches.near, rng)
     sample = rng.permutation(len(matches.x1))[: matches.sample]
     return search(model, energy, make_pool(model, *proposals, sample, matches.none)), model
 
 
-def _bound_planes(matches: _Matches, graph: Graph, epipolar: Epipolar, free: State, rng: np.random.Generator) -> State:
+def _bound_planes(
+    matches: _Matches, graph: Graph, epipolar: Epipolar, free: State, rng: np.random.Generator
+) -> tuple[State, Epipolar]:
     """Planes that share an epipolar geometry, which is fitted to them in turn."""
-    energy = Energy(graph, matches.none, PLANE + 3 * FREEDOM)
+    energy = _bound_energy(graph, matches)
     model, usable = _depth_model(matches, epipolar)
     proposals = propose_depth_planes(model.rows, model.target, matches.near, usable, rng)
     sample = rng.permutation(len(matches.x1))[: matches.sample]
@@ -138,7 +173,7 @@ def _bound_planes(matches: _Matches, graph: Graph, epipolar: Epipolar, free: Sta
         epipolar = refit_epipolar(epipolar, matches.x1, matches.x2, state.labels > 0, matches.bounds)
         model, _ = _depth_model(matches, epipolar)
         state = settled(model, energy, model.through(state.labels, state.scale), state.scale)
-    return state
+    return state, epipolar
 
 
 def _depth_model(matches: _Matches, epipolar: Epipolar) -> tuple[DepthModel, BoolArray]:
