@@ -1,4 +1,4 @@
-"""What a plane of an urban scene is, from its slope and its height: ground, wall or roof."""
+"""What a plane of a built scene is: ground, wall or roof, told by its slope and its height above the ground."""
 
 from __future__ import annotations
 
@@ -6,52 +6,72 @@ from typing import Literal
 
 import numpy as np
 
-from slopecli.types import Plane, Report
+from slopecli.geometry.camera import rays_from_pixels
+from slopecli.types import FloatArray, Plane, Report
 
-Kind = Literal["ground", "wall", "roof"]
+Kind = Literal["ground", "wall", "roof", "ceiling"]
 
-WALL_DEG = 60.0  # steeper than any roof one walks on, less steep than any wall
-GROUND_DEG = 15.0  # streets and gardens are flatter, pitched roofs steeper
-LOWEST_SHARE = 0.2  # of the largest level plane's area: smaller level planes do not say where the ground is
-SAME_HEIGHT = 0.03  # of the ground's depth below the camera: a level plane this close to it is ground
+WALL_DEG = 60.0  # hardly a roof is steeper, and hardly a wall leans as far
+LEVEL_DEG = 15.0  # streets and squares are flatter than this; roofs as flat have height to tell them
+LARGE = 0.1  # of the largest level plane: a smaller one below it may be a mistake, or a pit
+AT_GROUND = 0.02  # height over the distance to the camera up to which a plane counts as lying on the ground
+LOW_END = 0.1  # of a plane's outline: the share that may be lower, as outlines are ragged
+LEAST_INCIDENCE = 0.01  # sine of the angle at which a ray meets its plane; below it the point is anywhere
 
 
-def plane_kinds(report: Report) -> dict[int, Kind]:
-    """Kind of every plane by id: wall if steep, ground if level and as low as the lowest large level plane, else roof.
+def plane_shares(report: Report) -> dict[int, float]:
+    """Return the share of image 1, 0..1, that every plane of the report holds, by id."""
+    most = max((plane.id for plane in report.planes), default=0)
+    counts = np.bincount(report.labels.ravel(), minlength=most + 1)
+    return {plane.id: float(counts[plane.id]) / report.labels.size for plane in report.planes}
 
-    As good as the report's `up`: where the largest plane, taken as level, is a facade, its walls are no walls.
+
+def plane_kinds(report: Report) -> dict[int, Kind | None]:
+    """Tell by id what every plane of the report is; only as good as the report's up direction.
+
+    A plane steeper than 60 degrees is a wall, one that faces down as far beyond the vertical a ceiling. The others are
+    ground if their low end is on the ground or below it, roof if it is above: any surface that stands on something.
+    The ground is the lowest of the large level planes, extended. Without a level plane there is no height to tell
+    ground from roof by, and None is given.
     """
-    level = [plane for plane in report.planes if _is_level(plane)]
-    ground = _ground_depth(report, level)
-    return {plane.id: _kind(plane, report, ground) for plane in report.planes}
+    upright: dict[int, Kind | None] = {plane.id: _upright_kind(plane) for plane in report.planes}
+    outlines = {plane.id: _outline(plane, report) for plane in report.planes}
+    ground = _ground(report, outlines)
+    if ground is None:
+        return upright
+    lying: dict[int, Kind] = {
+        i: "ground" if _low_end(points, ground) < AT_GROUND else "roof" for i, points in outlines.items()
+    }
+    return {i: kind or lying[i] for i, kind in upright.items()}
 
 
-def _is_level(plane: Plane) -> bool:
-    return plane.slope_deg < GROUND_DEG
+def _upright_kind(plane: Plane) -> Kind | None:
+    if plane.slope_deg > 180.0 - WALL_DEG:
+        return "ceiling"
+    return "wall" if plane.slope_deg > WALL_DEG else None
 
 
-def _kind(plane: Plane, report: Report, ground: float) -> Kind:
-    if plane.slope_deg > WALL_DEG:
-        return "wall"
-    if _is_level(plane) and _depth_below(plane, report) > ground * (1 - SAME_HEIGHT):
-        return "ground"
-    return "roof"
+def _outline(plane: Plane, report: Report) -> FloatArray:
+    """(n, 3) points of a plane's outline in camera-1 axes, without those towards its horizon."""
+    rays = rays_from_pixels(report.cameras[0], plane.polygon_px)
+    rays = np.column_stack([rays, np.ones(len(rays))])
+    steep = -rays @ plane.normal_cam1
+    met = steep > LEAST_INCIDENCE * np.linalg.norm(rays, axis=1)
+    return np.asarray(rays[met] * (plane.distance / steep[met])[:, None])
 
 
-def _ground_depth(report: Report, level: list[Plane]) -> float:
-    """How far below camera 1 the lowest of the large level planes lies, in the report's unit."""
+def _ground(report: Report, outlines: dict[int, FloatArray]) -> Plane | None:
+    """The lowest of the large level planes along up, None where no plane is level."""
+    shares = plane_shares(report)
+    level = [p for p in report.planes if p.slope_deg < LEVEL_DEG + 2 * p.slope_sigma_deg and len(outlines[p.id])]
     if not level:
-        return float("inf")
-    areas = np.array([plane_share(report, plane) for plane in level])
-    depths = np.array([_depth_below(plane, report) for plane in level])
-    return float(depths[areas >= LOWEST_SHARE * areas.max()].max())
+        return None
+    least = LARGE * max(shares[plane.id] for plane in level)
+    up = np.array(report.up.vector_cam1)
+    return min((p for p in level if shares[p.id] >= least), key=lambda p: float(np.median(outlines[p.id] @ up)))
 
 
-def _depth_below(plane: Plane, report: Report) -> float:
-    """Height of camera 1 over the plane, along up."""
-    return plane.distance / float(np.array(report.up.vector_cam1) @ np.asarray(plane.normal_cam1))
-
-
-def plane_share(report: Report, plane: Plane) -> float:
-    """Share of image 1 that the plane holds."""
-    return float(np.count_nonzero(report.labels == plane.id) / report.labels.size)
+def _low_end(points: FloatArray, ground: Plane) -> float:
+    """Height of a plane's lower end above the ground, over its distance to the camera."""
+    height = points @ ground.normal_cam1 + ground.distance
+    return float(np.quantile(height / np.linalg.norm(points, axis=1), LOW_END)) if len(points) else 0.0

@@ -32,11 +32,11 @@ def _window_table(report: Report) -> Iterator[str]:
 
 
 def _found_table(report: Report) -> Iterator[str]:
-    from slopecli.kinds import plane_kinds, plane_share
+    from slopecli.kinds import plane_kinds, plane_shares
 
-    kinds, others = plane_kinds(report), _other_slopes(report)
+    kinds, shares, others = plane_kinds(report), plane_shares(report), _other_slopes(report)
     rows = [
-        (plane.id, _found_cells(plane, kinds[plane.id], plane_share(report, plane), others.get(plane.id)))
+        (plane.id, _found_cells(plane, kinds[plane.id] or "-", shares[plane.id], others.get(plane.id)))
         for plane in report.planes
     ]
     rows += [(region.id, _rejected_cells(region, len(FOUND_HEADER))) for region in report.rejected]
