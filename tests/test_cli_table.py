@@ -7,10 +7,10 @@ from dataclasses import replace
 
 import click
 import pytest
-from report_factory import make_ambiguity, make_report
+from report_factory import make_ambiguity, make_region_report, make_report
 
 from slopecli.cli.table import result_table, talk_lines
-from slopecli.types import Scale, Up
+from slopecli.types import Rejected, Scale, Up
 
 
 def rows_of(table: str) -> list[str]:
@@ -98,3 +98,41 @@ def test_talk_warns_of_a_second_answer_only_if_there_is_one() -> None:
     assert not any("second motion" in line for line in talk_lines(report))
     (warning,) = (line for line in talk_lines(make_report(ambiguity=make_ambiguity(report))) if "second motion" in line)
     assert warning.endswith("resolve it with a third image, or a known altitude")
+
+
+# ---- planes found in the image ----
+
+REGIONS = make_region_report()
+
+
+def test_planes_found_have_a_kind_and_a_share_of_the_image() -> None:
+    header, *rows = click.unstyle(result_table(REGIONS)).splitlines()
+    assert header.split()[:4] == ["id", "what", "image", "slope"]
+    for row, plane in zip(rows, REGIONS.planes, strict=True):
+        cells = re.split(r"\s{2,}", row.strip())
+        share = 100 * (REGIONS.labels == plane.id).mean()
+        assert cells[:4] == [str(plane.id), cells[1], f"{share:.1f} %", f"{plane.slope_deg:.2f} ± "
+                             f"{plane.slope_sigma_deg:.2f}°"]  # fmt: skip
+        assert cells[1] in ("ground", "wall", "roof")
+        assert plane.verdict in cells
+
+
+def test_what_cannot_be_told_ground_from_roof_is_a_dash() -> None:
+    pitched = replace(REGIONS.planes[0], slope_deg=40.0)
+    (row,) = rows_of(result_table(replace(REGIONS, planes=(pitched,))))
+    assert row.split()[:2] == ["1", "-"]
+
+
+def test_planes_found_and_refused_are_called_regions() -> None:
+    refused = Rejected(6, REGIONS.planes[0].polygon_px, "low-texture", "no texture in it")
+    report = replace(REGIONS, rejected=(refused,), ambiguity=make_ambiguity(REGIONS))
+    assert rows_of(result_table(report))[-1].split()[:3] == ["6", "-", "-"]
+    talk = "\n".join(talk_lines(report))
+    assert "region 6: no answer: low-texture: no texture in it" in talk
+    assert "no region is called safe" in talk
+    assert "window" not in talk
+
+
+def test_talk_warns_that_the_largest_plane_may_be_a_wall() -> None:
+    up = Up((0.0, 0.0, -1.0), "dominant-plane")
+    assert "if it is a wall, give --up X,Y,Z" in next(iter(talk_lines(replace(REGIONS, up=up))))

@@ -40,7 +40,8 @@ def estimate(ctx: click.Context, image1: str, image2: str, **parameters: Any) ->
     """Slopes of windows of IMAGE1 from two overlapping images.
 
     Prints one line per window; -o DIR also keeps the answer as slopes.json, a picture (overlay.png), 3-D patches
-    (patches.ply) and a map of window ids (labels.png).
+    (patches.ply) and a map of window ids (labels.png). With --planes ransac or regions it finds the planes itself:
+    one line per plane, and a textured model (patches.glb) too.
 
     \b
     Example:

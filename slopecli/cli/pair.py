@@ -16,7 +16,12 @@ if TYPE_CHECKING:
     from slopecli.types import Camera, Image, Report
 
 CAMERA_FLAGS = ("camera", "intrinsics", "fov")
-REGION_FLAGS = ("min_region_percent", "gradient_threshold", "merge_px")
+# options that only some finders of planes have a use for, and which
+FINDERS_WITH = {
+    ("windows",): ("grid", "windows"),
+    ("ransac", "regions"): ("min_region_percent",),
+    ("regions",): ("gradient_threshold", "merge_px", "debug_images"),
+}
 
 
 def answer_pair(ctx: click.Context, image1: str, image2: str, parameters: dict[str, Any]) -> None:
@@ -45,11 +50,11 @@ def _check_usage(ctx: click.Context) -> None:
 def _check_planes(ctx: click.Context) -> None:
     """Refuse options of one finder of planes together with another finder."""
     finder = ctx.params.get("planes", "regions")
-    window_flags, region_flags = given(ctx, "grid", "windows"), given(ctx, *REGION_FLAGS)
-    if window_flags and finder != "windows":
-        raise click.UsageError(f"{window_flags[0]} is for --planes windows; --planes {finder} finds its own.", ctx)
-    if region_flags and finder == "windows":
-        raise click.UsageError(f"{region_flags[0]} is for --planes ransac or regions; windows have no use for it.", ctx)
+    for finders, names in FINDERS_WITH.items():
+        flags = given(ctx, *names)
+        if flags and finder not in finders:
+            wanted = " or ".join(finders)
+            raise click.UsageError(f"{flags[0]} is for --planes {wanted}, not for {finder}; leave one out.", ctx)
 
 
 def _check_output(folder: str) -> None:

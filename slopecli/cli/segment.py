@@ -37,7 +37,8 @@ def segment(ctx: click.Context, image1: str, image2: str, **parameters: Any) -> 
 
     Prints one line per plane, the largest first; -o DIR also keeps the answer as slopes.json, a picture (overlay.png),
     the planes as coloured meshes (patches.ply) and with the image as texture (patches.glb), and a map of their ids
-    (labels.png). What is ground, wall or roof follows from what is level: see --up.
+    (labels.png). What is ground, wall or roof follows from what is level: the largest plane, if not told otherwise.
+    Where that is a wall, give --up X,Y,Z.
 
     \b
     Example:

@@ -85,7 +85,9 @@ finder_options = _group(
         "--planes",
         type=choices_of("planes"),
         default=Options.planes,
-        help="What is held to be a plane: windows; ransac: what matches agree on; regions: as slopemap segment.",
+        help="What is held to be a plane: windows, given or of a grid; ransac: what many matches lie on; regions: what "
+        "explains the pixels, as slopemap segment does. --grid and --window are for windows, --min-region for the "
+        "other two, the options after it for regions.",
     ),
 )
 
@@ -112,6 +114,11 @@ region_options = _group(
         default=Options.merge_px,
         help="Two regions that send the smaller's pixels this close together in image 2 may be one plane; they are if "
         "one plane transfers both as well as two. px of an image of at most half a million.",
+    ),
+    _option(
+        "--debug-images",
+        is_flag=True,
+        help="Add pictures of how regions were found: step1_gradient.png, step2_components.png, step3_merged.png.",
     ),
 )
 
@@ -147,8 +154,8 @@ def frame_options_with(up: str) -> Decorator:
             metavar="camera|dominant-plane|X,Y,Z",
             type=UP,
             default=up,
-            help="What is level: camera 1 looks straight down; the largest plane; or a vector against gravity in "
-            "camera-1 axes (x right, y down, z forward).",
+            help="What is level: camera 1 looks straight down; the largest plane, which must not be a wall then; or a "
+            "vector against gravity in camera-1 axes (x right, y down, z forward).",
         ),
         _option(
             "--up-sigma",
@@ -190,8 +197,8 @@ verdict_options = _group(
         metavar="P",
         type=Between(0.5, 1, min_open=True, max_open=True),
         default=Options.confidence,
-        help="A window is safe if its slope is below the tolerance with this probability, unsafe if it is above "
-        "with this one, undecided in between.",
+        help="A window or plane is safe if its slope is below the tolerance with this probability, unsafe if it is "
+        "above with this one, undecided in between.",
     ),
 )
 
@@ -201,14 +208,12 @@ output_options = _group(
         "--output",
         metavar="DIR",
         type=PATH,
-        help="Where slopes.json, overlay.png, patches.ply and labels.png go, and patches.glb where planes were found; "
-        "made if need be. Required unless --json is given.",
+        help="Where the files go, made if need be. Required unless --json is given.",
     ),
     _option("--json", "as_json", is_flag=True, help="Print slopes.json on stdout instead of the table."),
     _option("--no-overlay", is_flag=True, help="Leave out overlay.png."),
     _option("--no-ply", is_flag=True, help="Leave out patches.ply."),
-    _option("--no-glb", is_flag=True, help="Leave out patches.glb."),
-    _option("--debug-images", is_flag=True, help="Add pictures of how regions were found, step by step."),
+    _option("--no-glb", is_flag=True, help="Leave out patches.glb, which there is of planes, not of windows."),
 )
 
 talk_options = _group(

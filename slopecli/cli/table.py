@@ -20,8 +20,12 @@ VERDICT_COLOURS = {"safe": "green", "unsafe": "red", "undecided": "yellow"}
 
 def result_table(report: Report) -> str:
     """One line per window or plane in the order of ids, those without an answer included; angles in degrees."""
-    found = any(plane.source != "window" for plane in report.planes)
-    return "\n".join(_found_table(report) if found else _window_table(report))
+    return "\n".join(_found_table(report) if _found_in_image(report) else _window_table(report))
+
+
+def _found_in_image(report: Report) -> bool:
+    """Whether planes were looked for, rather than windows given."""
+    return any(plane.source != "window" for plane in report.planes)
 
 
 def _window_table(report: Report) -> Iterator[str]:
@@ -103,9 +107,8 @@ def talk_lines(report: Report) -> Iterator[str]:
     yield _up_line(report)
     if report.ambiguity.status == "unresolved":
         yield _ambiguity_line(report)
-    noun = "window" if all(plane.source == "window" for plane in report.planes) else "region"
-    for window in report.rejected:
-        yield f"{noun} {window.id}: no answer: {window.reason}: {window.message}"
+    for one in report.rejected:
+        yield f"{_noun(report)} {one.id}: no answer: {one.reason}: {one.message}"
     for diagnostic in report.diagnostics:
         remedy = f"; {diagnostic.remedy}" if diagnostic.remedy else ""
         yield f"{diagnostic.severity}: {diagnostic.code}: {diagnostic.message}{remedy}"
@@ -116,7 +119,7 @@ def _up_line(report: Report) -> str:
     meaning = {
         "camera": "camera 1 taken to look straight down; see --up",
         "given": "given",
-        "dominant-plane": "the largest plane taken as level",
+        "dominant-plane": "the largest plane taken as level; if it is a wall, give --up X,Y,Z",
     }[report.up.source]
     sigma = f" ± {report.up.sigma_deg:g}°" if report.up.sigma_deg else ""
     return f"up: ({x:.4f}, {y:.4f}, {z:.4f}){sigma} in camera-1 axes ({meaning})"
@@ -124,6 +127,9 @@ def _up_line(report: Report) -> str:
 
 def _ambiguity_line(report: Report) -> str:
     remedy = report.ambiguity.resolve_with
-    return "warning: a second motion fits as well, with other slopes; no window is called safe unless it is in both" + (
-        f"; resolve it with {remedy}" if remedy else ""
-    )
+    doubt = f"a second motion fits as well, with other slopes; no {_noun(report)} is called safe unless it is in both"
+    return f"warning: {doubt}" + (f"; resolve it with {remedy}" if remedy else "")
+
+
+def _noun(report: Report) -> str:
+    return "region" if _found_in_image(report) else "window"
