@@ -172,7 +172,7 @@ def _thinned(model: PlaneModel, energy: Energy, state: State) -> State:
     while (worst := int(np.argmin(growth))) > 0 and growth[worst] < 0:
         # giving up one plane makes the others dearer to give up: an old growth is a lower bound
         fresh, without = energy.price_of_absence(columns, labels, worst)
-        if fresh < np.min(np.delete(growth, worst)) and fresh < 0:
+        if fresh <= np.min(np.delete(growth, worst)) and fresh < 0:  # equal for planes that are the same
             labels, columns[:, worst], fresh = without, np.inf, np.inf
         growth[worst] = fresh
     labels = energy.settle(columns, labels)
