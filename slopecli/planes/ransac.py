@@ -28,7 +28,7 @@ SMOOTH = 0.5  # nats for two neighbours on different planes
 PLANE, FREEDOM = 40.0, 5.0  # nats to state that there is a plane, and for every degree of freedom to say which
 FLOOR_PX = 0.1  # smallest scale of noise believed: nobody matches better
 CEILING = 0.01  # largest, of the diagonal of what image 2 shows: beyond that a surface is no plane
-SEARCHED = 600  # matches among which planes are sought; all are labelled in the end
+SEARCHED = 500  # matches among which planes are sought; all are labelled in the end
 SAMPLE = 600  # points on which proposals compete
 EPIPOLAR_ROUNDS = 2  # of fitting planes and epipolar geometry in turn
 
