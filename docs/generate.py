@@ -1,4 +1,4 @@
-"""Write what the documents quote: docs/cli.md, the README's example and its picture. `make docs` runs it.
+"""Write what the documents quote: docs/cli.md, the examples and the pictures. `make docs` runs it.
 
 The tests call the same functions and compare, so that neither can drift from what the program does.
 """
@@ -20,7 +20,8 @@ from slopecli.cli.app import slopemap
 ROOT = Path(__file__).resolve().parent.parent
 README = ROOT / "README.md"
 REFERENCE = ROOT / "docs" / "cli.md"
-PICTURE = ROOT / "docs" / "images" / "overlay.png"
+SEGMENT = ROOT / "docs" / "segment.md"
+IMAGES = ROOT / "docs" / "images"
 EXAMPLE = re.compile(r"```console\n\$ (?P<command>slopemap (?:[^\n]*\\\n)*[^\n]*)\n(?P<output>.*?)```", re.DOTALL)
 
 
@@ -41,7 +42,7 @@ def cli_reference() -> str:
 
 
 def run_example(command: str, folder: Path) -> str:
-    """What a user sees on running a README command with the sample data at hand; outputs go into `folder`."""
+    """What a user sees on running a command of a document with the sample data at hand; outputs go into `folder`."""
     (folder / "sample_data").symlink_to(ROOT / "sample_data")
     arguments = shlex.split(command.replace("\\\n", " "))[1:]
     done = subprocess.run(
@@ -58,17 +59,28 @@ def run_example(command: str, folder: Path) -> str:
     return done.stdout
 
 
-def main() -> None:
-    REFERENCE.write_text(cli_reference(), encoding="utf-8")
-    text = README.read_text(encoding="utf-8")
+def rewrite_example(document: Path, folder: Path) -> None:
+    """Put what its command prints now below the command of a document's console block."""
+    text = document.read_text(encoding="utf-8")
     example = EXAMPLE.search(text)
     if example is None:
-        sys.exit("README.md has no console block with a slopemap command")
+        sys.exit(f"{document.name} has no console block with a slopemap command")
+    output = run_example(example["command"], folder)
+    document.write_text(text[: example.start("output")] + output + text[example.end("output") :], encoding="utf-8")
+
+
+def main() -> None:
+    from pictures import make_pictures  # beside this script; the tests run the rest of it without that
+
+    REFERENCE.write_text(cli_reference(), encoding="utf-8")
+    IMAGES.mkdir(exist_ok=True)
+    for document in (README, SEGMENT):
+        with tempfile.TemporaryDirectory() as folder:
+            rewrite_example(document, Path(folder))
+            if document == README:
+                (IMAGES / "overlay.png").write_bytes(next(Path(folder).glob("*/overlay.png")).read_bytes())
     with tempfile.TemporaryDirectory() as folder:
-        output = run_example(example["command"], Path(folder))
-        PICTURE.parent.mkdir(exist_ok=True)
-        PICTURE.write_bytes(next(Path(folder).glob("*/overlay.png")).read_bytes())
-    README.write_text(text[: example.start("output")] + output + text[example.end("output") :], encoding="utf-8")
+        make_pictures(Path(folder), IMAGES)
 
 
 if __name__ == "__main__":

@@ -51,7 +51,9 @@ def test_version() -> None:
     assert slopemap("--version").stdout == f"slopemap {__version__}\n"
 
 
-@pytest.mark.parametrize("arguments", [["--help"], ["--version"], ["estimate", "--help"]], ids=" ".join)
+@pytest.mark.parametrize(
+    "arguments", [["--help"], ["--version"], ["estimate", "--help"], ["segment", "--help"]], ids=" ".join
+)
 def test_help_answers_at_once(arguments: list[str]) -> None:
     def seconds() -> float:
         start = time.perf_counter()

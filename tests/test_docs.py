@@ -8,10 +8,16 @@ from pathlib import Path
 
 import pytest
 
+from slopecli import kinds
+from slopecli.planes import regions
+from slopecli.vision import segmentation
+
 ROOT = Path(__file__).resolve().parent.parent
 DOCUMENTS = sorted([ROOT / "README.md", ROOT / "CHANGELOG.md", *(ROOT / "docs").glob("*.md")])
 GENERATE = runpy.run_path(str(ROOT / "docs" / "generate.py"))
 NUMBER = re.compile(r"[-+]?\d+(?:\.\d+)?")
+SEGMENT = (ROOT / "docs" / "segment.md").read_text(encoding="utf-8")
+LARGE_PERCENT = 2.0  # planes of the example that any build of OpenCV finds alike
 
 
 def test_command_reference_is_current() -> None:
@@ -50,3 +56,62 @@ def test_readme_commands_are_make_targets() -> None:
     asked = set(re.findall(r"^make ([a-z-]+)", (ROOT / "README.md").read_text(encoding="utf-8"), re.MULTILINE))
     assert asked
     assert asked <= targets
+
+
+# ---- docs/segment.md ----
+
+
+def planes_of(table: str) -> dict[int, tuple[str, float, float]]:
+    """Kind, share of the image in % and slope by id, out of what `slopemap segment` prints."""
+    rows = re.findall(r"^ *(\d+)  (\w+) +([\d.]+) % +([\d.]+) ±", table, re.MULTILINE)
+    return {int(number): (kind, float(share), float(slope)) for number, kind, share, slope in rows}
+
+
+@pytest.mark.slow
+def test_segment_example_is_what_the_command_prints(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Large planes one by one, small ones by their number; then the page's own code reads the files."""
+    example = GENERATE["EXAMPLE"].search(SEGMENT)
+    output = GENERATE["run_example"](example["command"], tmp_path)
+    shown, now = planes_of(example["output"]), planes_of(output)
+    assert example["output"].splitlines()[0].split() == output.splitlines()[0].split()
+    assert len(now) == pytest.approx(len(shown), rel=0.2)
+    large = [plane for plane in shown.values() if plane[1] > LARGE_PERCENT]
+    assert len(large) >= 5
+    for kind, share, slope in large:
+        alike = [one for one in now.values() if one[0] == kind and abs(one[2] - slope) < 0.5]
+        assert any(one[1] == pytest.approx(share, rel=0.15) for one in alike), (kind, share, slope)
+    for line in ("up: (", "info: unexplained: ", "wrote urban_output/slopes.json"):
+        assert line in example["output"]
+        assert line in output
+    monkeypatch.chdir(tmp_path)
+    for code in re.findall(r"```python\n(.*?)```", SEGMENT, re.DOTALL):
+        values: dict[str, object] = {}
+        exec(code, values)
+        assert values["steep"]
+
+
+def test_segment_page_shows_what_each_option_does() -> None:
+    (section,) = re.findall(r"^## Options$(.*?)^## ", SEGMENT, re.MULTILINE | re.DOTALL)
+    for option in ("gradient-threshold", "merge-px", "min-region"):
+        assert f"`--{option} " in section
+        assert f"images/segment_{option.replace('-', '_')}.jpg" in section
+
+
+def test_segment_page_has_the_numbers_of_the_code() -> None:
+    text = " ".join(SEGMENT.split())
+    for said in (
+        f"Steeper than {kinds.WALL_DEG:.0f}° from level: **wall**",
+        f"level is below {kinds.LEVEL_DEG:.0f}°",
+        f"stands off by less than {100 * kinds.AT_GROUND:.0f} % of its distance",
+        f"{100 * segmentation.INTERIOR_SHARE:.0f} % of it count as inside",
+        f"down to {100 * regions.LEAST_COMPONENT:g} % of the image",
+    ):
+        assert said in text
+    assert pytest.approx(0.1) == kinds.LARGE  # "a tenth of the largest"
+    assert pytest.approx(5e5) == regions.WORKING_PIXELS  # "half a megapixel"
+
+
+def test_pictures_are_small() -> None:
+    pictures = list((ROOT / "docs" / "images").glob("segment_*"))
+    assert pictures
+    assert all(picture.stat().st_size < 150_000 for picture in pictures)
