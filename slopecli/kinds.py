@@ -13,6 +13,7 @@ Kind = Literal["ground", "wall", "roof", "ceiling"]
 
 WALL_DEG = 60.0  # hardly a roof is steeper, and hardly a wall leans as far
 LEVEL_DEG = 15.0  # streets and squares are flatter than this; roofs as flat have height to tell them
+KNOWN_DEG = 5.0  # 1-sigma of a slope beyond which it does not tell that a plane is level
 LARGE = 0.1  # of the largest level plane: a smaller one below it may be a mistake, or a pit
 AT_GROUND = 0.02  # height over the distance to the camera up to which a plane counts as lying on the ground
 LOW_END = 0.1  # of a plane's outline: the share that may be lower, as outlines are ragged
@@ -63,12 +64,16 @@ def _outline(plane: Plane, report: Report) -> FloatArray:
 def _ground(report: Report, outlines: dict[int, FloatArray]) -> Plane | None:
     """The lowest of the large level planes along up, None where no plane is level."""
     shares = plane_shares(report)
-    level = [p for p in report.planes if p.slope_deg < LEVEL_DEG + 2 * p.slope_sigma_deg and len(outlines[p.id])]
+    level = [plane for plane in report.planes if _is_level(plane) and len(outlines[plane.id])]
     if not level:
         return None
     least = LARGE * max(shares[plane.id] for plane in level)
     up = np.array(report.up.vector_cam1)
     return min((p for p in level if shares[p.id] >= least), key=lambda p: float(np.median(outlines[p.id] @ up)))
+
+
+def _is_level(plane: Plane) -> bool:
+    return plane.slope_deg < LEVEL_DEG and plane.slope_sigma_deg < KNOWN_DEG
 
 
 def _low_end(points: FloatArray, ground: Plane) -> float:

@@ -101,7 +101,7 @@ def test_segment_page_has_the_numbers_of_the_code() -> None:
     text = " ".join(SEGMENT.split())
     for said in (
         f"Steeper than {kinds.WALL_DEG:.0f}° from level: **wall**",
-        f"level is below {kinds.LEVEL_DEG:.0f}°",
+        f"level is below {kinds.LEVEL_DEG:.0f}° with a sigma below {kinds.KNOWN_DEG:.0f}°",
         f"stands off by less than {100 * kinds.AT_GROUND:.0f} % of its distance",
         f"{100 * segmentation.INTERIOR_SHARE:.0f} % of it count as inside",
         f"down to {100 * regions.LEAST_COMPONENT:g} % of the image",

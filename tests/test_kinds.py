@@ -81,9 +81,10 @@ def test_without_a_level_plane_there_is_no_ground_to_stand_on() -> None:
     assert kinds_of(plane(1, LEFT, 40.0, 0.2), plane(2, RIGHT, 80.0, 0.2)) == [None, "wall"]
 
 
-def test_a_doubtful_slope_may_be_level() -> None:
-    doubtful = replace(plane(1, LEFT, 20.0), slope_sigma_deg=4.0)
-    assert kinds_of(doubtful)[0] == "ground"
+def test_a_doubtful_slope_does_not_tell_where_the_ground_is() -> None:
+    doubtful = replace(plane(1, LEFT, 10.0), slope_sigma_deg=12.0)
+    assert kinds_of(doubtful, plane(2, RIGHT, 30.0)) == [None, None]
+    assert kinds_of(replace(doubtful, slope_sigma_deg=2.0))[0] == "ground"
 
 
 def test_up_decides_what_is_a_wall() -> None:

@@ -33,7 +33,7 @@ from slopecli.cli.shared_options import (
 @talk_options
 @click.pass_context
 def segment(ctx: click.Context, image1: str, image2: str, **parameters: Any) -> None:
-    """Planes of an urban scene: ground, walls and roofs, found in IMAGE1 itself.
+    """Ground, walls and roofs, found in IMAGE1 itself.
 
     Prints one line per plane, the largest first; -o DIR also keeps the answer as slopes.json, a picture (overlay.png),
     the planes as coloured meshes (patches.ply) and with the image as texture (patches.glb), and a map of their ids
