@@ -8,7 +8,6 @@ import re
 import shutil
 import subprocess
 import sys
-import time
 from pathlib import Path
 
 import pytest
@@ -56,11 +55,11 @@ def test_version() -> None:
 )
 def test_help_answers_at_once(arguments: list[str]) -> None:
     def seconds() -> float:
-        start = time.perf_counter()
+        before = os.times()
         assert slopemap(*arguments).returncode == 0
-        return time.perf_counter() - start
+        after = os.times()  # of the processor, not of the clock: other work on the machine is not our slowness
+        return after.children_user + after.children_system - before.children_user - before.children_system
 
-    # the fastest of several, as other work on the machine is not our slowness
     assert min(seconds() for _ in range(7)) < 0.2
 
 
