@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
 from slopecli.errors import NoAnswer
 from slopecli.geometry.camera import pixels_from_rays
 from slopecli.geometry.epipolar import fit_rotation, focus_of_expansion, homogeneous
-from slopecli.planes.patches import Patches
 from slopecli.types import Camera, Diagnostic, FloatArray, Image, Plane, Solution
 
 MIN_INLIERS = 20  # matches consistent with one motion below which chance explains them
@@ -205,13 +205,11 @@ def check_strangers(n_matches: int, n_obeying: int) -> list[Diagnostic]:
     ]
 
 
-def check_unexplained(patches: Patches) -> list[Diagnostic]:
-    """The share of image 1 that lies on no plane found, where planes were sought in all of it."""
-    if patches.segmentation is None:
-        return []
-    share = float((patches.segmentation.merged == 0).mean())
+def unexplained(labels: NDArray[np.uint16]) -> Diagnostic:
+    """The share of image 1 (h, w) that lies on no plane reported, where planes were sought in all of it."""
+    share = float((labels == 0).mean())
     message = f"{100 * share:.0f} % of image 1 lies on no plane found, or outside image 2"
-    return [Diagnostic("unexplained", "info", message, share)]
+    return Diagnostic("unexplained", "info", message, share)
 
 
 def _second_motion(solution: Solution) -> Diagnostic:

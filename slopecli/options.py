@@ -18,7 +18,7 @@ class Options:
     planes: Literal["windows", "ransac", "regions"] = "windows"  # what is held to be a plane: see planes/
     min_region_percent: float = 0.3  # of image 1: a smaller plane is not reported, its slope would be hearsay
     gradient_threshold: float | None = None  # grey levels per px; None: adapts to the image
-    merge_px: float = 1.0  # transfer error in image 2 up to which a neighbouring region is of the same plane
+    merge_px: float = 1.0  # two planes that send pixels this close together in image 2 may be one
     features: Literal["sift", "foerstner"] = "sift"  # foerstner: the paper's corners and correlation
     solver: Literal["mle", "ha", "lh"] = "mle"
     up: str | tuple[float, float, float] = "camera"  # "camera", "dominant-plane" or a vector in camera-1 axes

@@ -9,7 +9,6 @@ from functools import partial
 from slopecli.diagnosis import (
     check_parallax,
     check_strangers,
-    check_unexplained,
     image_notes,
     parallax_px,
     refuse_identical,
@@ -83,7 +82,6 @@ def estimate(
 
     # patches held to be planes, each with its own matches
     patches = PLANE_FINDERS[options.planes](scene, options)
-    diagnostics += check_unexplained(patches)
     clock.tick(options.planes)
 
     # all patches together: one motion, one normal each, one epipolar geometry

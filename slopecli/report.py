@@ -7,7 +7,7 @@ from typing import Literal
 
 import numpy as np
 
-from slopecli.diagnosis import diagnose, epipole1_px
+from slopecli.diagnosis import diagnose, epipole1_px, unexplained
 from slopecli.errors import InputError, NoAnswer
 from slopecli.geometry.epipolar import homogeneous
 from slopecli.geometry.homography import homography_in_pixels, homography_of_plane
@@ -75,6 +75,9 @@ def build_report(
     epipole = epipole1_px(solution, cameras[0])
     fit = _fit(solution, matched, cameras[1])
     ids = [plane.id for plane in planes]
+    labels = paint_labels([matched.footprints[i - 1] for i in ids], ids, (images[0].height, images[0].width))
+    if matched.patches.source != "window":
+        diagnostics = [*diagnostics, unexplained(labels)]
     return Report(
         images=(_info(images[0]), _info(images[1])),
         cameras=cameras,
@@ -87,7 +90,7 @@ def build_report(
         planes=planes,
         rejected=_rejected(matched, every),
         diagnostics=(*diagnostics, *diagnose(planes, relief, solution, epipole, fit.noise_px)),
-        labels=paint_labels([matched.footprints[i - 1] for i in ids], ids, (images[0].height, images[0].width)),
+        labels=labels,
         epipole1_px=epipole,
         segmentation=matched.patches.segmentation,
     )
