@@ -17,7 +17,6 @@ from slopecli.types import BoolArray, FloatArray, IntArray
 
 TEMPERATURES = (4.0, 2.0, 1.0, 0.5)  # nats: neighbours first lean on each other, then decide
 MESSAGES = 2  # at each temperature
-FRONT = 16  # candidates counted again at once
 SWEEPS = 10  # of settling, at most: two or three change anything
 
 
@@ -121,28 +120,27 @@ def _soft(cost: FloatArray, temperature: float) -> FloatArray:
     return np.asarray(weight / weight.sum(axis=1, keepdims=True))
 
 
-def cover(cost: FloatArray, current: FloatArray, price: float) -> tuple[IntArray, FloatArray]:
-    """Columns of `cost` (n, c) that save more than their price over `current` (n,), best first, and what each saves.
+def cover(cost: FloatArray, current: FloatArray, price: float) -> IntArray:
+    """Indices of columns of `cost` (n, c) that save more than their price over `current` (n,), best first.
 
     Each is chosen for what it saves beside those chosen before (the greedy answer to facility location).
     """
-    chosen: list[tuple[int, float]] = []
+    chosen: list[int] = []
     saves = np.maximum(current[:, None] - cost, 0.0).sum(axis=0)
     fresh = np.ones(len(saves), bool)
     while len(saves) and saves.max() > price:
         # what a plane saves only falls as others are chosen: whoever leads with a fresh count has won
         leader = int(np.argmax(saves))
         if not fresh[leader]:
-            # stable, so that of many that tie the leader, the first of them, is among those counted again
-            front = np.argsort(-saves, kind="stable")[:FRONT]
+            front = np.argsort(-saves, kind="stable")[:16]
             saves[front] = np.maximum(current[:, None] - cost[:, front], 0.0).sum(axis=0)
             fresh[front] = True
             continue
-        chosen.append((leader, float(saves[leader])))
+        chosen.append(leader)
         current = np.minimum(current, cost[:, leader])
         fresh[:] = False
         saves[leader] = 0.0
-    return np.array([which for which, _ in chosen], np.int64), np.array([saved for _, saved in chosen])
+    return np.array(chosen, np.int64)
 
 
 def in_use(labels: IntArray, n_planes: int) -> tuple[BoolArray, IntArray]:
