@@ -7,9 +7,11 @@ import pytest
 from scenery import make_camera, render, tilted, turn, unit
 
 from slopecli.geometry.camera import pixels_from_rays, rays_from_pixels
+from slopecli.geometry.homography import apply_homography, homography_in_pixels, homography_of_plane
 from slopecli.geometry.metrics import normal_angle
 from slopecli.types import Camera
-from slopecli.vision.comparison import OUTSIDE, TRUNCATED, Comparison
+from slopecli.vision.comparison import NOISE_GREY, OUTSIDE, TRUNCATED, Comparison
+from slopecli.vision.features import shrink
 from slopecli.vision.warp import Grid, Pyramid
 
 R, T = turn(0.5, 1.0, 0.3), unit(1.0, 0.2, 0.1)
@@ -19,10 +21,11 @@ POINTS = INNER[0], INNER[1]
 LENS = make_camera(model="brown", distortion=(-0.15, 0.05, 0.001, -0.001))
 
 
-def comparison_of(camera: Camera | None = None, noise: float = 0.0) -> Comparison:
+def comparison_of(camera: Camera | None = None, noise: float = 0.0, pixels: float = 1e9) -> Comparison:
     pair = render(R, T, [TRUE], noise=noise, camera1=camera, camera2=camera)
+    grey, scale = shrink(pair.grey1, pixels)
     return Comparison(
-        Grid(pair.grey1, 0.0, 0.0, np.ones(2)),
+        Grid(grey, 0.0, 0.0, scale),
         lambda uv: rays_from_pixels(pair.camera1, uv),
         lambda rays: pixels_from_rays(pair.camera2, rays),
         R,
@@ -64,3 +67,31 @@ def test_a_fit_finds_the_plane_from_half_a_pixel_off(camera: Camera | None) -> N
     found = comparison.fit(POINTS, start)
     assert comparison.apart_px(POINTS, found, TRUE[None])[0] < 0.05
     assert np.degrees(normal_angle(found, TRUE)) < 0.3
+
+
+def displaced(px: float) -> np.ndarray:
+    """A plane parallel to the true one that sends the pixels this far from where it does."""
+    per_unit = comparison_of().apart_px(POINTS, TRUE, TRUE[None] * 1.01)[0] / 0.01
+    return TRUE * (1 + px / per_unit)
+
+
+def test_noise_costs_about_its_variance_and_a_plane_two_pixels_off_several_times_as_much() -> None:
+    noisy = comparison_of(noise=NOISE_GREY / np.sqrt(2))
+    assert noisy.cost_at(POINTS, TRUE).mean() < 1.0
+    assert noisy.cost_at(POINTS, displaced(2.0)).mean() > 4.0
+
+
+@pytest.mark.parametrize(("pixels", "working_px"), [(1e9, 1.0), (320 * 240 / 4, 0.5)], ids=["full", "half"])
+def test_planes_are_as_far_apart_as_they_send_pixels(pixels: float, working_px: float) -> None:
+    comparison, K = comparison_of(pixels=pixels), make_camera().K
+    rows, columns = POINTS[0] // 2, POINTS[1] // 2
+    uv1 = comparison.grid.full(np.column_stack([columns, rows]).astype(float))
+    others = np.array([TRUE, TRUE * 1.03, tilted(0.3, -0.1, 8.0)])
+    sent = [apply_homography(homography_in_pixels(homography_of_plane(R, T, n), K, K), uv1) for n in others]
+    expected = [np.median(np.linalg.norm(uv2 - sent[0], axis=1)) * working_px for uv2 in sent]
+    assert comparison.apart_px((rows, columns), TRUE, others) == pytest.approx(expected, rel=1e-6, abs=1e-9)
+
+
+def test_a_fit_leaves_a_plane_alone_that_image_2_does_not_show() -> None:
+    away = TRUE * 30
+    assert np.array_equal(comparison_of().fit(POINTS, away), away)

@@ -141,6 +141,26 @@ def test_a_pair_without_parallax_is_refused_as_ever() -> None:
         estimate(Image(pair.grey1), Image(pair.grey1), pair.camera1, pair.camera2, Options(planes="regions"))
 
 
+def test_a_pure_rotation_is_refused_as_ever() -> None:
+    with pytest.raises(NoAnswer) as refusal:
+        run(render(turn(2.0, 3.0, 1.0), 1e-9 * T, [GROUND], camera1=make_camera(480, 360), noise=1.0))
+    assert refusal.value.code == "pure-rotation"
+
+
+def test_no_region_as_large_as_asked_for_is_no_answer() -> None:
+    with pytest.raises(NoAnswer) as refusal:
+        run(town(), min_region_percent=99.0)
+    assert refusal.value.remedy
+
+
+def test_planes_through_a_lens_are_planes() -> None:
+    lens = make_camera(480, 360, model="brown", distortion=(-0.12, 0.04, 0.001, -0.001))
+    report = run(town(camera1=lens))
+    assert len(report.planes) == 3
+    for x, y, normal in ((220, 320, GROUND), (120, 110, RAISED), (360, 100, WALL)):
+        assert off_deg(plane_in(report, x, y), normal) < 0.3
+
+
 def test_windows_are_still_checked() -> None:
     pair = town()
     with pytest.raises(InputError):

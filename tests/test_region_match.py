@@ -1,0 +1,87 @@
+"""Matches of regions: on their own plane and inside their own border, or none with the reason."""
+
+from __future__ import annotations
+
+from functools import lru_cache
+
+import numpy as np
+import pytest
+from scenery import Pair, Surface, make_camera, pixel_grid, render, tilted, turn, unit
+
+from slopecli.pipeline import FEATURE_MATCHERS
+from slopecli.planes.footprint import region_footprints
+from slopecli.planes.region_match import CELL, match_regions
+from slopecli.planes.scene import Scene
+from slopecli.planes.survey import survey
+from slopecli.planes.window_match import WindowMatch
+from slopecli.types import FloatArray
+from slopecli.vision.sparse import find_motions
+
+R, T = turn(0.5, 1.0, 0.3), unit(1.0, 0.15, 0.05)
+GROUND, WALL = tilted(0.0, -0.25, 8.0), np.array([0.1, 0.0, 0.1])
+BARE = GROUND * 1.1
+PLANES = [GROUND, WALL, BARE]
+WALL_BOX, BARE_BOX = (260, 40, 130, 130), (100, 190, 110, 90)
+
+
+@lru_cache(maxsize=1)
+def seen() -> tuple[Pair, Scene, np.ndarray]:
+    """Ground, a wall and a bare platform; what is known of the pair; the true label map."""
+    surfaces = [Surface(GROUND), Surface(WALL, WALL_BOX), Surface(BARE, BARE_BOX, contrast=0.0)]
+    pair = render(R, T, surfaces, camera1=make_camera(480, 360), noise=1.0)
+    sparse = find_motions(pair.grey1, pair.grey2, pair.camera1, pair.camera2, FEATURE_MATCHERS["sift"], 0)
+    scene, _ = survey(pair.grey1, pair.grey2, pair.camera1, pair.camera2, sparse)
+    labels = 1 + pair.surface_at(pixel_grid(480, 360).reshape(-1, 2)).reshape(360, 480)
+    return pair, scene, labels.astype(np.int32)
+
+
+def matches(labels: np.ndarray, planes: list[FloatArray] = PLANES) -> list[WindowMatch]:
+    _, scene, _ = seen()
+    return match_regions(labels, planes, region_footprints(labels, scene.shape1), scene)
+
+
+@pytest.mark.parametrize("off", [1.0, 1.015], ids=["true planes", "planes half a pixel off"])
+def test_matches_are_where_the_surface_is_and_not_where_the_plane_sends_them(off: float) -> None:
+    pair, _, labels = seen()
+    for match in matches(labels, [plane * off for plane in PLANES])[:2]:
+        assert match.origin == "own"
+        assert np.median(pair.error_px(match.uv1, match.uv2)) < 0.06
+
+
+def test_every_match_lies_inside_its_own_region() -> None:
+    _, _, labels = seen()
+    for number, match in enumerate(matches(labels)[:2], 1):
+        assert len(match.uv1) > 200
+        for row, column in match.index:
+            block = labels[row * CELL : (row + 1) * CELL, column * CELL : (column + 1) * CELL]
+            assert (block == number).all()
+
+
+def test_the_share_matched_is_that_of_the_region() -> None:
+    wall = matches(seen()[2])[1]
+    assert wall.share == pytest.approx(len(wall.uv1) * CELL**2 / (WALL_BOX[2] * WALL_BOX[3]), abs=0.05)
+    assert wall.share > 0.75
+
+
+def test_a_bare_region_has_no_matches_and_the_reason() -> None:
+    bare = matches(seen()[2])[2]
+    assert bare.origin == "none"
+    assert bare.code == "low-texture"
+    assert "texture" in bare.reason
+
+
+def test_a_region_a_cell_wide_leaves_its_tilt_open() -> None:
+    _, _, labels = seen()
+    strip = np.zeros_like(labels)
+    strip[10 * CELL : 11 * CELL, 120:400] = 1
+    (match,) = matches(strip, [GROUND])
+    assert match.origin == "none"
+    assert "line" in match.reason
+
+
+def test_labels_of_a_smaller_copy_serve_as_well() -> None:
+    pair, _, labels = seen()
+    ground, wall, _ = matches(labels[::2, ::2])
+    for match in (ground, wall):
+        assert np.median(pair.error_px(match.uv1, match.uv2)) < 0.06
+    assert len(wall.uv1) == pytest.approx(len(matches(labels)[1].uv1), rel=0.1)
