@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from slopecli.planes.windows import Window, window_polygon
 from slopecli.types import BoolArray, FloatArray
+from slopecli.vision.segmentation import Labels, resized
 
 OUTLINE_PX = 1.5  # a region's polygon keeps this close to its border
 
@@ -48,18 +49,16 @@ def window_footprint(window: Window) -> Footprint:
     return Footprint((x, y), np.ones((h, w), bool), window_polygon(window))
 
 
-def region_footprints(labels: NDArray[np.int32], shape: tuple[int, int]) -> list[Footprint]:
+def region_footprints(labels: Labels, shape: tuple[int, int]) -> list[Footprint]:
     """Footprints 1, 2, ... of a label map, enlarged to the image's shape (rows, columns) if it is smaller.
 
     Labels are consecutive, and each has at least one pixel.
     """
-    if labels.shape != shape:
-        size = (shape[1], shape[0])
-        labels = np.asarray(cv2.resize(labels.astype(np.uint16), size, interpolation=cv2.INTER_NEAREST), np.int32)
+    labels = resized(labels, shape)
     return [_region(labels, number) for number in range(1, int(labels.max()) + 1)]
 
 
-def _region(labels: NDArray[np.int32], number: int) -> Footprint:
+def _region(labels: Labels, number: int) -> Footprint:
     mask = (labels == number).astype(np.uint8)
     x, y, w, h = cv2.boundingRect(mask)
     mask = mask[y : y + h, x : x + w]

@@ -10,14 +10,18 @@ all at once, and are then settled one by one; a cut of the graph is not needed w
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from slopecli.types import BoolArray, FloatArray, IntArray
 
 TEMPERATURES = (4.0, 2.0, 1.0, 0.5)  # nats: neighbours first lean on each other, then decide
 MESSAGES = 2  # at each temperature
 SWEEPS = 10  # of settling, at most: two or three change anything
+
+AnyFloats = NDArray[np.floating[Any]]  # of either precision
 
 
 @dataclass(frozen=True, eq=False)
@@ -120,7 +124,7 @@ def _soft(cost: FloatArray, temperature: float) -> FloatArray:
     return np.asarray(weight / weight.sum(axis=1, keepdims=True))
 
 
-def cover(cost: FloatArray, current: FloatArray, price: float) -> IntArray:
+def cover(cost: AnyFloats, current: AnyFloats, price: float) -> IntArray:
     """Indices of columns of `cost` (n, c) that save more than their price over `current` (n,), best first.
 
     Each is chosen for what it saves beside those chosen before (the greedy answer to facility location).

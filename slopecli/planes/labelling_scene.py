@@ -16,10 +16,7 @@ from slopecli.types import FloatArray, IntArray
 NEIGHBOURS = 6  # of every cell
 SMOOTH = 1.0  # nats for two neighbours on different planes
 PLANE = 40.0  # nats to state a plane: about ten cells that nothing else explains
-SCALE_PX = (
-    0.2,
-    1.0,
-)  # px of image 2: no surface is matched as flatter, or counts as flat beyond
+SCALE_PX = (0.2, 1.0)  # px of image 2: no surface is matched as flatter, or counts as flat beyond
 SEARCHED = 2500  # cells among which planes are sought; all are labelled in the end
 SAMPLE = 1200  # cells on which proposals compete
 AROUND = 24  # cells around a seed that propose a plane

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 
-from slopecli.geometry.epipolar import homogeneous
 from slopecli.planes.labelling_models import solve_regular
 from slopecli.types import BoolArray, FloatArray, IntArray
 
@@ -129,5 +128,5 @@ def _through_three(matrix: FloatArray, right: FloatArray) -> FloatArray:
 def conditioner(x: FloatArray) -> tuple[FloatArray, float]:
     """Centre (2,) and size of points (n, 2): subtracted and divided by, they lie around the origin at mean sqrt 2."""
     centre = x.mean(axis=0)
-    size = float(np.linalg.norm(homogeneous(x - centre)[:, :2], axis=1).mean() / np.sqrt(2.0))
+    size = float(np.linalg.norm(x - centre, axis=1).mean() / np.sqrt(2.0))
     return centre, size

@@ -29,24 +29,21 @@ PLANE, FREEDOM = 40.0, 5.0  # nats to state that there is a plane, and for every
 FLOOR_PX = 0.1  # smallest scale of noise believed: nobody matches better
 CEILING = 0.01  # largest, of the diagonal of what image 2 shows: beyond that a surface is no plane
 SEARCHED = 500  # matches among which planes are sought; all are labelled in the end
-SAMPLE = 600  # points on which proposals compete
 EPIPOLAR_ROUNDS = 2  # of fitting planes and epipolar geometry in turn
 
 
 @dataclass(frozen=True, eq=False)
 class _Matches:
-    """x1, x2 (n, 2) different matches, centred and of about unit size; unit_px px of image 2; near (n, m) neighbours;
-    none: cost of a match on no plane, nats: it may end anywhere in image 2."""
+    """x1, x2 (n, 2) different matches, centred and of about unit size; near (n, m) neighbours.
+
+    none: cost of a match on no plane, nats: it may end anywhere in image 2.
+    """
 
     x1: FloatArray
     x2: FloatArray
     near: IntArray
     none: float
     bounds: tuple[float, float]
-
-    @property
-    def sample(self) -> int:
-        return min(SAMPLE, len(self.x1))
 
 
 def label_planes(uv1: FloatArray, uv2: FloatArray, seed: int = 0, sigma_px: float | None = None) -> IntArray:
@@ -106,8 +103,10 @@ def _label(matches: _Matches, rng: np.random.Generator) -> IntArray:
     """Labels (n,) 0 for none: planes sought among some of the matches, then all of them labelled."""
     part = _some(matches, rng)
     state, epipolar = _sought(part, rng)
-    if part is matches or not len(state.planes):
-        return state.labels if part is matches else np.zeros(len(matches.x1), np.int64)
+    if part is matches:
+        return state.labels
+    if not len(state.planes):
+        return np.zeros(len(matches.x1), np.int64)
     graph = mutual_graph(matches.near[:, :NEIGHBOURS], SMOOTH)
     if epipolar is None:
         free = HomographyModel(matches.x1, matches.x2, matches.bounds)
@@ -155,7 +154,7 @@ def _free_planes(matches: _Matches, graph: Graph, rng: np.random.Generator) -> t
     model = HomographyModel(matches.x1, matches.x2, matches.bounds)
     energy = _free_energy(graph, matches)
     proposals = propose_homographies(matches.x1, matches.x2, matches.near, rng)
-    sample = rng.permutation(len(matches.x1))[: matches.sample]
+    sample = rng.permutation(len(matches.x1))
     return search(model, energy, make_pool(model, *proposals, sample, matches.none)), model
 
 
@@ -166,7 +165,7 @@ def _bound_planes(
     energy = _bound_energy(graph, matches)
     model, usable = _depth_model(matches, epipolar)
     proposals = propose_depth_planes(model.rows, model.target, matches.near, usable, rng)
-    sample = rng.permutation(len(matches.x1))[: matches.sample]
+    sample = rng.permutation(len(matches.x1))
     pool = make_pool(model, *proposals, sample, matches.none)
     state = search(model, energy, pool, model.through(free.labels, free.scale))
     for _ in range(EPIPOLAR_ROUNDS):

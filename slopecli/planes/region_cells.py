@@ -8,6 +8,7 @@ import numpy as np
 
 from slopecli.geometry.epipolar import homogeneous
 from slopecli.geometry.motion import epipolar_residual, inverse_depth
+from slopecli.planes.labelling import cover
 from slopecli.planes.scene import Scene, axis_variance
 from slopecli.types import FloatArray, IntArray
 from slopecli.vision.segmentation import Labels, grown
@@ -93,17 +94,8 @@ def _robust_planes(rows: FloatArray, target: FloatArray) -> FloatArray:
 
 def fewest_planes(cells: RegionCells, proposals: FloatArray) -> FloatArray:
     """(k, 3) of the proposals that together explain the cells, each the one that adds most to those before it."""
-    cost = cells.cost(proposals)
-    best = np.full(len(cells), UNEXPLAINED, np.float32)
-    chosen: list[int] = []
-    while len(chosen) < MOST_PLANES and len(proposals):
-        gain = np.maximum(best[:, None] - cost, 0).sum(0)
-        k = int(gain.argmax())
-        if gain[k] < LEAST_GAIN:
-            break
-        chosen.append(k)
-        best = np.minimum(best, cost[:, k])
-    return proposals[chosen]
+    unexplained = np.full(len(cells), UNEXPLAINED, np.float32)
+    return proposals[cover(cells.cost(proposals), unexplained, LEAST_GAIN)[:MOST_PLANES]]
 
 
 def component_planes(cells: RegionCells, components: Labels, grid: Grid, proposals: FloatArray) -> FloatArray:

@@ -2,20 +2,18 @@
 
 from __future__ import annotations
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from slopecli.geometry.camera import pixels_from_rays, rays_from_pixels
 from slopecli.geometry.epipolar import homogeneous
 from slopecli.planes.footprint import Footprint
 from slopecli.planes.matching import match_of_cells
-from slopecli.planes.scene import Scene
+from slopecli.planes.scene import Scene, whole_grid
 from slopecli.planes.window_match import WindowMatch, no_match
 from slopecli.types import FloatArray
+from slopecli.vision.comparison import NOWHERE, transferred
 from slopecli.vision.dense import Cells, dense_cells
-from slopecli.vision.features import shrink
-from slopecli.vision.segmentation import Labels, grown
+from slopecli.vision.segmentation import Labels, grown, resized
 from slopecli.vision.warp import FloatImage, Grid
 
 MATCHED_PIXELS = 1.0e6  # of image 1 on which matches are measured
@@ -23,7 +21,6 @@ CELL = 6  # px of that grid: small enough to have several in a region of a thous
 LEAST_WIDTH = 1e-2  # smallest over largest spread of a region's matches: along a line they leave a tilt open
 REACH_PX = 16.0  # of that grid around a region
 OWN_SHARE = 0.6  # of a cell that must lie in the region, and none of it in another
-NOWHERE = -1e4  # px of image 2 for pixels on no plane
 
 
 def match_regions(
@@ -36,16 +33,14 @@ def match_regions(
     labels : (h, w) 1..k, 0 for none, of image 1 or of a smaller copy of it.
     planes : scaled normals (3,) of the k planes.  footprints : of the same, in image 1.
     """
-    grey, scale = shrink(scene.pyramid1.at(1.0).grey, MATCHED_PIXELS)
-    grid = Grid(grey, 0.0, 0.0, scale)
-    size = (grid.shape[1], grid.shape[0])
-    labels = np.asarray(cv2.resize(labels.astype(np.uint16), size, interpolation=cv2.INTER_NEAREST), np.int32)
+    grid = whole_grid(scene, MATCHED_PIXELS)
+    labels = resized(labels, grid.shape)
     # flow needs to see past a region's border, and over the holes in it
     mapping = _mapping(grid, grown(labels, REACH_PX), planes, scene)
     cells = dense_cells(grid, mapping, scene.pyramid2, scene.shape2, CELL, finest=0)
     number = _own_label(labels, CELL)[tuple(cells.index.T)]
     return [
-        _match(cells.take(number == k), footprint.area_px * float(np.prod(scale)) / CELL**2, scene)
+        _match(cells.take(number == k), footprint.area_px * float(np.prod(grid.scale)) / CELL**2, scene)
         for k, footprint in enumerate(footprints, 1)
     ]
 
@@ -54,13 +49,10 @@ def _mapping(grid: Grid, labels: Labels, planes: list[FloatArray], scene: Scene)
     """(h, w, 2) px of image 2 every pixel is sent to by its own plane."""
     rows, columns = np.nonzero(labels)
     uv1 = grid.full(np.column_stack([columns, rows]).astype(float))
-    rays = homogeneous(rays_from_pixels(scene.camera1, uv1))
+    rays = homogeneous(scene.rays1(uv1))
     w = np.einsum("ni,ni->n", rays, np.array(planes)[labels[rows, columns] - 1])
-    moved = rays @ scene.R.T - w[:, None] * (scene.R @ scene.T)
-    ahead = (moved[:, 2] > 1e-9) & (w > 0)
-    uv2 = pixels_from_rays(scene.camera2, moved[:, :2] / np.where(ahead, moved[:, 2], 1.0)[:, None])
     mapping = np.full((*grid.shape, 2), NOWHERE, np.float32)
-    mapping[rows, columns] = np.where(ahead[:, None] & np.isfinite(uv2), uv2, NOWHERE)
+    mapping[rows, columns] = transferred(rays, w, scene.R, scene.R @ scene.T, scene.pixels2)
     return mapping
 
 

@@ -11,7 +11,6 @@ import cv2
 import numpy as np
 
 from slopecli.errors import NoAnswer
-from slopecli.geometry.camera import pixels_from_rays, rays_from_pixels
 from slopecli.options import Options
 from slopecli.planes.footprint import region_footprints
 from slopecli.planes.patches import Patches
@@ -19,14 +18,14 @@ from slopecli.planes.region_cells import component_planes, fewest_planes, neighb
 from slopecli.planes.region_labels import BorderCost, enlarged, label_blocks
 from slopecli.planes.region_match import match_regions
 from slopecli.planes.region_merge import Labelled, merged, refitted
-from slopecli.planes.scene import Scene
+from slopecli.planes.scene import Scene, whole_grid
 from slopecli.types import FloatArray, Segmentation
 from slopecli.vision.comparison import Comparison, single_threaded
-from slopecli.vision.features import shrink
 from slopecli.vision.segmentation import (
     Labels,
     adaptive_threshold,
     connected_components,
+    resized,
     smooth_gradient,
     without_small_pieces,
 )
@@ -50,7 +49,7 @@ def find_regions(scene: Scene, options: Options) -> Patches:
     NoAnswer : no plane holds as much of the image as a region must.
     """
     rng = np.random.default_rng(options.seed)
-    grid = _working_grid(scene, WORKING_PIXELS)
+    grid = whole_grid(scene, WORKING_PIXELS)
     # steps 1-3: gradient, threshold, components
     gradient = smooth_gradient(grid.grey)
     threshold = options.gradient_threshold or adaptive_threshold(gradient)
@@ -70,16 +69,11 @@ def find_regions(scene: Scene, options: Options) -> Patches:
     return Patches("region", footprints, matches, Segmentation(gradient, threshold, components, found.labels))
 
 
-def _working_grid(scene: Scene, pixels: float) -> Grid:
-    grey, scale = shrink(scene.pyramid1.at(1.0).grey, pixels)
-    return Grid(grey, 0.0, 0.0, scale)
-
-
 def _comparison(scene: Scene, grid: Grid) -> Comparison:
     return Comparison(
         grid,
-        lambda uv: rays_from_pixels(scene.camera1, uv),
-        lambda rays: pixels_from_rays(scene.camera2, rays),
+        scene.rays1,
+        scene.pixels2,
         scene.R,
         scene.T,
         scene.pyramid2,
@@ -120,10 +114,9 @@ def _labelled(
 
 def _sketch(scene: Scene, planes: list[FloatArray], gradient: np.ndarray, threshold: float, grid: Grid) -> Labels:
     """(h, w) labels of all proposals at low resolution, where trying many planes is cheap."""
-    small = _working_grid(scene, SKETCH_PIXELS)
+    small = whole_grid(scene, SKETCH_PIXELS)
     size = (small.shape[1], small.shape[0])
     coarse = np.asarray(cv2.resize(gradient, size, interpolation=cv2.INTER_AREA), np.float32)
     borders = BorderCost.along_edges(coarse, threshold)
     labels = enlarged(label_blocks(_comparison(scene, small), planes, borders, 2), 2, small.shape)
-    size = (grid.shape[1], grid.shape[0])
-    return np.asarray(cv2.resize(labels.astype(np.uint16), size, interpolation=cv2.INTER_NEAREST), np.int32)
+    return resized(labels, grid.shape)

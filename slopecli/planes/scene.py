@@ -12,8 +12,9 @@ from slopecli.planes.evidence import Evidence
 from slopecli.planes.windows import Window
 from slopecli.types import Camera, FloatArray
 from slopecli.vision.dense import Cells
+from slopecli.vision.features import shrink
 from slopecli.vision.photometric import View, make_view
-from slopecli.vision.warp import Pyramid, cut
+from slopecli.vision.warp import Grid, Pyramid, cut
 
 FINE_PX = 200  # a window is matched at about this many pixels a side, from shrunken images when it is larger
 BORDER_PX = 8  # px of the working grid around a window: flow needs to see past its border
@@ -44,6 +45,20 @@ class Scene:
     def shape2(self) -> tuple[int, int]:
         return self.camera2.height, self.camera2.width
 
+    def rays1(self, uv1: FloatArray) -> FloatArray:
+        """Pixels (n, 2) of image 1 as normalised coordinates."""
+        return rays_from_pixels(self.camera1, uv1)
+
+    def pixels2(self, x2: FloatArray) -> FloatArray:
+        """Normalised coordinates (n, 2) as pixels of image 2."""
+        return pixels_from_rays(self.camera2, x2)
+
+
+def whole_grid(scene: Scene, max_pixels: float) -> Grid:
+    """Working grid over all of image 1, averaged down to at most `max_pixels`."""
+    grey, scale = shrink(scene.pyramid1.at(1.0).grey, max_pixels)
+    return Grid(grey, 0.0, 0.0, scale)
+
 
 def view_of(window: Window, scene: Scene, side_px: int, border: bool) -> View:
     """A window on a working grid of about `side_px` a side, with some ground around it if `border`, ready to pull
@@ -54,15 +69,7 @@ def view_of(window: Window, scene: Scene, side_px: int, border: bool) -> View:
     margin = BORDER_PX * max(shrink_by, 1.0) if border else 0.0
     side = round(side_px * (1 + 2 * margin / max(w, h)))
     grid = cut(layer, x - margin, y - margin, w + 2 * margin, h + 2 * margin, side)
-    return make_view(
-        grid,
-        lambda uv: rays_from_pixels(scene.camera1, uv),
-        lambda rays: pixels_from_rays(scene.camera2, rays),
-        scene.R,
-        scene.T,
-        scene.pyramid2,
-        scene.shape2,
-    )
+    return make_view(grid, scene.rays1, scene.pixels2, scene.R, scene.T, scene.pyramid2, scene.shape2)
 
 
 def epipolar_axes(uv1: FloatArray, scene: Scene) -> tuple[FloatArray, FloatArray]:

@@ -13,8 +13,8 @@ import numpy as np
 
 from slopecli.geometry.epipolar import homogeneous
 from slopecli.types import BoolArray, FloatArray, IntArray
-from slopecli.vision.photometric import detrend
-from slopecli.vision.warp import FloatImage, Grid, Pyramid, Transfer, covered, map_nodes, spread_nodes
+from slopecli.vision.photometric import detrend, grid_rays
+from slopecli.vision.warp import FloatImage, Grid, Pyramid, Transfer, covered, image_gradient, map_nodes, spread_nodes
 
 SHADING_PX = 8.0  # working px over which brightness is taken for exposure and shading, not texture
 NOISE_GREY = 2.5  # 1-sigma of the difference of two images of one surface, grey levels
@@ -25,7 +25,22 @@ GATE = 4.0  # squared sigmas at which a pixel has lost three quarters of its wei
 MIN_SEEN = 0.3  # share of the pixels image 2 must show for a plane to be fitted to them
 MAX_STEP_PX, SETTLED_PX = 1.0, 0.02  # working px a step may move pixels by, and by which it ends the fit
 
+NOWHERE = -1e4  # px: far outside any image 2
+
 Points = tuple[IntArray, IntArray]  # rows and columns of working pixels
+
+
+def transferred(
+    rays: FloatArray, inverse_depth: FloatArray, R: FloatArray, epipole2: FloatArray, pixels2: Transfer
+) -> FloatArray:
+    """Px of image 2 (n, 2) where points of image 1 are seen; NOWHERE for those behind a camera.
+
+    rays : (n, 3) homogeneous.  inverse_depth : (n,) 1/baseline.  epipole2 : R T.
+    """
+    moved = rays @ R.T - inverse_depth[:, None] * epipole2
+    ahead = (moved[:, 2] > 1e-9) & (inverse_depth > 0)
+    uv = pixels2(moved[:, :2] / np.where(ahead, moved[:, 2], 1.0)[:, None])
+    return np.where(ahead[:, None] & np.isfinite(uv), uv, NOWHERE)
 
 
 @contextmanager
@@ -68,12 +83,9 @@ class Comparison:
         layer = pyramid2.at(1.0 / grid.mean_scale)
         self._scale2 = layer.scale
         self._theirs = detrend(layer.grey.astype(np.float32), SHADING_PX * float(layer.scale.mean()) / grid.mean_scale)
-        gx, gy = _gradient(self._theirs)
+        gx, gy = image_gradient(self._theirs)
         self._with_slopes = np.dstack([self._theirs, gx * layer.scale[0], gy * layer.scale[1]]).astype(np.float32)
-        x, y = np.meshgrid(np.arange(self.shape[1]), np.arange(self.shape[0]))
-        self.rays = homogeneous(rays1(grid.full(np.stack([x, y], -1).reshape(-1, 2).astype(float)))).reshape(
-            *self.shape, 3
-        )
+        self.rays = grid_rays(grid, rays1).reshape(*self.shape, 3)
 
     def cost(self, normal: FloatArray, step: int = 1) -> FloatImage:
         """(h, w) squared photometric transfer error of a plane, in variances, truncated; of every `step`-th pixel."""
@@ -137,12 +149,7 @@ class Comparison:
         return normal
 
     def _project(self, rays: FloatArray, normal: FloatArray) -> FloatArray:
-        """Px of image 2 (n, 2) the plane sends rays to; far outside it where the plane is behind a camera."""
-        w = rays @ normal
-        moved = rays @ self._R.T - w[:, None] * self._epipole2
-        ahead = (moved[:, 2] > 1e-9) & (w > 0)
-        uv = self._pixels2(moved[:, :2] / np.where(ahead, moved[:, 2], 1.0)[:, None])
-        return np.where(ahead[:, None] & np.isfinite(uv), uv, -1e4)
+        return transferred(rays, rays @ normal, self._R, self._epipole2, self._pixels2)
 
     def _sent(self, points: Points, normal: FloatArray) -> tuple[FloatArray, BoolArray]:
         uv = self._project(self.rays[points], normal)
@@ -157,11 +164,6 @@ class Comparison:
         return np.asarray(found[:, 0], float)
 
 
-def _gradient(image: FloatImage) -> tuple[FloatImage, FloatImage]:
-    gx, gy = cv2.Sobel(image, cv2.CV_32F, 1, 0, scale=1 / 8), cv2.Sobel(image, cv2.CV_32F, 0, 1, scale=1 / 8)
-    return np.asarray(gx, np.float32), np.asarray(gy, np.float32)
-
-
 def _squared_gradient(image: FloatImage) -> FloatImage:
-    gx, gy = _gradient(image)
+    gx, gy = image_gradient(image)
     return np.asarray(gx * gx + gy * gy, np.float32)

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from slopecli.types import FloatArray
 from slopecli.vision.features import Grey
-from slopecli.vision.warp import FloatImage, Grid, Pyramid, block_sum, covered, resample
+from slopecli.vision.warp import FloatImage, Grid, Pyramid, block_sum, covered, image_gradient, resample
 
 FORWARD_BACKWARD_PX = 0.6  # flow there and back must close within this, px of the grid
 MIN_SHARE = 1 / 3  # of a cell's pixels that must pass the checks
@@ -100,7 +100,7 @@ def _collect(
 ) -> Cells:
     """Means over the seen pixels of every cell: points of the grid, target px of image 2, found grey values there."""
     ours, theirs = grid.grey.astype(np.float32), found.astype(np.float32)
-    gx, gy = cv2.Sobel(ours, cv2.CV_32F, 1, 0, scale=1 / 8), cv2.Sobel(ours, cv2.CV_32F, 0, 1, scale=1 / 8)
+    gx, gy = image_gradient(ours)
     mask = seen.astype(np.float32)
     count = block_sum(mask, cell).ravel()
     share = count / cell**2

@@ -15,7 +15,7 @@ import numpy as np
 
 from slopecli.types import BoolArray, FloatArray, IntArray
 from slopecli.vision.features import Grey, match_descriptors, shrink, to_full
-from slopecli.vision.warp import FloatImage, Layer
+from slopecli.vision.warp import FloatImage, Layer, image_gradient
 
 GradientProducts = tuple[FloatImage, FloatImage, FloatImage]  # gx gx, gx gy, gy gy, (h, w) each, grey^2/px^2
 
@@ -93,8 +93,8 @@ def foerstner_corners(grey: Grey, n_features: int, min_distance: float) -> Float
 
 def gradient_products(grey: Grey) -> GradientProducts:
     """The structure tensor of every single pixel, before it is summed over a window."""
-    smooth = cv2.GaussianBlur(grey.astype(np.float32), (0, 0), GRADIENT_SIGMA_PX)
-    gx, gy = cv2.Sobel(smooth, cv2.CV_32F, 1, 0, scale=1 / 8), cv2.Sobel(smooth, cv2.CV_32F, 0, 1, scale=1 / 8)
+    smooth = np.asarray(cv2.GaussianBlur(grey.astype(np.float32), (0, 0), GRADIENT_SIGMA_PX), np.float32)
+    gx, gy = image_gradient(smooth)
     return gx * gx, gx * gy, gy * gy
 
 

@@ -14,7 +14,17 @@ from numpy.typing import NDArray
 
 from slopecli.geometry.epipolar import homogeneous
 from slopecli.types import FloatArray
-from slopecli.vision.warp import FloatImage, Grid, Pyramid, Transfer, block_sum, covered, magnification, sample_layer
+from slopecli.vision.warp import (
+    FloatImage,
+    Grid,
+    Pyramid,
+    Transfer,
+    block_sum,
+    covered,
+    image_gradient,
+    magnification,
+    sample_layer,
+)
 
 NOISE_GREY = 2.0  # grey levels below which contrast is sensor noise, not texture
 MAX_STEP_PX = 1.0  # a Gauss-Newton step moves no more of the window than this: the image is linear no further
@@ -59,9 +69,14 @@ def make_view(
     shape2: tuple[int, int],
 ) -> View:
     """View of image 2 from a grid over image 1 under a motion."""
-    x, y = np.meshgrid(np.arange(grid.shape[1]), np.arange(grid.shape[0]))
-    rays = homogeneous(rays1(grid.full(np.stack([x, y], -1).reshape(-1, 2).astype(float))))
+    rays = grid_rays(grid, rays1)
     return View(grid, rays, rays @ R.T, R @ T, pixels2, pyramid2, shape2)
+
+
+def grid_rays(grid: Grid, rays1: Transfer) -> FloatArray:
+    """(h * w, 3) homogeneous rays of a grid's pixels, row by row; rays1 : (n, 2) px of image 1 -> normalised."""
+    x, y = np.meshgrid(np.arange(grid.shape[1]), np.arange(grid.shape[0]))
+    return homogeneous(rays1(grid.full(np.stack([x, y], -1).reshape(-1, 2).astype(float))))
 
 
 def normalise(image: FloatImage, radius: float) -> FloatImage:
@@ -215,7 +230,7 @@ def cell_shifts(view: View, normal: FloatArray, cell: int) -> CellShifts:
     theirs = theirs * np.float32(gain_between(ours, theirs, valid))
     residual = theirs - ours
     mean = 0.5 * (ours + theirs)
-    gx, gy = cv2.Sobel(mean, cv2.CV_32F, 1, 0, scale=1 / 8), cv2.Sobel(mean, cv2.CV_32F, 0, 1, scale=1 / 8)
+    gx, gy = image_gradient(mean)
     robust, sigma = _robust_weight(residual, valid)
     weight = robust / np.float32(sigma**2)
     layers = (gx * gx, gx * gy, gy * gy, gx * residual, gy * residual)

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from slopecli.vision.features import Grey
-from slopecli.vision.warp import FloatImage
+from slopecli.vision.warp import FloatImage, image_gradient
 
 SMOOTH_PX = 1.5  # sigma: the grain of asphalt and brick is smoothed away, borders of surfaces are not
 INTERIOR_SHARE = 0.6  # of all pixels lie inside surfaces where no threshold is given
@@ -21,8 +21,8 @@ Labels = NDArray[np.int32]
 
 def smooth_gradient(grey: Grey) -> FloatImage:
     """Gradient magnitude (h, w) of the smoothed image, grey levels per px."""
-    smooth = cv2.GaussianBlur(grey.astype(np.float32), (0, 0), SMOOTH_PX)
-    gx, gy = cv2.Sobel(smooth, cv2.CV_32F, 1, 0, scale=1 / 8), cv2.Sobel(smooth, cv2.CV_32F, 0, 1, scale=1 / 8)
+    smooth = np.asarray(cv2.GaussianBlur(grey.astype(np.float32), (0, 0), SMOOTH_PX), np.float32)
+    gx, gy = image_gradient(smooth)
     return np.asarray(np.hypot(gx, gy), np.float32)
 
 
@@ -40,6 +40,14 @@ def connected_components(gradient: FloatImage, threshold: float, least_px: float
     number = np.zeros(count, np.int32)
     number[kept] = np.arange(1, len(kept) + 1)
     return np.asarray(number[labels], np.int32)
+
+
+def resized(labels: Labels, shape: tuple[int, int]) -> Labels:
+    """A label map at another size (rows, columns): every pixel takes the label under it."""
+    if labels.shape == shape:
+        return labels
+    size = (shape[1], shape[0])
+    return np.asarray(cv2.resize(labels.astype(np.uint16), size, interpolation=cv2.INTER_NEAREST), np.int32)
 
 
 def grown(labels: Labels, reach_px: float) -> Labels:

@@ -159,6 +159,12 @@ def covered(mapping: FloatImage | FloatArray, shape2: tuple[int, int], margin: f
     return (u >= margin) & (v >= margin) & (u <= shape2[1] - 1 - margin) & (v <= shape2[0] - 1 - margin)
 
 
+def image_gradient(image: FloatImage) -> tuple[FloatImage, FloatImage]:
+    """Slopes (h, w) of grey values along x and y, grey levels per px."""
+    gx, gy = cv2.Sobel(image, cv2.CV_32F, 1, 0, scale=1 / 8), cv2.Sobel(image, cv2.CV_32F, 0, 1, scale=1 / 8)
+    return np.asarray(gx, np.float32), np.asarray(gy, np.float32)
+
+
 def block_sum(layer: FloatImage, cell: int) -> FloatArray:
     """Sums over square blocks of `cell` px, (h // cell, w // cell); the rest at right and bottom is dropped."""
     rows, columns = layer.shape[0] // cell, layer.shape[1] // cell
