@@ -17,7 +17,7 @@ PACKAGE = ROOT / "slopecli"
 MODULES = sorted(PACKAGE.rglob("*.py"))
 FLOORS = (
     "__init__",
-    "errors types options",
+    "errors types options orders",
     "geometry",
     "vision",
     "planes",
@@ -26,6 +26,7 @@ FLOORS = (
     "report",
     "pipeline",
     "io",
+    "batch",
     "cli",
     "__main__",
 )
