@@ -15,6 +15,10 @@ class InputError(SlopemapError):
     exit_code = 1
 
 
+class DiskFull(InputError):
+    """There is no space left for what is to be written."""
+
+
 class NoAnswer(SlopemapError):
     """The inputs were read, but the scene gives no answer (no overlap, no texture, no parallax, pure rotation).
 

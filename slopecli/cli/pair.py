@@ -10,7 +10,7 @@ import click
 from slopecli.cli.shared_options import at_most_one, given, options_from
 from slopecli.cli.table import result_table, talk_lines
 from slopecli.cli.talk import Talk, print_result
-from slopecli.errors import InputError
+from slopecli.orders import CameraChoice
 
 if TYPE_CHECKING:
     from slopecli.types import Camera, Image, Report
@@ -76,28 +76,17 @@ def _load_cameras(images: tuple[Image, Image], parameters: dict[str, Any], talk:
 
 
 def _load_camera(image: Image, parameters: dict[str, Any], talk: Talk) -> Camera:
-    from slopecli.io.cameras import camera_from_fov, camera_from_intrinsics
+    from slopecli.io.cameras import camera_for
 
-    size = (image.width, image.height)
-    if parameters["camera"]:
-        return _camera_from_file(image, parameters["camera"], talk)
-    if parameters["intrinsics"]:
-        return camera_from_intrinsics(parameters["intrinsics"], *size)
-    return camera_from_fov(parameters["fov"], *size)
-
-
-def _camera_from_file(image: Image, file: str, talk: Talk) -> Camera:
-    from slopecli.io.cameras import fit_camera_to_image, load_camera
-
-    size = (image.width, image.height)
-    camera = load_camera(file, size=size)
-    try:
-        camera, message = fit_camera_to_image(camera, *size)
-    except InputError as error:
-        raise InputError(f"{image.path} with {file}: {error}") from None
-    if message:
-        talk.say(f"info: {image.path} with {file}: {message}")
+    camera, note = camera_for(image, camera_choice(parameters))
+    if note:
+        talk.say(f"info: {note}")
     return camera
+
+
+def camera_choice(parameters: dict[str, Any]) -> CameraChoice:
+    """The camera that the options of a command name; without any, one that nothing stands for."""
+    return CameraChoice(parameters["camera"] or None, parameters["intrinsics"], parameters["fov"])
 
 
 def _solve(

@@ -17,7 +17,8 @@ from slopecli.io.camera_formats import FORMATS, find_opencv, read_opencv
 from slopecli.io.camera_values import Size, make_camera
 from slopecli.io.colmap import find_in_binary, find_in_text, read_colmap
 from slopecli.io.metashape import find_metashape, read_metashape
-from slopecli.types import Camera
+from slopecli.orders import CameraChoice
+from slopecli.types import Camera, Image
 
 if TYPE_CHECKING:
     from xml.etree.ElementTree import Element
@@ -49,14 +50,73 @@ def load_camera(path: str | PathLike[str], name: str | None = None, size: Size |
     InputError : the file cannot be read or is not understood, holds several cameras and none is picked, or has a lens
         that is not supported.
     """
-    file, name = _split_name(str(path), name)
-    data = _read_bytes(file)
+    file, picked = split_name(path) if name is None else (str(path), name)
+    return decode_camera(read_camera_file(file), file, picked, size)
+
+
+def split_name(path: str | PathLike[str], base: str | PathLike[str] = "") -> tuple[str, str | None]:
+    """FILE#NAME as FILE and NAME, unless a file of that whole name exists (below `base`, where it is relative)."""
+    file, hash_sign, picked = str(path).rpartition("#")
+    if hash_sign and not os.path.exists(Path(base, path)):
+        return file, picked
+    return str(path), None
+
+
+def read_camera_file(file: str | PathLike[str], base: str | PathLike[str] = "") -> bytes:
+    """The bytes of a camera file, whose path is relative to `base`; InputError where there are none to read."""
+    try:
+        _refuse_non_files(Path(file), place := Path(base, file))
+        data = place.read_bytes()
+    except OSError as error:
+        raise InputError(f"{file}: cannot be read ({error.strerror}); check the path and its permissions") from None
+    if not data.strip():
+        raise InputError(f"{file}: is empty; needed {UNDERSTOOD} camera file")
+    return data
+
+
+def decode_camera(data: bytes, file: str | PathLike[str], name: str | None = None, size: Size | None = None) -> Camera:
+    """What `load_camera` makes of the bytes of a file; `file` says where they are from and is not opened."""
     try:
         read, cameras = _cameras_in(data)
-        return read(_pick(cameras, name, file.name), size)
+        return read(_pick(cameras, name, Path(file).name), size)
     except InputError as error:
         # what a damaged file holds is quoted in messages, and may be of any length
         raise InputError(f"{file}: {' '.join(str(error).split())[:MAX_MESSAGE]}") from None
+
+
+def camera_for(
+    image: Image, choice: CameraChoice, files: Mapping[str, bytes] | None = None
+) -> tuple[Camera, str | None]:
+    """The camera of an image, made to fit its size, and what a user should know about that (None: nothing).
+
+    Parameters
+    ----------
+    choice : a camera file, four numbers or a field of view.
+    files : bytes of camera files by path, where they are at hand; otherwise the file is read.
+
+    Raises
+    ------
+    InputError : the file is not a camera, or not the camera of this image.
+    """
+    size = (image.width, image.height)
+    if choice.file is not None:
+        return _camera_from_file(image, choice.file, files)
+    if choice.intrinsics is not None:
+        return camera_from_intrinsics(choice.intrinsics, *size), None
+    if choice.fov_deg is not None:
+        return camera_from_fov(choice.fov_deg, *size), None
+    raise InputError(f"{image.path}: no camera; give a camera file, intrinsics or a field of view")
+
+
+def _camera_from_file(image: Image, path: str, files: Mapping[str, bytes] | None) -> tuple[Camera, str | None]:
+    size = (image.width, image.height)
+    file, name = (path, None) if files and path in files else split_name(path)
+    camera = decode_camera(files[file] if files else read_camera_file(file), file, name, size)
+    try:
+        camera, message = fit_camera_to_image(camera, *size)
+    except InputError as error:
+        raise InputError(f"{image.path} with {path}: {error}") from None
+    return camera, f"{image.path} with {path}: {message}" if message else None
 
 
 def camera_from_intrinsics(intrinsics: tuple[float, float, float, float], width: int, height: int) -> Camera:
@@ -111,30 +171,15 @@ def _is_rescale(width: int, height: int, new_width: int, new_height: int) -> boo
 # ---- from bytes to cameras by name ----
 
 
-def _split_name(path: str, name: str | None) -> tuple[Path, str | None]:
-    """FILE#NAME, unless a file of that whole name exists."""
-    file, hash_sign, picked = path.rpartition("#")
-    if name is None and hash_sign and not os.path.exists(path):
-        return Path(file), picked
-    return Path(path), name
-
-
-def _read_bytes(file: Path) -> bytes:
-    try:
-        if file.is_dir():
-            raise InputError(f"{file}: is a folder, needed a camera file")
-        if not file.exists():
-            raise InputError(f"{file}: no such camera file; check the path")
-        if not file.is_file():
-            raise InputError(f"{file}: is not a regular file; save the camera to disk first")
-        if file.stat().st_size > MAX_BYTES:
-            raise InputError(f"{file}: is {file.stat().st_size / 1e6:.0f} MB, too large for a camera file")
-        data = file.read_bytes()
-    except OSError as error:
-        raise InputError(f"{file}: cannot be read ({error.strerror}); check the path and its permissions") from None
-    if not data.strip():
-        raise InputError(f"{file}: is empty; needed {UNDERSTOOD} camera file")
-    return data
+def _refuse_non_files(file: Path, place: Path) -> None:
+    if place.is_dir():
+        raise InputError(f"{file}: is a folder, needed a camera file")
+    if not place.exists():
+        raise InputError(f"{file}: no such camera file; check the path")
+    if not place.is_file():
+        raise InputError(f"{file}: is not a regular file; save the camera to disk first")
+    if place.stat().st_size > MAX_BYTES:
+        raise InputError(f"{file}: is {place.stat().st_size / 1e6:.0f} MB, too large for a camera file")
 
 
 def _pick(cameras: Mapping[str, Any], name: str | None, file: str) -> Any:

@@ -52,7 +52,23 @@ def load_image(path: str | PathLike[str]) -> Image:
     ------
     InputError : missing, a directory, empty, cut short, damaged, not an image, or of an absurd size.
     """
-    data = _read_bytes(Path(path))
+    return decode_image(read_image_file(path), path)
+
+
+def read_image_file(path: str | PathLike[str], base: str | PathLike[str] = "") -> bytes:
+    """The bytes of an image file, whose path is relative to `base`; raises InputError where there are none to read."""
+    try:
+        _refuse_non_files(path, place := Path(base, path))
+        data = place.read_bytes()
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read ({error.strerror}); check the path and its permissions") from None
+    if not data:
+        raise InputError(f"{path}: is empty (0 bytes); copy or download it again")
+    return data
+
+
+def decode_image(data: bytes, path: str | PathLike[str]) -> Image:
+    """What `load_image` makes of the bytes of a file; `path` says where they are from and is not opened."""
     try:
         header = read_header(data)
         _refuse_raw(Path(path), header)
@@ -67,26 +83,15 @@ def load_image(path: str | PathLike[str]) -> Image:
     return Image(grey, colour, str(path), hashlib.sha256(data).hexdigest(), note="; ".join(filter(None, notes)))
 
 
-def _read_bytes(path: Path) -> bytes:
-    try:
-        _refuse_non_files(path)
-        data = path.read_bytes()
-    except OSError as error:
-        raise InputError(f"{path}: cannot be read ({error.strerror}); check the path and its permissions") from None
-    if not data:
-        raise InputError(f"{path}: is empty (0 bytes); copy or download it again")
-    return data
-
-
-def _refuse_non_files(path: Path) -> None:
-    if path.is_dir():
+def _refuse_non_files(path: str | PathLike[str], place: Path) -> None:
+    if place.is_dir():
         raise InputError(f"{path}: is a folder, needed an image file")
-    if not path.exists():
+    if not place.exists():
         raise InputError(f"{path}: no such file; check the path")
-    if not path.is_file():
+    if not place.is_file():
         raise InputError(f"{path}: is not a regular file; save the image to disk first")
-    if path.stat().st_size > MAX_BYTES:
-        raise InputError(f"{path}: is {path.stat().st_size / 1e9:.1f} GB, too large for one image; cut or shrink it")
+    if place.stat().st_size > MAX_BYTES:
+        raise InputError(f"{path}: is {place.stat().st_size / 1e9:.1f} GB, too large for one image; cut or shrink it")
 
 
 def _refuse_raw(path: Path, header: ImageHeader) -> None:
