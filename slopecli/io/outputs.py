@@ -7,7 +7,8 @@ import tempfile
 from contextlib import suppress
 from pathlib import Path
 
-from slopecli.errors import InputError
+from slopecli.errors import DiskFull, InputError
+from slopecli.io.atomic import DISK_FULL, TEMPORARY, write_through
 from slopecli.types import Image, Report
 
 RESULT, OVERLAY, PLY, GLB, LABELS = "slopes.json", "overlay.png", "patches.ply", "patches.glb", "labels.png"
@@ -27,11 +28,7 @@ def write_outputs(
 ) -> list[Path]:
     """Write slopes.json, labels.png and, unless declined, overlay.png, patches.ply and patches.glb.
 
-    patches.glb is made where planes were found as regions; the pictures of the segmentation's steps, where there was
-    one and if they are asked for.
-
-    Everything is encoded and stored beside before the first file appears under its name. After a failure the folder
-    is as it was. Files of an earlier run that are declined now are removed, as they would not belong to this result.
+    What `encode_outputs` gives, stored by `store_outputs`.
 
     Parameters
     ----------
@@ -45,20 +42,58 @@ def write_outputs(
 
     Raises
     ------
-    InputError : the folder cannot be made or written to, or the disk is full.
+    InputError : the folder cannot be made or written to.
+    DiskFull : there is no space left.
+    """
+    contents = encode_outputs(report, image, overlay=overlay, ply=ply, glb=glb, debug_images=debug_images)
+    return store_outputs(contents, directory)
+
+
+def encode_outputs(
+    report: Report,
+    image: Image,
+    *,
+    overlay: bool = True,
+    ply: bool = True,
+    glb: bool = True,
+    debug_images: bool = False,
+) -> dict[str, bytes]:
+    """The files of a report by name, slopes.json first; nothing is written.
+
+    patches.glb is made where planes were found as regions; the pictures of the segmentation's steps, where there was
+    one and if they are asked for.
     """
     from slopecli.io.png import encode_labels
     from slopecli.io.result import report_to_json
 
-    folder = Path(directory)
     contents = {RESULT: (report_to_json(report) + "\n").encode("ascii"), LABELS: encode_labels(report)}
     contents |= _encode_pictures(report, image, overlay, debug_images) | _encode_meshes(report, image, ply, glb)
+    return {name: contents[name] for name in reversed(OUTPUT_NAMES) if name in contents}
+
+
+def store_outputs(contents: dict[str, bytes], directory: str | Path) -> list[Path]:
+    """Write the files of a report to a folder, made if missing: all of them or none.
+
+    Everything is stored beside before the first file appears under its name. After a failure the folder is as it was.
+    Files of an earlier run that are not among `contents` are removed, as they would not belong to this result.
+
+    Returns
+    -------
+    Their paths, in the order given.
+
+    Raises
+    ------
+    InputError : the folder cannot be made or written to.
+    DiskFull : there is no space left.
+    """
+    folder = Path(directory)
     check_directory(folder)
     try:
         _store(contents, folder)
     except OSError as error:
-        raise InputError(_complaint(folder, error.strerror or str(error))) from error
-    return [folder / name for name in reversed(OUTPUT_NAMES) if name in contents]
+        kind = DiskFull if error.errno in DISK_FULL else InputError
+        raise kind(_complaint(folder, error.strerror or str(error))) from error
+    return [folder / name for name in contents]
 
 
 def check_directory(directory: str | Path) -> None:
@@ -112,22 +147,15 @@ def _store(contents: dict[str, bytes], folder: Path) -> None:
     try:
         folder.mkdir(parents=True, exist_ok=True)
         # inside the folder, so that the files need not cross file systems to get their names
-        with tempfile.TemporaryDirectory(prefix=".slopemap-", dir=folder) as beside:
+        with tempfile.TemporaryDirectory(prefix=TEMPORARY, dir=folder) as beside:
             for name, content in contents.items():
-                _write_through(Path(beside, name), content)
+                write_through(Path(beside, name), content)
             _exchange(folder, Path(beside), list(contents))
     except BaseException:
         for place in missing:
             with suppress(OSError):
                 place.rmdir()
         raise
-
-
-def _write_through(path: Path, content: bytes) -> None:
-    with open(path, "xb") as file:
-        file.write(content)
-        file.flush()
-        os.fsync(file.fileno())
 
 
 def _exchange(folder: Path, beside: Path, names: list[str]) -> None:

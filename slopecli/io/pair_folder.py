@@ -1,0 +1,61 @@
+"""The folder of one pair of a batch: its files, and beside them a record that they are complete.
+
+The record is removed before the first file changes and is put in place after the last: where it stands, the files that
+it names are whole and belong together, whenever the writer was killed. Two writers of the same files do no harm.
+"""
+
+from __future__ import annotations
+
+import os
+import tempfile
+from collections.abc import Mapping
+from pathlib import Path
+
+from slopecli.io.atomic import TEMPORARY, sync_folder, write_through
+from slopecli.io.outputs import OUTPUT_NAMES
+
+RECORD = "pair.json"
+
+
+def store_pair(folder: Path, contents: Mapping[str, bytes], record: bytes) -> None:
+    """Make `contents` the files of a pair, and `record` what is known of it; other files of an answer are removed.
+
+    Raises
+    ------
+    OSError : something could not be written. Until all is on the disk, the folder is as it was.
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    with tempfile.TemporaryDirectory(prefix=TEMPORARY, dir=folder) as temporary:
+        beside = Path(temporary)
+        for name, content in (*contents.items(), (RECORD, record)):
+            write_through(beside / name, content)
+        _remove_record(folder / RECORD)
+        for name in OUTPUT_NAMES:
+            if name in contents:
+                os.replace(beside / name, folder / name)
+            else:
+                (folder / name).unlink(missing_ok=True)
+        sync_folder(folder)
+        os.replace(beside / RECORD, folder / RECORD)
+    sync_folder(folder)
+
+
+def _remove_record(path: Path) -> None:
+    """Remove the record of an earlier answer, for good before any of its files changes."""
+    if os.path.lexists(path):
+        path.unlink(missing_ok=True)  # another writer may have been faster
+        sync_folder(path.parent)
+
+
+def read_record(folder: Path) -> bytes | None:
+    """The record of a pair, None where there is none that can be read."""
+    try:
+        return (folder / RECORD).read_bytes()
+    except OSError:
+        return None
+
+
+def has_files(folder: Path, names: tuple[str, ...]) -> bool:
+    """Whether all files of these names are there, and none that an earlier answer left."""
+    there = {name for name in OUTPUT_NAMES if os.path.lexists(folder / name)}
+    return there == set(names)
