@@ -1,0 +1,232 @@
+"""index.html: what every pair of a batch came to, as one page that works from disk and asks nothing of a network."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterable, Sequence
+from html import escape
+from typing import NamedTuple
+from urllib.parse import quote
+
+from slopecli import __version__
+from slopecli.io.batch_files import RESULTS, SUMMARY, encode_text
+from slopecli.io.outputs import OVERLAY
+from slopecli.orders import Outcome
+
+PAGE = "index.html"
+THUMBNAIL = (160, 120)  # px; the box is there before its picture is, so that the page does not jump while scrolling
+
+
+class Cell(NamedTuple):
+    """html: what is shown. value: what the column is sorted by, "" for what is not known, which always comes last."""
+
+    html: str
+    value: str = ""
+    kind: str = ""
+
+
+class Column(NamedTuple):
+    """title: of the header. by: how values compare, "number", "text" or "" for a column that is not sorted."""
+
+    title: str
+    by: str = ""
+
+
+COLUMNS = (
+    Column("#", "number"),
+    Column("picture"),
+    Column("pair", "text"),
+    Column("result", "text"),
+    Column("steepest", "number"),
+    Column("safe", "number"),
+    Column("unsafe", "number"),
+    Column("undecided", "number"),
+    Column("poor", "number"),
+    Column("refused", "number"),
+    Column("notes", "text"),
+    Column("files"),
+)
+
+STYLE = """
+:root { color-scheme: light dark; --ink: #1b1d21; --dim: #5f6672; --paper: #fff; --band: #f3f4f6; --line: #d9dce1;
+  --link: #0b57b8; --bad: #b3261e; --bad-paper: #fdeeec; --good: #1b6e33; }
+@media (prefers-color-scheme: dark) { :root { --ink: #e6e7ea; --dim: #a0a6b1; --paper: #17191d; --band: #22252b;
+  --line: #383c44; --link: #8ab8ff; --bad: #ff9d94; --bad-paper: #37201e; --good: #86d39b; } }
+body { margin: 1.5rem; font: 14px/1.45 system-ui, sans-serif; color: var(--ink); background: var(--paper); }
+h1 { font-size: 1.35rem; margin: 0 0 .25rem; }
+p { margin: .25rem 0 .75rem; }
+a { color: var(--link); }
+label { display: block; margin: 0 0 .75rem; }
+input { font: inherit; color: inherit; background: var(--band); border: 1px solid var(--line); border-radius: 4px;
+  padding: .25rem .5rem; width: 22rem; max-width: 100%; }
+table { border-collapse: collapse; width: 100%; }
+th { position: sticky; top: 0; background: var(--band); text-align: left; z-index: 1; }
+th, td { padding: .4rem .6rem; border-bottom: 1px solid var(--line); vertical-align: top; }
+th[data-by=number] { text-align: right; }
+th button { all: unset; cursor: pointer; font-weight: 600; white-space: nowrap; }
+th button:focus-visible { outline: 2px solid var(--link); outline-offset: 2px; }
+th[aria-sort=ascending] button::after { content: " \\25B2"; }
+th[aria-sort=descending] button::after { content: " \\25BC"; }
+.number { text-align: right; font-variant-numeric: tabular-nums; white-space: nowrap; }
+.pair { overflow-wrap: anywhere; min-width: 11rem; }
+.notes { max-width: 16rem; }
+small { color: var(--dim); display: block; overflow-wrap: anywhere; }
+tr.failed { background: var(--bad-paper); }
+strong { font-weight: 600; color: var(--good); }
+tr.failed strong { color: var(--bad); }
+img { display: block; object-fit: contain; background: var(--band); }
+.files a { display: block; white-space: nowrap; }
+footer { color: var(--dim); margin-top: 1rem; }
+"""
+
+SCRIPT = """
+const body = document.querySelector("tbody"), rows = [...body.rows], headers = [...document.querySelectorAll("th")];
+const words = new Intl.Collator(undefined, { numeric: true });
+const compare = { number: (a, b) => a - b, text: words.compare };
+function sortBy(header) {
+  const sign = header.ariaSort === "ascending" ? -1 : 1;
+  const column = header.cellIndex, by = compare[header.dataset.by];
+  headers.forEach(one => one.removeAttribute("aria-sort"));
+  header.setAttribute("aria-sort", sign > 0 ? "ascending" : "descending");
+  const keyed = rows.map(row => [row.cells[column].dataset.value || "", Number(row.cells[0].dataset.value), row]);
+  keyed.sort(([a, i], [b, j]) => (a === "") - (b === "") || (a === "" ? 0 : sign * by(a, b)) || i - j);
+  const sorted = document.createDocumentFragment();
+  keyed.forEach(([, , row]) => sorted.append(row));
+  body.append(sorted);
+}
+headers.filter(one => one.dataset.by).forEach(one => one.firstChild.addEventListener("click", () => sortBy(one)));
+const box = document.querySelector("input");
+const texts = rows.map(row => row.textContent.toLowerCase());
+box.addEventListener("input", () => {
+  const wanted = box.value.toLowerCase();
+  rows.forEach((row, i) => { row.hidden = !texts[i].includes(wanted); });
+});
+box.parentElement.hidden = false;
+"""
+
+
+def index_html(outcomes: Iterable[Outcome]) -> bytes:
+    """The page: a table with a row per pair, those without an answer first, each in the order given.
+
+    Columns sort on a click and a box filters rows; without scripts the table is all there still. Pictures are loaded
+    when they come into view. Links are relative to the folder of the batch.
+    """
+    numbered = list(enumerate(outcomes, 1))
+    failed = sum(one.exit_status != 0 for _, one in numbered)
+    rows = sorted(numbered, key=lambda row: row[1].exit_status == 0)
+    return encode_text(_page(_headline(len(rows), failed), "\n".join(_row(*row) for row in rows)))
+
+
+def _headline(total: int, failed: int) -> str:
+    pairs = "1 pair" if total == 1 else f"{total} pairs"
+    return f"{pairs}, {total - failed} answered, {failed} without an answer" if failed else f"{pairs}, all answered"
+
+
+def _page(headline: str, rows: str) -> str:
+    return f"""<!DOCTYPE html>
+<html lang="en">
+<head>
+<meta charset="utf-8">
+<meta name="viewport" content="width=device-width, initial-scale=1">
+<title>slopemap: {headline}</title>
+<style>{STYLE}</style>
+</head>
+<body>
+<h1>{headline}</h1>
+<p>Slopes in degrees; counts are of windows or planes. The same as a table: <a href="{SUMMARY}">{SUMMARY}</a>,
+for programs: <a href="{RESULTS}">{RESULTS}</a>.</p>
+<label hidden>Show rows with <input type="search" placeholder="a name, a code, a word"></label>
+<table>
+<thead><tr>{"".join(map(_header, COLUMNS))}</tr></thead>
+<tbody>
+{rows}
+</tbody>
+</table>
+<footer>slopemap {__version__}</footer>
+<script>{SCRIPT}</script>
+</body>
+</html>
+"""
+
+
+def _header(column: Column) -> str:
+    if not column.by:
+        return f'<th scope="col">{column.title}</th>'
+    return f'<th scope="col" data-by="{column.by}"><button type="button">{column.title}</button></th>'
+
+
+def _row(number: int, outcome: Outcome) -> str:
+    shown = "".join(map(_cell, _cells(number, outcome)))
+    return f'<tr class="{"failed" if outcome.exit_status else "answered"}">{shown}</tr>'
+
+
+def _cell(cell: Cell) -> str:
+    attributes = f' class="{cell.kind}"' * bool(cell.kind) + f' data-value="{escape(cell.value)}"' * bool(cell.value)
+    return f"<td{attributes}>{cell.html}</td>"
+
+
+def _cells(number: int, outcome: Outcome) -> Sequence[Cell]:
+    poor = outcome.n_planes - outcome.n_ok
+    counts = (outcome.n_safe, outcome.n_unsafe, outcome.n_undecided, poor, outcome.n_rejected)
+    known = outcome.exit_status == 0
+    return (
+        Cell(str(number), str(number), "number"),
+        _picture(outcome),
+        Cell(f"{_text(outcome.name)}<small>{_images(outcome)}</small>", outcome.name, "pair"),
+        _result(outcome),
+        _steepest(outcome),
+        *(Cell(str(count), str(count), "number") if known else Cell("", kind="number") for count in counts),
+        _notes(outcome),
+        Cell("".join(_link(outcome, name) for name in outcome.files), kind="files"),
+    )
+
+
+def _text(text: str) -> str:
+    """Text of others: escaped, and kept from turning the direction of what stands beside it."""
+    return f"<bdi>{escape(text)}</bdi>"
+
+
+def _images(outcome: Outcome) -> str:
+    return "<br>".join(_text(path) for path in (outcome.image1, outcome.image2) if path)
+
+
+def _picture(outcome: Outcome) -> Cell:
+    if OVERLAY not in outcome.files:
+        return Cell("")
+    address, (width, height) = _address(outcome, OVERLAY), THUMBNAIL
+    lazily = 'loading="lazy" decoding="async"'  # before src, or some browsers have asked for it already
+    picture = f'<img {lazily} width="{width}" height="{height}" src="{address}" alt="slopes of {escape(outcome.name)}">'
+    return Cell(f'<a href="{address}">{picture}</a>')
+
+
+def _result(outcome: Outcome) -> Cell:
+    if outcome.exit_status == 0:
+        return Cell("<strong>answered</strong>", "answered")
+    verdict = "no answer" if outcome.exit_status == 3 else "failed"
+    code = outcome.code or f"exit status {outcome.exit_status}"
+    reason = "; ".join(part for part in (outcome.message, outcome.remedy) if part)
+    return Cell(f"<strong>{verdict}: {_text(code)}</strong><br>{_text(reason)}", f"{verdict}: {code}", "pair")
+
+
+def _steepest(outcome: Outcome) -> Cell:
+    slope, sigma = outcome.steepest_deg, outcome.steepest_sigma_deg
+    if slope is None:
+        return Cell("", kind="number")
+    doubt = "" if sigma is None else f" ± {sigma:.2f}"
+    return Cell(f"{slope:.2f}{doubt}°", f"{slope:.9g}", "number")
+
+
+def _notes(outcome: Outcome) -> Cell:
+    notes = list(dict.fromkeys(outcome.diagnostics))
+    if outcome.ambiguity == "unresolved":
+        notes.insert(0, "two answers")
+    return Cell("<br>".join(map(_text, notes)), " ".join(notes), "notes")
+
+
+def _link(outcome: Outcome, name: str) -> str:
+    return f'<a href="{_address(outcome, name)}">{escape(name)}</a>'
+
+
+def _address(outcome: Outcome, name: str) -> str:
+    """Relative address of a file of a pair; percent-encoded, of names that are not text byte by byte."""
+    return quote(os.fsencode(f"{outcome.name}/{name}"))
