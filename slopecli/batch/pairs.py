@@ -1,0 +1,233 @@
+"""Which images of a folder make pairs, and what each pair is called."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import re
+from collections.abc import Iterable
+from dataclasses import dataclass
+from pathlib import PurePath
+from typing import NamedTuple
+
+from slopecli.batch.jobs import CameraChoice, Pair
+from slopecli.batch.pair_cameras import Cameras, CameraSearch, check_camera_file
+from slopecli.errors import InputError
+
+MAX_NAME_BYTES = 120  # half of what file systems take
+UNSAFE = re.compile(r'[\x00-\x1f\x7f\ud800-\udfff/\\:*?"<>|]+')
+# what a batch keeps beside the folders of its pairs, and what Windows keeps for itself
+TAKEN_NAMES = ("summary.csv", "results.jsonl", "index.html", "con", "prn", "aux", "nul")
+
+
+class FoundPairs(NamedTuple):
+    """pairs: in the order they are reported in. notes: lines a user should read, such as which cameras were found."""
+
+    pairs: list[Pair]
+    notes: list[str]
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """Two images that may become a pair. wanted : cameras that a list of pairs names for them, "" for none.
+
+    own_folder : the folder that holds this pair and nothing else, if there is one.
+    """
+
+    name: str
+    image1: str
+    image2: str
+    wanted: tuple[str, str] = ("", "")
+    own_folder: str | None = None
+    problem: str | None = None
+
+
+def find_pairs(
+    folder: str,
+    pairing: str = "consecutive",
+    *,
+    stride: int = 1,
+    cameras: Cameras | None = None,
+    output: str | None = None,
+) -> FoundPairs:
+    """Find the pairs of images in a folder, and the cameras of each.
+
+    Parameters
+    ----------
+    pairing : "consecutive": each image with the next, in natural order; "stride": each with the `stride`-th after it;
+        "folders": every sub-folder is a pair, of its two images or of those named image1 and image2; else the path of
+        a CSV file with two images a row, relative to `folder`, and one or two cameras if need be.
+    cameras : of all pairs but those that have their own in a CSV file. None: a camera file is looked for beside the
+        images, then in `folder`.
+    output : where the results go, which is no input.
+
+    Returns
+    -------
+    FoundPairs; a pair that cannot be tried says why in its `problem`.
+
+    Raises
+    ------
+    InputError : no pair can be tried, the list of pairs or a camera file for all cannot be read, or `output` is
+        `folder` itself.
+    """
+    from slopecli.io.pair_sources import is_same_place
+
+    folder = folder.rstrip(os.sep) or folder
+    if output is not None and is_same_place(folder, output):
+        raise InputError(f"{folder}: is the folder of the images, and cannot take the results too; give another -o")
+    candidates, notes = _candidates(folder, pairing, stride, output)
+    search = CameraSearch(folder)
+    pairs = [_pair(*named, cameras, search) for named in zip(_names(candidates), candidates, strict=True)]
+    _refuse_hopeless(folder, pairs)
+    files = {choice.file: None for choice in cameras or () if choice.file} or search.shared_files()
+    for file in files:
+        check_camera_file(file, (pair.image1 for pair in pairs))
+    return FoundPairs(pairs, notes + search.notes())
+
+
+def _refuse_hopeless(folder: str, pairs: list[Pair]) -> None:
+    problems = list(dict.fromkeys(pair.problem for pair in pairs))
+    if None not in problems:
+        others = f" (and {len(problems) - 1} other reasons)" if len(problems) > 1 else ""
+        raise InputError(f"{folder}: no pair can be tried: {problems[0]}{others}")
+
+
+# ---- which images belong together ----
+
+
+def _candidates(folder: str, pairing: str, stride: int, output: str | None) -> tuple[list[Candidate], list[str]]:
+    if pairing == "folders":
+        return _one_per_folder(folder, output), []
+    if pairing in ("consecutive", "stride"):
+        return _along_the_folder(folder, stride, output), []
+    return _listed(folder, pairing)
+
+
+def _along_the_folder(folder: str, stride: int, output: str | None) -> list[Candidate]:
+    from slopecli.io.pair_sources import images_in, why_no_images
+
+    names = _without(images_in(folder), folder, output)
+    if not names:
+        raise InputError(f"{folder}: holds no images; {why_no_images(folder)}")
+    if len(names) <= stride:
+        images = "1 image" if len(names) == 1 else f"{len(names)} images"
+        raise InputError(f"{folder}: holds {images}, needed at least {stride + 1}")
+    return [
+        Candidate(f"{_stem(one)}-{_stem(two)}", os.path.join(folder, one), os.path.join(folder, two))
+        for one, two in zip(names, names[stride:], strict=False)
+    ]
+
+
+def _one_per_folder(folder: str, output: str | None) -> list[Candidate]:
+    from slopecli.io.pair_sources import folders_in
+
+    names = _without(folders_in(folder), folder, output)
+    if not names:
+        raise InputError(f"{folder}: holds no folders; needed one for each pair, or another --pairing")
+    return [_from_folder(name, os.path.join(folder, name)) for name in names]
+
+
+def _from_folder(name: str, place: str) -> Candidate:
+    from slopecli.io.pair_sources import images_in
+
+    try:
+        images = images_in(place)
+    except InputError as error:
+        return Candidate(name, "", "", problem=str(error))
+    numbered = [image for image in images if _stem(image).lower() in ("image1", "image2")]
+    chosen = images if len(images) == 2 else numbered
+    if len(chosen) != 2:
+        problem = f"{place}: holds {len(images)} images, needed two, or two of them named image1 and image2"
+        return Candidate(name, "", "", problem=problem)
+    one, two = (os.path.join(place, image) for image in chosen)
+    return Candidate(name, one, two, own_folder=place)
+
+
+def _listed(folder: str, file: str) -> tuple[list[Candidate], list[str]]:
+    from slopecli.io.pair_sources import images_in, read_pair_list
+
+    images_in(folder)  # it must be a folder
+    rows = read_pair_list(file)
+    if not rows:
+        raise InputError(f"{file}: holds no pairs; needed two images a row, for example: frame_1.png,frame_2.png")
+    first_lines: dict[tuple[str, ...], int] = {}
+    candidates, notes = [], []
+    for line, *cells in rows:
+        first = first_lines.setdefault(tuple(cells), line)
+        if first != line:
+            notes.append(f"{file}: line {line} is the pair of line {first} again, and is left out")
+            continue
+        one, two, camera1, camera2 = (cell and os.path.join(folder, cell) for cell in cells)
+        candidates.append(Candidate(f"{_short(cells[0])}-{_short(cells[1])}", one, two, (camera1, camera2)))
+    return candidates, notes
+
+
+def _without(names: Iterable[str], folder: str, output: str | None) -> list[str]:
+    from slopecli.io.pair_sources import is_same_place
+
+    return [name for name in names if output is None or not is_same_place(os.path.join(folder, name), output)]
+
+
+# ---- names ----
+
+
+def _stem(name: str) -> str:
+    return PurePath(name).stem
+
+
+def _short(path: str) -> str:
+    """The last folder and the stem of a path, as images of one name lie in several folders."""
+    place = PurePath(path)
+    parts = [part for part in (*place.parts[:-1], place.stem) if part not in ("..", place.anchor)]
+    return "_".join(parts[-2:])
+
+
+def _names(candidates: list[Candidate]) -> list[str]:
+    """Names of folders, each once whatever the case, in the order of the candidates."""
+    taken, names = set(TAKEN_NAMES), []
+    counts: dict[str, int] = {}
+    for candidate in candidates:
+        plain = name = safe_name(candidate.name)
+        while name.casefold() in taken:
+            counts[plain] = counts.get(plain, 1) + 1
+            name = f"{plain}_{counts[plain]}"
+        taken.add(name.casefold())
+        names.append(name)
+    return names
+
+
+def safe_name(text: str) -> str:
+    """A name that every file system takes for a folder, and that is neither hidden nor a path."""
+    name = UNSAFE.sub("_", text).rstrip(" .")
+    name = "_" + name[1:] if name.startswith(".") else name or "pair"
+    if len(name.encode()) <= MAX_NAME_BYTES:
+        return name
+    digest = hashlib.sha256(text.encode("utf-8", "surrogatepass")).hexdigest()[:8]
+    return f"{name.encode()[: MAX_NAME_BYTES - 9].decode(errors='ignore')}-{digest}"
+
+
+# ---- cameras ----
+
+
+def _pair(name: str, candidate: Candidate, given: Cameras | None, search: CameraSearch) -> Pair:
+    images = (candidate.image1, candidate.image2)
+    if candidate.problem is not None:
+        return Pair(name, *images, None, None, candidate.problem)
+    try:
+        return Pair(name, *images, *_cameras(candidate, given, search))
+    except InputError as error:
+        return Pair(name, *images, None, None, str(error))
+
+
+def _cameras(candidate: Candidate, given: Cameras | None, search: CameraSearch) -> Cameras:
+    """The pair's own cameras come first, then those given for all, then those found."""
+    first, second = candidate.wanted[0], candidate.wanted[1] or candidate.wanted[0]
+    if first and second:
+        return CameraChoice(file=first), CameraChoice(file=second)
+    common = given or _found_cameras(candidate, search)
+    return common[0], CameraChoice(file=second) if second else common[1]
+
+
+def _found_cameras(candidate: Candidate, search: CameraSearch) -> Cameras:
+    numbered = search.numbered_cameras(candidate.own_folder) if candidate.own_folder else None
+    return numbered or search.cameras_of(candidate.image1, candidate.image2)

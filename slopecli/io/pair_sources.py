@@ -1,0 +1,196 @@
+"""Where the pairs of a batch come from: the images, sub-folders and camera files of a folder, and lists of pairs."""
+
+from __future__ import annotations
+
+import csv
+import os
+import re
+from io import StringIO
+from pathlib import Path
+from typing import NamedTuple
+
+from slopecli.errors import InputError
+from slopecli.io.images import RAW_SUFFIXES
+
+IMAGE_SUFFIXES = frozenset(
+    (".png", ".jpg", ".jpeg", ".jpe", ".jp2", ".tif", ".tiff", ".bmp", ".dib", ".webp", ".pbm", ".pgm", ".ppm", ".pnm")
+)
+UNREAD_SUFFIXES = RAW_SUFFIXES | {".heic", ".heif", ".avif", ".mp4", ".mov", ".avi", ".mkv"}
+CAMERA_SUFFIXES = frozenset((".json", ".yaml", ".yml", ".xml", ".txt", ".bin", ".npz"))
+# names that camera files have; a name of the second kind counts where there is none of the first
+CAMERA_STEMS = (
+    re.compile(r"cameras?|cam|camera_?models?|camera_?info|calib|calibration|intrinsics?|camchain|transforms|sensor"),
+    re.compile(r".*(camera|calib|intrinsic|camchain).*"),
+)
+MAX_LIST_BYTES = 64_000_000
+LIST_COLUMNS = ("image1", "image2", "camera1", "camera2")
+
+
+class PairRow(NamedTuple):
+    """A row of a list of pairs, as written; cameras are "" where none is named. line : in the file, from 1."""
+
+    line: int
+    image1: str
+    image2: str
+    camera1: str = ""
+    camera2: str = ""
+
+
+def natural_key(name: str) -> tuple[list[str | int], str]:
+    """Key that sorts names as people count: img2 before img10, whatever the case."""
+    parts: list[str | int] = list(re.split(r"([0-9]+)", name.casefold()))
+    parts[1::2] = map(int, parts[1::2])
+    return parts, name
+
+
+def images_in(folder: str) -> list[str]:
+    """Names of the entries of a folder that are named like images, in natural order; hidden ones are left out.
+
+    What a name promises is not looked into: a folder named view.jpg is listed, for whoever reads it to refuse by name.
+
+    Raises
+    ------
+    InputError : the folder cannot be read.
+    """
+    return [name for name in _entries(folder) if _suffix(name) in IMAGE_SUFFIXES]
+
+
+def folders_in(folder: str) -> list[str]:
+    """Names of the sub-folders of a folder in natural order, without hidden ones; raises InputError as `images_in`."""
+    return [name for name in _entries(folder) if os.path.isdir(os.path.join(folder, name))]
+
+
+def cameras_in(folder: str) -> list[str]:
+    """Names of the files of a folder whose names say that they hold a camera; none where it cannot be read."""
+    files = _camera_like(folder)
+    for stems in CAMERA_STEMS:
+        found = [name for name in files if stems.fullmatch(Path(name).stem.lower())]
+        if found:
+            return _without_doubles(found)
+    return []
+
+
+def cameras_by_number(folder: str) -> tuple[str | None, str | None]:
+    """Names of the camera files of the first and the second image, camera1 and camera2, where each is there once."""
+    files = _camera_like(folder)
+    first, second = (
+        [name for name in files if re.fullmatch(rf"camera[-_]?{number}", Path(name).stem.lower())] for number in "12"
+    )
+    return first[0] if len(first) == 1 else None, second[0] if len(second) == 1 else None
+
+
+def _camera_like(folder: str) -> list[str]:
+    try:
+        names = [name for name in _entries(folder) if _suffix(name) in CAMERA_SUFFIXES]
+    except InputError:
+        return []
+    return [name for name in names if os.path.isfile(os.path.join(folder, name))]
+
+
+def why_no_images(folder: str) -> str:
+    """What is in a folder that holds no images, and what to do about it."""
+    names = _entries(folder)
+    unread = [name for name in names if _suffix(name) in UNREAD_SUFFIXES]
+    if unread:
+        return f"it holds {unread[0]} and the like, which is not read; convert it to PNG, JPEG or TIFF first"
+    if any(os.path.isdir(os.path.join(folder, name)) for name in names):
+        return "it holds folders; give one of them, or --pairing folders if each holds a pair"
+    return "needed PNG, JPEG, TIFF, BMP, WebP or PNM files"
+
+
+def is_same_place(one: str, other: str) -> bool:
+    """Whether two paths lead to the same place, which need not exist."""
+    return os.path.realpath(one) == os.path.realpath(other)
+
+
+def read_pair_list(file: str) -> list[PairRow]:
+    """Rows of a list of pairs: two images, and one or two cameras if need be.
+
+    Columns are image1, image2, camera1, camera2, in this order or in that of a header with these names, which may have
+    others besides. They are separated by commas, or by semicolons or tabs where the first line has no comma.
+
+    Raises
+    ------
+    InputError : the file cannot be read or is not such a table; the message names the line.
+    """
+    numbered = _numbered_cells(file)
+    columns = _header(numbered[0][1]) if numbered else None
+    try:
+        return [_row(line, cells, columns) for line, cells in numbered[columns is not None :]]
+    except InputError as error:
+        raise InputError(f"{file}: {error}") from None
+
+
+def _numbered_cells(file: str) -> list[tuple[int, list[str]]]:
+    """Number of the line and stripped cells of every row that is not empty."""
+    text = _text_of(file)
+    lines = csv.reader(StringIO(text, newline=""), delimiter=_delimiter(text), strict=True)
+    try:
+        rows = [(lines.line_num, [cell.strip() for cell in cells]) for cells in lines]
+    except csv.Error as error:
+        raise InputError(f"{file}: line {lines.line_num} is not CSV ({error}); needed two images a row") from None
+    return [(line, cells) for line, cells in rows if any(cells)]
+
+
+def _text_of(file: str) -> str:
+    try:
+        if os.path.getsize(file) > MAX_LIST_BYTES:
+            raise InputError(f"{file}: is too large for a list of pairs; needed two images a row")
+        text = Path(file).read_bytes().decode("utf-8-sig")
+    except OSError as error:
+        raise InputError(
+            f"{file}: the list of pairs cannot be read ({error.strerror}); check the path, which is not taken to be "
+            "below the folder of images"
+        ) from None
+    except UnicodeDecodeError:
+        text = "\0"
+    if "\0" in text:
+        raise InputError(f"{file}: is not text in UTF-8; needed a CSV file with two images a row")
+    return text
+
+
+def _delimiter(text: str) -> str:
+    first = next((line for line in text.splitlines() if line.strip()), "")
+    return next((mark for mark in ",;\t" if mark in first), ",")
+
+
+def _header(cells: list[str]) -> dict[str, int] | None:
+    """Where the columns are, if these are the cells of a header."""
+    titles = [cell.lower() for cell in cells]
+    return {name: titles.index(name) for name in LIST_COLUMNS if name in titles} if _has_images(titles) else None
+
+
+def _has_images(titles: list[str]) -> bool:
+    return set(LIST_COLUMNS[:2]) <= set(titles)
+
+
+def _row(line: int, cells: list[str], columns: dict[str, int] | None) -> PairRow:
+    if columns is None and len(cells) > len(LIST_COLUMNS):
+        wanted = ", ".join(LIST_COLUMNS)
+        raise InputError(f"line {line} has {len(cells)} cells, needed at most {wanted}, or a header that names these")
+    places = columns or dict(zip(LIST_COLUMNS, range(len(cells)), strict=False))
+    found = {name: cells[place] for name, place in places.items() if place < len(cells)}
+    if not (found.get("image1") and found.get("image2")):
+        raise InputError(f"line {line} names one image, needed two, for example: frame_1.png,frame_2.png")
+    return PairRow(line, **found)
+
+
+def _entries(folder: str) -> list[str]:
+    try:
+        names = os.listdir(folder)
+    except NotADirectoryError:
+        raise InputError(f"{folder}: is a file, needed a folder of images") from None
+    except FileNotFoundError:
+        raise InputError(f"{folder}: no such folder; check the path") from None
+    except OSError as error:
+        raise InputError(f"{folder}: cannot be read ({error.strerror}); check its permissions") from None
+    return sorted((name for name in names if not name.startswith(".")), key=natural_key)
+
+
+def _suffix(name: str) -> str:
+    return Path(name).suffix.lower()
+
+
+def _without_doubles(names: list[str]) -> list[str]:
+    """COLMAP writes the same cameras as cameras.bin and cameras.txt; one of them is enough."""
+    return [name for name in names if not (name.endswith(".bin") and f"{name[:-4]}.txt" in names)]
