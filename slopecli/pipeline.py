@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import partial
 
 from slopecli.diagnosis import (
@@ -22,7 +22,7 @@ from slopecli.planes.survey import survey
 from slopecli.planes.window_finder import wanted_windows
 from slopecli.report import build_report
 from slopecli.types import Camera, Image, Report
-from slopecli.vision.features import EFFORTS, match_sift
+from slopecli.vision.features import EFFORTS, FeatureMemory, match_sift
 from slopecli.vision.foerstner import match_foerstner
 from slopecli.vision.sparse import FeatureMatcher, find_motions
 
@@ -42,6 +42,7 @@ def estimate(
     camera2: Camera,
     options: Options,
     *,
+    memory: FeatureMemory | None = None,
     on_stage: OnStage | None = None,
 ) -> Report:
     """Estimate the slope of every window, or of every plane found in image 1, with its uncertainty.
@@ -50,6 +51,7 @@ def estimate(
     ----------
     image1, image2 : images as stored (distorted), of the cameras' sizes.
     options : `Options`; windows in px of image 1.
+    memory : of features, for a caller with many pairs that share images; the answer is the same without.
     on_stage : called with (name, seconds of processor time) after each stage.
 
     Returns
@@ -67,7 +69,8 @@ def estimate(
     refuse_identical(image1, image2)
 
     # sparse features: which motions are possible
-    sparse = find_motions(image1.grey, image2.grey, camera1, camera2, FEATURE_MATCHERS[options.features], options.seed)
+    matchers = matchers_of(options, memory)
+    sparse = find_motions(image1.grey, image2.grey, camera1, camera2, matchers, options.seed)
     refuse_unmatched(sparse.n_features, len(sparse.matches), sparse.n_inliers)
     clock.tick("features")
 
@@ -92,6 +95,13 @@ def estimate(
     report = build_report((image1, image2), (camera1, camera2), options, matched, solution, diagnostics)
     clock.tick("report")
     return report
+
+
+def matchers_of(options: Options, memory: FeatureMemory | None) -> Sequence[FeatureMatcher]:
+    """The matchers of whole images that the options name; only SIFT can make use of a memory."""
+    if memory is not None and options.features == "sift":
+        return [partial(match_sift, effort=effort, memory=memory) for effort in EFFORTS]
+    return FEATURE_MATCHERS[options.features]
 
 
 class _Clock:

@@ -32,7 +32,7 @@ FLOORS = (
 )
 FLOOR_OF = {room: floor for floor, rooms in enumerate(FLOORS) for room in rooms.split()}
 FILE_CALLS = {"open", "imread", "imwrite", "imreadmulti", "read_text", "read_bytes", "write_text", "write_bytes"}
-SLOW_TO_IMPORT = {"scipy", "skimage", "matplotlib", "trimesh", "rich"}
+SLOW_TO_IMPORT = {"scipy", "skimage", "matplotlib", "trimesh", "rich", "distributed"}
 DISTRIBUTION_OF = {"cv2": "opencv-contrib-python-headless", "PIL": "pillow", "yaml": "PyYAML"}
 
 
@@ -117,7 +117,8 @@ def test_modules_stay_short(path: Path) -> None:
 
 def test_dependencies_are_those_imported() -> None:
     project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
-    declared = {re.split(r"[<>=!~ ;\[]", requirement)[0].lower() for requirement in project["dependencies"]}
+    requirements = project["dependencies"] + project["optional-dependencies"]["cluster"]
+    declared = {re.split(r"[<>=!~ ;\[]", requirement)[0].lower() for requirement in requirements}
     used = set().union(*(third_party(parse(path)) for path in MODULES))
     assert {DISTRIBUTION_OF.get(name, name).lower() for name in used} == declared
 

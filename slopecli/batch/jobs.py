@@ -29,22 +29,28 @@ class Pair:
 
 @dataclass(frozen=True)
 class Shipped:
-    """Contents of the images and camera files of a pair, by path, for workers that do not see these paths."""
+    """Contents of the images and camera files of a pair, by path, for workers that do not see these paths.
+
+    fingerprint : of the pair, as in its `Outcome`.
+    """
 
     files: dict[str, bytes]
+    fingerprint: str
 
 
 @dataclass(frozen=True)
 class Job:
     """One pair with everything a worker needs; can be pickled.
 
-    folder : where the files go, absolute.  shipped : None where the worker reads and writes files itself.
+    folder : where the files go, absolute.  base : folder that relative paths of the pair start from.
+    shipped : None where the worker reads and writes files itself.
     """
 
     pair: Pair
     options: Options
     keep: Keep
     folder: str
+    base: str = ""
     shipped: Shipped | None = None
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 from dataclasses import dataclass
 
 import cv2
@@ -95,10 +96,45 @@ def _best_two(
     return partner, best, similarity.max(1)
 
 
-def match_sift(grey1: Grey, grey2: Grey, effort: FeatureEffort) -> tuple[FloatArray, FloatArray, tuple[int, int]]:
-    """Tentative matches as pixels of the full images, (n, 2) each, about a third of them wrong; features per image."""
-    uv1, descriptors1 = detect_sift(grey1, effort)
-    uv2, descriptors2 = detect_sift(grey2, effort)
+class FeatureMemory:
+    """SIFT features of the images seen last, for pairs that share images.
+
+    What it gives is what `detect_sift` gives, to the last bit. It holds the features of `n_images` images, of at most
+    7 MB each, and may not be shared by threads.
+    """
+
+    def __init__(self, n_images: int = 2) -> None:
+        self._most = n_images * len(EFFORTS)
+        self._held: dict[tuple[bytes, FeatureEffort], tuple[FloatArray, Descriptors]] = {}  # the last used at the end
+
+    def detect(self, grey: Grey, effort: FeatureEffort) -> tuple[FloatArray, Descriptors]:
+        """Points (n, 2) px and descriptors (n, 128) of an image; not to be written to."""
+        key = (_digest(grey), effort)
+        features = self._held.pop(key, None) or detect_sift(grey, effort)
+        for array in features:
+            array.flags.writeable = False
+        self._held[key] = features
+        while len(self._held) > self._most:
+            del self._held[next(iter(self._held))]
+        return features
+
+
+def _digest(grey: Grey) -> bytes:
+    digest = hashlib.sha256(str(grey.shape).encode())
+    digest.update(np.ascontiguousarray(grey).data)
+    return digest.digest()
+
+
+def match_sift(
+    grey1: Grey, grey2: Grey, effort: FeatureEffort, memory: FeatureMemory | None = None
+) -> tuple[FloatArray, FloatArray, tuple[int, int]]:
+    """Tentative matches as pixels of the full images, (n, 2) each, about a third of them wrong; features per image.
+
+    memory : of features, where the images may have been seen before.
+    """
+    detect = detect_sift if memory is None else memory.detect
+    uv1, descriptors1 = detect(grey1, effort)
+    uv2, descriptors2 = detect(grey2, effort)
     i, j = match_descriptors(descriptors1, descriptors2, effort.ratio)
     return (*_drop_repeats(uv1[i], uv2[j]), (len(uv1), len(uv2)))
 

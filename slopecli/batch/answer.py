@@ -1,0 +1,180 @@
+"""What a worker does with its jobs: read, decode, estimate, store; whatever goes wrong with a pair is its outcome."""
+
+from __future__ import annotations
+
+import hashlib
+import math
+import threading
+from collections.abc import Sequence
+from dataclasses import asdict, replace
+from pathlib import PurePath
+
+from slopecli.batch.jobs import Answer, CameraChoice, Job, Outcome, Shipped
+from slopecli.batch.ledger import camera_file, failure, fingerprint_of, finished, store
+from slopecli.errors import InputError, NoAnswer, SlopemapError
+from slopecli.io.cameras import camera_for, read_camera_file
+from slopecli.io.images import decode_image, read_image_file
+from slopecli.io.outputs import encode_outputs
+from slopecli.pipeline import estimate
+from slopecli.types import Camera, Image, Plane, Report
+from slopecli.vision.features import FeatureMemory
+
+N_IMAGES = 2  # remembered: neighbours share one, and the other is the next pair's
+DECIMALS = 6  # of degrees and pixels in an outcome
+OUT_OF_MEMORY = -4  # OpenCV's own code
+
+
+def answer_jobs(jobs: Sequence[Job]) -> list[Answer]:
+    """Answer jobs one after the other, in this process.
+
+    Raises
+    ------
+    DiskFull : there is no space left; what was answered before is stored.
+    """
+    return [answer(job) for job in jobs]
+
+
+def answer(job: Job) -> Answer:
+    """Answer one pair, or look it up where an earlier run has finished it."""
+    if job.shipped is not None:
+        outcome, contents = _solve(job, job.shipped)
+        return Answer(outcome, contents=contents)
+    loaded = load_inputs(job)
+    if isinstance(loaded, Answer):
+        return loaded
+    outcome, contents = _solve(job, loaded)
+    return Answer(store(job, outcome, contents))
+
+
+def load_inputs(job: Job) -> Shipped | Answer:
+    """The bytes that a job needs; or its answer already, where it is finished or they cannot be read."""
+    if job.pair.problem is not None:
+        return _unreadable(job, job.pair.problem)
+    try:
+        files = _read(job)
+    except InputError as error:
+        return _unreadable(job, str(error))
+    digests = {path: hashlib.sha256(content).hexdigest() for path, content in files.items()}
+    fingerprint = fingerprint_of(job, digests)
+    known = finished(job, fingerprint)
+    return Shipped(files, fingerprint) if known is None else Answer(known, kept=True)
+
+
+def _unreadable(job: Job, message: str) -> Answer:
+    return Answer(store(job, failure(job, 1, "unreadable", message), {}))
+
+
+def _read(job: Job) -> dict[str, bytes]:
+    pair = job.pair
+    files = {path: read_image_file(path, job.base) for path in (pair.image1, pair.image2)}
+    for choice in (pair.camera1, pair.camera2):
+        file, _ = camera_file(choice, job.base)
+        if file is not None and file not in files:
+            files[file] = read_camera_file(file, job.base)
+    return files
+
+
+def _solve(job: Job, inputs: Shipped) -> tuple[Outcome, dict[str, bytes]]:
+    """The outcome of a pair and its files; a pair without an answer has no files."""
+    try:
+        return _estimate(job, inputs)
+    except NoAnswer as error:
+        outcome = failure(job, error.exit_code, error.code, error.reason, error.remedy)
+    except SlopemapError as error:
+        outcome = failure(job, error.exit_code, "input" if error.exit_code == 1 else "degenerate", str(error))
+    except MemoryError:
+        outcome = _out_of_memory(job)
+    except Exception as error:
+        if _is_out_of_memory(error):
+            outcome = _out_of_memory(job)
+        else:
+            found = f"unexpected {type(error).__name__}: {' '.join(str(error).split())}"
+            outcome = failure(job, 1, "unexpected", found, "this is a fault of slopemap")
+    return replace(outcome, fingerprint=inputs.fingerprint), {}
+
+
+def _is_out_of_memory(error: Exception) -> bool:
+    """OpenCV has an exception of its own for that."""
+    return getattr(error, "code", None) == OUT_OF_MEMORY or "bad_alloc" in str(error)
+
+
+def _out_of_memory(job: Job) -> Outcome:
+    _memory().clear()
+    remedy = "raise --memory or lower --jobs, or try smaller images"
+    return failure(job, 1, "memory", "not enough memory for images of this size", remedy)
+
+
+def _estimate(job: Job, inputs: Shipped) -> tuple[Outcome, dict[str, bytes]]:
+    memory, pair = _memory(), job.pair
+    image1, image2 = (memory.image(inputs.files[path], path) for path in (pair.image1, pair.image2))
+    camera1 = _camera(image1, pair.camera1, inputs)
+    camera2 = _camera(image2, pair.camera2, inputs)
+    report = estimate(image1, image2, camera1, camera2, job.options, memory=memory.features)
+    contents = encode_outputs(report, image1, **asdict(job.keep))
+    return _outcome_of(job, report, inputs.fingerprint, tuple(contents)), contents
+
+
+def _camera(image: Image, choice: CameraChoice | None, inputs: Shipped) -> Camera:
+    return camera_for(image, choice or CameraChoice(), inputs.files)[0]
+
+
+def _outcome_of(job: Job, report: Report, fingerprint: str, files: tuple[str, ...]) -> Outcome:
+    planes, pair = report.planes, job.pair
+    steepest = max((plane for plane in planes if plane.status == "ok"), key=lambda p: p.slope_deg, default=None)
+    return Outcome(
+        name=pair.name,
+        image1=pair.image1,
+        image2=pair.image2,
+        exit_status=0,
+        fingerprint=fingerprint,
+        files=files,
+        n_planes=len(planes),
+        n_ok=sum(plane.status == "ok" for plane in planes),
+        n_safe=_count(planes, "safe"),
+        n_unsafe=_count(planes, "unsafe"),
+        n_undecided=_count(planes, "undecided"),
+        n_rejected=len(report.rejected),
+        steepest_deg=None if steepest is None else _rounded(steepest.slope_deg),
+        steepest_sigma_deg=None if steepest is None else _rounded(steepest.slope_sigma_deg),
+        ambiguity=report.ambiguity.status,
+        noise_px=_rounded(report.fit.noise_px),
+        diagnostics=tuple(diagnostic.code for diagnostic in report.diagnostics),
+    )
+
+
+def _count(planes: Sequence[Plane], verdict: str) -> int:
+    return sum(plane.verdict == verdict for plane in planes)
+
+
+def _rounded(value: float) -> float | None:
+    return round(value, DECIMALS) if math.isfinite(value) else None
+
+
+class _Memory:
+    """Decoded images and features of the pairs before; bounded, however many pairs there are."""
+
+    def __init__(self) -> None:
+        self.clear()
+
+    def clear(self) -> None:
+        self.features = FeatureMemory(N_IMAGES)
+        self._images: dict[tuple[str, str], Image] = {}  # by SHA-256 and suffix of the file, the last used at the end
+
+    def image(self, content: bytes, path: str) -> Image:
+        """The image in a file's bytes, decoded unless it was among the last."""
+        key = (hashlib.sha256(content).hexdigest(), PurePath(path).suffix)
+        image = self._images.pop(key, None)
+        self._images[key] = decode_image(content, path) if image is None else replace(image, path=path)
+        while len(self._images) > N_IMAGES:
+            del self._images[next(iter(self._images))]
+        return self._images[key]
+
+
+_of_thread = threading.local()
+
+
+def _memory() -> _Memory:
+    memory: _Memory | None = getattr(_of_thread, "memory", None)
+    if memory is None:
+        memory = _of_thread.memory = _Memory()
+    return memory

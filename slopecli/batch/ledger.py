@@ -1,0 +1,105 @@
+"""What is finished: the record in every pair's folder, and what makes it count no longer."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Mapping
+from dataclasses import asdict, replace
+from pathlib import Path
+
+from slopecli import __version__
+from slopecli.batch.jobs import CameraChoice, Job, Outcome
+from slopecli.errors import DiskFull
+
+# failures that the same bytes need not give again: the next run tries these pairs once more
+TRANSIENT = frozenset({"crashed", "timeout", "memory", "unexpected", "unreadable", "output"})
+
+
+def camera_file(choice: CameraChoice | None, base: str = "") -> tuple[str | None, str | None]:
+    """File and name in it of a choice of camera; (None, None) where it is no file."""
+    from slopecli.io.cameras import split_name
+
+    return (None, None) if choice is None or choice.file is None else split_name(choice.file, base)
+
+
+def fingerprint_of(job: Job, digests: Mapping[str, str]) -> str:
+    """SHA-256 over all that decides on the files of a pair.
+
+    Parameters
+    ----------
+    digests : SHA-256 of the images and camera files of the job, by path. The paths themselves do not count: a folder
+        may be moved.
+    """
+    pair = job.pair
+    document = {
+        "version": __version__,
+        "options": asdict(job.options),
+        "keep": asdict(job.keep),
+        "images": [digests[pair.image1], digests[pair.image2]],
+        "cameras": [_camera_print(choice, job.base, digests) for choice in (pair.camera1, pair.camera2)],
+    }
+    return hashlib.sha256(json.dumps(document, sort_keys=True).encode("ascii")).hexdigest()
+
+
+def _camera_print(choice: CameraChoice | None, base: str, digests: Mapping[str, str]) -> object:
+    file, name = camera_file(choice, base)
+    if file is not None:
+        return [digests[file], name]
+    return None if choice is None else [choice.intrinsics, choice.fov_deg]
+
+
+def finished(job: Job, fingerprint: str) -> Outcome | None:
+    """The outcome of an earlier run, if the pair has one that still holds and its files are there."""
+    from slopecli.io.pair_folder import has_files, read_record
+
+    outcome = _outcome_from(read_record(Path(job.folder)))
+    if outcome is None or outcome.fingerprint != fingerprint or outcome.code in TRANSIENT:
+        return None
+    if not has_files(Path(job.folder), outcome.files):
+        return None
+    pair = job.pair
+    return replace(outcome, name=pair.name, image1=pair.image1, image2=pair.image2)
+
+
+def _outcome_from(record: bytes | None) -> Outcome | None:
+    """The outcome that a record holds, None for one of another version or another program."""
+    try:
+        fields = json.loads(record or b"")
+        fields |= {key: tuple(fields[key]) for key in ("files", "diagnostics")}
+        return Outcome(**fields)
+    except (ValueError, TypeError, KeyError):
+        return None
+
+
+def store(job: Job, outcome: Outcome, contents: Mapping[str, bytes]) -> Outcome:
+    """Store the files of a pair and the record that it is finished.
+
+    Returns
+    -------
+    The outcome, or a failure with the code "output" where the folder of this pair cannot be written to.
+
+    Raises
+    ------
+    DiskFull : there is no space left; the folder is as it was.
+    """
+    from slopecli.io.atomic import DISK_FULL
+    from slopecli.io.pair_folder import store_pair
+
+    record = (json.dumps(asdict(outcome), indent=2, allow_nan=False) + "\n").encode("ascii")
+    try:
+        store_pair(Path(job.folder), contents, record)
+    except OSError as error:
+        if error.errno in DISK_FULL:
+            raise DiskFull(f"disk full while writing to {job.folder}") from None
+        message = f"cannot write results to {job.folder}: {error.strerror or error}"
+        return failure(job, 1, "output", message, "make room for that folder, or choose another with -o")
+    return outcome
+
+
+def failure(
+    job: Job, exit_status: int, code: str, message: str, remedy: str | None = None, fingerprint: str = ""
+) -> Outcome:
+    """The outcome of a pair without an answer."""
+    pair = job.pair
+    return Outcome(pair.name, pair.image1, pair.image2, exit_status, code, message, remedy, fingerprint)

@@ -1,0 +1,300 @@
+"""One process of its own as an executor: it outlives crashes, calls that never end and calls that eat the memory."""
+
+from __future__ import annotations
+
+import os
+import pickle
+import queue
+import signal
+import struct
+import subprocess
+import sys
+import threading
+from collections.abc import Callable, Sequence
+from concurrent.futures import BrokenExecutor, Executor, Future
+from contextlib import suppress
+from dataclasses import dataclass
+from typing import IO, Any, ParamSpec, TypeVar
+
+from slopecli.errors import InputError
+
+P = ParamSpec("P")
+T = TypeVar("T")
+
+HEADER = struct.Struct("<Q")  # length of the pickle that follows
+STARTS = 3  # a process that ends this often before it is ready will not come up
+LEAVE_S = 10.0  # to end by itself
+ONE_THREAD = dict.fromkeys(("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"), "1")
+SERVE = "import sys; from slopecli.batch.worker import serve; serve(int(sys.argv[1]))"
+
+
+class WorkerFailed(Exception):
+    """A call ended its process; `code` is that of an `Outcome`."""
+
+    code = "crashed"
+
+
+class WorkerCrashed(WorkerFailed):
+    """The process ended by itself, or something else ended it, in the middle of a call."""
+
+
+class WorkerTimeout(WorkerFailed):
+    """A call took longer than it may, and its process was ended."""
+
+    code = "timeout"
+
+
+@dataclass(frozen=True)
+class Limits:
+    """What a process may use up.
+
+    timeout_s : the longest a call may take; its future then raises `WorkerTimeout`.
+    memory_gb : the most memory the process may ask for; beyond, calls raise MemoryError or crash. Linux only.
+    """
+
+    timeout_s: float | None = None
+    memory_gb: float | None = None
+
+    def __post_init__(self) -> None:
+        if self.memory_gb is not None and sys.platform != "linux":
+            raise InputError("--memory: the memory of a process can be limited on Linux only; leave it out")
+
+
+NO_LIMITS = Limits()
+
+
+class Worker(Executor):
+    """Calls functions in one process of its own, one after the other.
+
+    The process has one thread of computation, starts with the first call and is started anew after it was lost. It
+    ends when this process does, even if this one is killed. SIGINT does not reach it: what to do is decided here.
+
+    Parameters
+    ----------
+    limits : of time and memory.
+    inherit : descriptors that the process keeps open, such as that of a lock.
+
+    A future raises `WorkerCrashed` if the process ends during its call, `BrokenExecutor` if no process can be started.
+    """
+
+    def __init__(self, limits: Limits = NO_LIMITS, *, inherit: Sequence[int] = ()) -> None:
+        self._limits = limits
+        self._inherit = tuple(inherit) if os.name == "posix" else ()
+        self._calls: queue.SimpleQueue[tuple[Future[Any], bytes] | None] = queue.SimpleQueue()
+        self._process: subprocess.Popen[bytes] | None = None
+        self._stopped = False
+        self._starting = threading.Lock()
+        self._thread = threading.Thread(target=self._run, daemon=True)
+        self._thread.start()
+
+    def submit(self, fn: Callable[P, T], /, *args: P.args, **kwargs: P.kwargs) -> Future[T]:
+        if self._stopped:
+            raise RuntimeError("this worker has been shut down")
+        future: Future[T] = Future()
+        self._calls.put((future, pickle.dumps((fn, args, kwargs))))
+        return future
+
+    def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
+        """Let no more calls in. With `cancel_futures` the process is killed, in the middle of a call or not."""
+        self._stopped = True
+        if cancel_futures:
+            with self._starting:
+                self._kill()
+        self._calls.put(None)
+        if wait:
+            self._thread.join()
+
+    # ---- the thread that looks after the process ----
+
+    def _run(self) -> None:
+        while (item := self._calls.get()) is not None:
+            future, call = item
+            if not future.set_running_or_notify_cancel():
+                continue
+            try:
+                result = self._call(call)
+            except BaseException as error:
+                future.set_exception(error)
+            else:
+                future.set_result(result)
+        self._end()
+
+    def _call(self, call: bytes) -> Any:
+        process = self._ready()
+        expired = threading.Event()
+        timer = self._timer(process, expired)
+        try:
+            _send(process.stdin, call)
+            succeeded, value = pickle.loads(_receive(process.stdout))
+        except (OSError, EOFError):
+            self._kill()
+            raise self._reason(process.wait(), expired.is_set()) from None
+        finally:
+            timer.cancel()
+        if succeeded:
+            return value
+        raise value
+
+    def _timer(self, process: subprocess.Popen[bytes], expired: threading.Event) -> threading.Timer:
+        def expire() -> None:
+            expired.set()
+            process.kill()
+
+        timer = threading.Timer(self._limits.timeout_s or 0.0, expire)
+        timer.daemon = True
+        if self._limits.timeout_s is not None:
+            timer.start()
+        return timer
+
+    def _reason(self, status: int, expired: bool) -> WorkerFailed:
+        if expired:
+            return WorkerTimeout(f"no answer within {self._limits.timeout_s:g} s")
+        return WorkerCrashed(f"the process that worked on it was lost ({_how(status)})")
+
+    def _ready(self) -> subprocess.Popen[bytes]:
+        """The process, waiting for a call; started anew if it was lost."""
+        if self._process is not None and self._process.poll() is None:
+            return self._process
+        for _ in range(STARTS):
+            process = self._start()
+            with suppress(OSError, EOFError):
+                _receive(process.stdout)
+                return process
+            self._kill()
+        raise BrokenExecutor("a worker process ends before it is ready")
+
+    def _start(self) -> subprocess.Popen[bytes]:
+        with self._starting:
+            if self._stopped:
+                raise BrokenExecutor("this worker has been shut down")
+            self._end()
+            self._process = _spawn(self._limits, self._inherit)
+        return self._process
+
+    def _kill(self) -> None:
+        if self._process is not None:
+            self._process.kill()
+
+    def _end(self) -> None:
+        """Let the process go: it ends when nothing can come any more."""
+        if self._process is None:
+            return
+        for stream in (self._process.stdin, self._process.stdout):
+            with suppress(OSError):
+                if stream is not None:
+                    stream.close()
+        try:
+            self._process.wait(LEAVE_S)
+        except subprocess.TimeoutExpired:
+            self._process.kill()
+            self._process.wait()
+
+
+def _how(status: int) -> str:
+    if status >= 0:
+        return f"exit status {status}"
+    with suppress(ValueError):
+        return signal.Signals(-status).name
+    return f"signal {-status}"
+
+
+def _bytes(memory_gb: float | None) -> int:
+    return 0 if memory_gb is None else int(memory_gb * 1e9)
+
+
+def _spawn(limits: Limits, inherit: tuple[int, ...]) -> subprocess.Popen[bytes]:
+    # what this process can import, that one can too; -P: but not what happens to lie in the current folder
+    path = os.pathsep.join(place or os.getcwd() for place in sys.path)
+    own_group: dict[str, Any] = {"start_new_session": True, "pass_fds": inherit}
+    if os.name != "posix":
+        own_group = {"creationflags": getattr(subprocess, "CREATE_NEW_PROCESS_GROUP", 0)}
+    try:
+        return subprocess.Popen(
+            [sys.executable, "-P", "-c", SERVE, str(_bytes(limits.memory_gb))],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.DEVNULL,
+            env={**os.environ, **ONE_THREAD, "PYTHONPATH": path},
+            **own_group,
+        )
+    except OSError as error:
+        raise BrokenExecutor(f"a worker process cannot be started: {error.strerror or error}") from error
+
+
+# ---- the other side ----
+
+
+def serve(limit: int) -> None:
+    """What the process does: answer calls that come on stdin until nothing can come any more."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    replies = os.fdopen(os.dup(1), "wb")
+    os.dup2(2, 1)  # whatever a library prints shall not get among the replies
+    _limit_memory(limit)
+    _warm_up()
+    calls: queue.SimpleQueue[bytes] = queue.SimpleQueue()
+    threading.Thread(target=_listen, args=(sys.stdin.buffer, calls), daemon=True).start()
+    _send(replies, b"ready")
+    while True:
+        _send(replies, _answer(calls.get()))
+
+
+def _limit_memory(limit: int) -> None:
+    if limit:
+        import resource
+
+        resource.setrlimit(resource.RLIMIT_DATA, (limit, limit))
+
+
+def _warm_up() -> None:
+    """Import now what every call needs: a time limit is for calls."""
+    import cv2
+
+    import slopecli.batch.answer  # noqa: F401
+
+    cv2.setNumThreads(1)
+
+
+def _listen(requests: IO[bytes], calls: queue.SimpleQueue[bytes]) -> None:
+    """Pass calls on, and end the process at once, whatever it is doing, when its parent has gone."""
+    try:
+        while True:
+            calls.put(_receive(requests))
+    except (OSError, EOFError):
+        os._exit(0)
+
+
+def _answer(call: bytes) -> bytes:
+    try:
+        function, args, kwargs = pickle.loads(call)
+        return pickle.dumps((True, function(*args, **kwargs)))
+    except BaseException as error:
+        return _pickled_error(error)
+
+
+def _pickled_error(error: BaseException) -> bytes:
+    """An exception as bytes that surely can be read back."""
+    try:
+        reply = pickle.dumps((False, error))
+        pickle.loads(reply)
+    except Exception:
+        return pickle.dumps((False, RuntimeError(f"{type(error).__name__}: {error}")))
+    return reply
+
+
+def _send(stream: IO[bytes] | None, message: bytes) -> None:
+    if stream is None:
+        raise EOFError
+    stream.write(HEADER.pack(len(message)) + message)
+    stream.flush()
+
+
+def _receive(stream: IO[bytes] | None) -> bytes:
+    """The next message; EOFError where there is none any more, or half a one."""
+    header = b"" if stream is None else stream.read(HEADER.size)
+    if stream is None or len(header) < HEADER.size:
+        raise EOFError
+    (length,) = HEADER.unpack(header)
+    message = stream.read(length)
+    if len(message) < length:
+        raise EOFError
+    return message
