@@ -56,8 +56,8 @@ def test_images_are_paired_in_the_order_people_count(tmp_path: Path) -> None:
 
 @given(st.lists(st.text(st.characters(blacklist_characters="/\0"), min_size=1), unique=True))
 def test_natural_order_is_an_order_of_all_names(names: list[str]) -> None:
-    ordered = sorted(names, key=natural_key)
-    assert sorted(names[::-1], key=natural_key) == ordered
+    backwards = names[::-1]
+    assert sorted(backwards, key=natural_key) == sorted(names, key=natural_key)
 
 
 def test_stride_pairs_each_image_with_a_later_one(tmp_path: Path) -> None:

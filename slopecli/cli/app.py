@@ -5,6 +5,7 @@ from __future__ import annotations
 import click
 
 from slopecli import __version__
+from slopecli.cli.batch import batch
 from slopecli.cli.estimate import estimate
 from slopecli.cli.segment import segment
 
@@ -14,6 +15,7 @@ Exit status:
   1    an input was unusable
   2    the command line was wrong
   3    the inputs were read, but the scene gives no answer
+  4    a batch finished, and some pairs have no answer
   130  interrupted"""
 
 
@@ -29,3 +31,4 @@ def slopemap() -> None:
 
 slopemap.add_command(estimate)
 slopemap.add_command(segment)
+slopemap.add_command(batch)

@@ -42,14 +42,13 @@ def _check_usage(ctx: click.Context) -> None:
     at_most_one(ctx, "baseline_m", "altitude_m")
     if not given(ctx, *CAMERA_FLAGS):
         raise click.UsageError("No camera: give --camera FILE, --intrinsics FX,FY,CX,CY or --fov DEG.", ctx)
-    _check_planes(ctx)
+    check_planes(ctx, ctx.params.get("planes", "regions"))
     if not given(ctx, "output", "as_json"):
         raise click.UsageError("Nowhere to put the answer: give -o DIR, or --json to print it.", ctx)
 
 
-def _check_planes(ctx: click.Context) -> None:
+def check_planes(ctx: click.Context, finder: str) -> None:
     """Refuse options of one finder of planes together with another finder."""
-    finder = ctx.params.get("planes", "regions")
     for finders, names in FINDERS_WITH.items():
         flags = given(ctx, *names)
         if flags and finder not in finders:

@@ -99,6 +99,18 @@ class PathText(click.ParamType):
         return str(value)
 
 
+class Pairing(PathText):
+    """`consecutive`, `stride`, `folders`, or the path of a list of pairs, which ends in .csv."""
+
+    name = "pairing"
+    words = ("consecutive", "stride", "folders")
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> str:
+        if value not in self.words and not str(value).lower().endswith(".csv"):
+            self.fail(f"{value!r} is not {', '.join(self.words)} or a file that ends in .csv.", param, ctx)
+        return str(value)
+
+
 class Between(click.FloatRange):
     """A finite number within bounds (click's own FloatRange lets nan through)."""
 

@@ -146,14 +146,15 @@ solving_options = _group(
 )
 
 
-def frame_options_with(up: str) -> Decorator:
-    """Options of the reference of slopes, with the command's own default for what is level."""
+def frame_options_with(up: str, shown: str | None = None) -> Decorator:
+    """Options of the reference of slopes, with the command's own default for what is level, shown as it says."""
     return _group(
         _option(
             "--up",
             metavar="camera|dominant-plane|X,Y,Z",
             type=UP,
             default=up,
+            show_default=shown or True,
             help="What is level: camera 1 looks straight down; the largest plane, which must not be a wall then; or a "
             "vector against gravity in camera-1 axes (x right, y down, z forward).",
         ),
@@ -202,6 +203,12 @@ verdict_options = _group(
     ),
 )
 
+file_options = _group(
+    _option("--no-overlay", is_flag=True, help="Leave out overlay.png."),
+    _option("--no-ply", is_flag=True, help="Leave out patches.ply."),
+    _option("--no-glb", is_flag=True, help="Leave out patches.glb, which there is of planes, not of windows."),
+)
+
 output_options = _group(
     _option(
         "-o",
@@ -211,15 +218,19 @@ output_options = _group(
         help="Where the files go, made if need be. Required unless --json is given.",
     ),
     _option("--json", "as_json", is_flag=True, help="Print slopes.json on stdout instead of the table."),
-    _option("--no-overlay", is_flag=True, help="Leave out overlay.png."),
-    _option("--no-ply", is_flag=True, help="Leave out patches.ply."),
-    _option("--no-glb", is_flag=True, help="Leave out patches.glb, which there is of planes, not of windows."),
+    file_options,
 )
 
-talk_options = _group(
-    _option("-v", "--verbose", is_flag=True, expose_value=False, callback=_set_talk, help="Time of every stage."),
-    _option("-q", "--quiet", is_flag=True, expose_value=False, callback=_set_talk, help="Only errors on stderr."),
-)
+
+def talk_options_with(verbose: str) -> Decorator:
+    """How much is said on stderr; `verbose` says what more -v gives."""
+    return _group(
+        _option("-v", "--verbose", is_flag=True, expose_value=False, callback=_set_talk, help=verbose),
+        _option("-q", "--quiet", is_flag=True, expose_value=False, callback=_set_talk, help="Only errors on stderr."),
+    )
+
+
+talk_options = talk_options_with("Time of every stage.")
 
 
 def given(ctx: click.Context, *names: str) -> list[str]:

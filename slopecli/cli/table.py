@@ -14,8 +14,9 @@ if TYPE_CHECKING:
 HEADER = ("id", "slope", "95 % interval", "aspect", "verdict", "P(safe)", "roughness", "points", "note")
 # of planes found in the image, of which it is asked what they are and how large
 FOUND_HEADER = ("id", "what", "image", "slope", "95 % interval", "aspect", "verdict", "P(safe)", "points", "note")
-LEFT_ALIGNED = ("what", "verdict", "note")
+LEFT_ALIGNED = ("what", "verdict", "note", "pair", "result", "image 1", "image 2", "camera")
 VERDICT_COLOURS = {"safe": "green", "unsafe": "red", "undecided": "yellow"}
+VERDICT_COLOURS |= {"answered": "green", "failed": "red", "no answer": "yellow"}
 
 
 def result_table(report: Report) -> str:
@@ -32,7 +33,7 @@ def _window_table(report: Report) -> Iterator[str]:
     others = _other_slopes(report)
     rows = [(plane.id, _plane_cells(plane, report.scale.unit, others.get(plane.id))) for plane in report.planes]
     rows += [(window.id, _rejected_cells(window, len(HEADER))) for window in report.rejected]
-    return _aligned(HEADER, [cells for _, cells in sorted(rows)])
+    return aligned(HEADER, [cells for _, cells in sorted(rows)])
 
 
 def _found_table(report: Report) -> Iterator[str]:
@@ -44,7 +45,7 @@ def _found_table(report: Report) -> Iterator[str]:
         for plane in report.planes
     ]
     rows += [(region.id, _rejected_cells(region, len(FOUND_HEADER))) for region in report.rejected]
-    return _aligned(FOUND_HEADER, [cells for _, cells in sorted(rows)])
+    return aligned(FOUND_HEADER, [cells for _, cells in sorted(rows)])
 
 
 def _other_slopes(report: Report) -> dict[int, float]:
@@ -88,7 +89,8 @@ def _number(value: float, decimals: int) -> str:
     return f"{value:.{decimals}f}" if math.isfinite(value) else "-"
 
 
-def _aligned(header: tuple[str, ...], rows: list[tuple[str, ...]]) -> Iterator[str]:
+def aligned(header: tuple[str, ...], rows: list[tuple[str, ...]]) -> Iterator[str]:
+    """Lines of a table: numbers to the right, words to the left, verdicts in colour."""
     rows = [header, *rows]
     widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
     for row in rows:

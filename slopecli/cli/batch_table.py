@@ -1,0 +1,66 @@
+"""The tables of `slopemap batch` on stdout: what became of every pair, or which pairs there would be."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from slopecli.cli.table import aligned
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from slopecli.batch.jobs import CameraChoice, Outcome, Pair
+
+HEADER = ("pair", "result", "steepest", "safe", "unsafe", "undecided", "poor", "refused", "note")
+DRY_HEADER = ("pair", "image 1", "image 2", "camera", "note")
+
+
+def batch_table(outcomes: Sequence[Outcome]) -> str:
+    """One line per pair in their order; counts are of windows or planes, slopes in degrees."""
+    return "\n".join(aligned(HEADER, [_cells(outcome) for outcome in outcomes]))
+
+
+def dry_table(pairs: Sequence[Pair]) -> str:
+    """One line per pair that would be compared."""
+    return "\n".join(aligned(DRY_HEADER, [_dry_cells(pair) for pair in pairs]))
+
+
+def _cells(outcome: Outcome) -> tuple[str, ...]:
+    if outcome.exit_status:
+        result = "no answer" if outcome.exit_status == 3 else "failed"
+        return outcome.name, result, *"-" * (len(HEADER) - 3), outcome.code or ""
+    counts = (
+        outcome.n_safe,
+        outcome.n_unsafe,
+        outcome.n_undecided,
+        outcome.n_planes - outcome.n_ok,
+        outcome.n_rejected,
+    )
+    return outcome.name, "answered", _steepest(outcome), *map(str, counts), _note(outcome)
+
+
+def _steepest(outcome: Outcome) -> str:
+    if outcome.steepest_deg is None:
+        return "-"
+    sigma = outcome.steepest_sigma_deg
+    return f"{outcome.steepest_deg:.2f} ± {'-' if sigma is None else f'{sigma:.2f}'}°"
+
+
+def _note(outcome: Outcome) -> str:
+    doubt = ["two answers"] if outcome.ambiguity == "unresolved" else []
+    return ", ".join([*doubt, *dict.fromkeys(outcome.diagnostics)])
+
+
+def _dry_cells(pair: Pair) -> tuple[str, ...]:
+    if pair.problem is not None:
+        return pair.name, pair.image1 or "-", pair.image2 or "-", "-", f"cannot be tried: {pair.problem}"
+    cameras = dict.fromkeys(_camera(choice) for choice in (pair.camera1, pair.camera2))
+    return pair.name, pair.image1, pair.image2, ", ".join(cameras), ""
+
+
+def _camera(choice: CameraChoice | None) -> str:
+    if choice is None:
+        return "-"
+    if choice.file is not None:
+        return choice.file
+    return ",".join(f"{value:g}" for value in choice.intrinsics) if choice.intrinsics else f"{choice.fov_deg:g}°"
