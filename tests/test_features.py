@@ -2,12 +2,23 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
 from scenery import Pair, make_camera, pixel_grid, render, tilted, to_grey, turn, unit
 
 from slopecli.types import FloatArray
-from slopecli.vision.features import EFFORTS, FeatureEffort, match_descriptors, match_sift, shrink, to_full
+from slopecli.vision import features
+from slopecli.vision.features import (
+    EFFORTS,
+    FeatureEffort,
+    FeatureMemory,
+    match_descriptors,
+    match_sift,
+    shrink,
+    to_full,
+)
 
 SIDEWAYS = unit(0.8, 0.2, 0.4)
 SQUARE = make_camera(300, 300)
@@ -166,3 +177,36 @@ def test_without_a_second_best_nothing_is_believed(n1: int, n2: int) -> None:
     rows = np.eye(5, dtype=np.float32)
     i, j = match_descriptors(rows[:n1], rows[:n2], ratio=0.8)
     assert len(i) == len(j) == 0
+
+
+# ---- a memory of features ----
+
+
+def test_matches_are_the_same_to_the_last_bit_with_a_memory(plane: Pair) -> None:
+    memory = FeatureMemory()
+    for effort in (*EFFORTS, *EFFORTS):
+        remembered = match_sift(plane.grey1, plane.grey2, effort, memory)
+        fresh = match_sift(plane.grey1, plane.grey2, effort)
+        np.testing.assert_array_equal(remembered[0], fresh[0])
+        np.testing.assert_array_equal(remembered[1], fresh[1])
+        assert remembered[2] == fresh[2]
+
+
+def test_features_of_the_last_images_are_not_looked_for_again(monkeypatch: pytest.MonkeyPatch) -> None:
+    sought: list[int] = []
+
+    def detect(grey: features.Grey, effort: FeatureEffort) -> tuple[FloatArray, features.Descriptors]:
+        sought.append(int(grey[0, 0]))
+        return np.empty((0, 2)), np.empty((0, 128), np.float32)
+
+    monkeypatch.setattr(features, "detect_sift", detect)
+    memory, effort = FeatureMemory(2), EFFORTS[0]
+    images = [np.full((20, 20), value, np.uint8) for value in range(8)]
+    for first, second in pairwise(images):
+        memory.detect(first, effort)
+        memory.detect(second.copy(), effort)  # the pixels count, not the array
+    assert sought == list(range(8))
+    memory.detect(images[0], effort)
+    assert sought[8:] == [0]  # long forgotten
+    memory.detect(images[0].reshape(10, 40), effort)
+    assert sought[8:] == [0, 0]  # the same bytes in another shape are another image

@@ -115,13 +115,18 @@ class _Run:
     # ---- out ----
 
     def _hand_out(self) -> None:
-        """Give every lane that waits its next jobs."""
-        for lane in self._lanes:
-            while self._disk_full is None and not lane.busy and not lane.lost:
-                indices = self._next(lane)
-                if not indices:
-                    break
-                self._submit(lane, indices)
+        """Give every lane that waits its next jobs; once more after each that was refused or known already."""
+        while any([self._serve(lane) for lane in self._lanes]):
+            pass
+
+    def _serve(self, lane: Lane) -> bool:
+        """Give one lane its next jobs; False if it has some, or there are none."""
+        if self._disk_full is not None or lane.busy or lane.lost:
+            return False
+        indices = self._next(lane)
+        if indices:
+            self._submit(lane, indices)
+        return bool(indices)
 
     def _next(self, lane: Lane) -> list[int]:
         if self._again:
