@@ -211,6 +211,15 @@ def test_a_bad_image_is_named_and_the_pair_is_answered_once_it_is_good(
     assert answer(job).outcome.exit_status == 0
 
 
+def test_of_two_bad_images_both_are_named(tmp_path: Path) -> None:
+    for bad in (spoil_missing, spoil_text):
+        paths = make_images(tmp_path / bad.__name__, 2)
+        bad(paths[0])
+        spoil_size(paths[1])
+        outcome = answer(make_job(make_pairs(paths)[0], tmp_path / "out")).outcome
+        assert all(str(path) in str(outcome.message) for path in paths)
+
+
 def test_a_pair_that_cannot_tell_has_the_reason_and_the_remedy(tmp_path: Path) -> None:
     paths = make_images(tmp_path / "views", 2)
     cv2.imwrite(str(paths[1]), np.full((240, 240), 128, np.uint8))

@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import math
 import threading
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, replace
 from pathlib import PurePath
 
@@ -50,28 +50,48 @@ def load_inputs(job: Job) -> Shipped | Answer:
     """The bytes that a job needs; or its answer already, where it is finished or they cannot be read."""
     if job.pair.problem is not None:
         return _unreadable(job, job.pair.problem)
+    files: dict[str, bytes] = {}
     try:
-        files = _read(job)
-    except InputError as error:
-        return _unreadable(job, str(error))
+        for path, choice in _sides(job):
+            files |= _read(path, choice, job.base)
+    except InputError:
+        return _unreadable(job, "; ".join(_complaints(job)))
     digests = {path: hashlib.sha256(content).hexdigest() for path, content in files.items()}
     fingerprint = fingerprint_of(job, digests)
     known = finished(job, fingerprint)
     return Shipped(files, fingerprint) if known is None else Answer(known, kept=True)
 
 
+def _sides(job: Job) -> list[tuple[str, CameraChoice]]:
+    """Image and camera, first and second."""
+    pair, none = job.pair, CameraChoice()
+    return [(pair.image1, pair.camera1 or none), (pair.image2, pair.camera2 or none)]
+
+
+def _read(path: str, choice: CameraChoice, base: str) -> dict[str, bytes]:
+    """The bytes of an image and of its camera file, by path."""
+    files, (camera, _) = {path: read_image_file(path, base)}, camera_file(choice, base)
+    return files if camera is None else {camera: read_camera_file(camera, base), **files}
+
+
+def _complaints(job: Job, files: Mapping[str, bytes] | None = None) -> list[str]:
+    """What is wrong with the inputs, of both images: who repairs one shall not have to come back for the other."""
+    found: dict[str, None] = {}
+    for path, choice in _sides(job):
+        try:
+            _load(path, choice, _read(path, choice, job.base) if files is None else files)
+        except InputError as error:
+            found[str(error)] = None
+    return list(found)
+
+
+def _load(path: str, choice: CameraChoice, files: Mapping[str, bytes]) -> tuple[Image, Camera]:
+    image = _memory().image(files[path], path)
+    return image, camera_for(image, choice, files)[0]
+
+
 def _unreadable(job: Job, message: str) -> Answer:
     return Answer(store(job, failure(job, 1, "unreadable", message), {}))
-
-
-def _read(job: Job) -> dict[str, bytes]:
-    pair = job.pair
-    files = {path: read_image_file(path, job.base) for path in (pair.image1, pair.image2)}
-    for choice in (pair.camera1, pair.camera2):
-        file, _ = camera_file(choice, job.base)
-        if file is not None and file not in files:
-            files[file] = read_camera_file(file, job.base)
-    return files
 
 
 def _solve(job: Job, inputs: Shipped) -> tuple[Outcome, dict[str, bytes]]:
@@ -105,17 +125,13 @@ def _out_of_memory(job: Job) -> Outcome:
 
 
 def _estimate(job: Job, inputs: Shipped) -> tuple[Outcome, dict[str, bytes]]:
-    memory, pair = _memory(), job.pair
-    image1, image2 = (memory.image(inputs.files[path], path) for path in (pair.image1, pair.image2))
-    camera1 = _camera(image1, pair.camera1, inputs)
-    camera2 = _camera(image2, pair.camera2, inputs)
-    report = estimate(image1, image2, camera1, camera2, job.options, memory=memory.features)
+    try:
+        (image1, camera1), (image2, camera2) = (_load(path, choice, inputs.files) for path, choice in _sides(job))
+    except InputError:
+        raise InputError("; ".join(_complaints(job, inputs.files))) from None
+    report = estimate(image1, image2, camera1, camera2, job.options, memory=_memory().features)
     contents = encode_outputs(report, image1, **asdict(job.keep))
     return _outcome_of(job, report, inputs.fingerprint, tuple(contents)), contents
-
-
-def _camera(image: Image, choice: CameraChoice | None, inputs: Shipped) -> Camera:
-    return camera_for(image, choice or CameraChoice(), inputs.files)[0]
 
 
 def _outcome_of(job: Job, report: Report, fingerprint: str, files: tuple[str, ...]) -> Outcome:

@@ -116,7 +116,7 @@ class _Run:
 
     def _hand_out(self) -> None:
         """Give every lane that waits its next jobs; once more after each that was refused or known already."""
-        while any([self._serve(lane) for lane in self._lanes]):
+        while any(self._serve(lane) for lane in self._lanes):
             pass
 
     def _serve(self, lane: Lane) -> bool:

@@ -1,0 +1,363 @@
+"""A batch that is killed, interrupted, starved of space or fed with rubbish loses nothing and does nothing twice."""
+
+from __future__ import annotations
+
+import errno
+import json
+import os
+import random
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import cv2
+import pytest
+from batch_factory import make_images, tree
+
+pytestmark = [
+    pytest.mark.slow,
+    pytest.mark.skipif(
+        sys.platform != "linux", reason="looks for processes in /proc, injects faults as Linux has them"
+    ),
+]
+
+N_IMAGES = 41
+N_KILLS = 50
+PATIENCE_S = 300.0
+SUMMARY = {"summary.csv", "results.jsonl", "index.html"}
+
+
+@pytest.fixture(scope="module")
+def views(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("batch") / "views"
+    make_images(folder, N_IMAGES)
+    return folder
+
+
+@pytest.fixture(scope="module")
+def undisturbed(views: Path) -> dict[str, bytes]:
+    """What everything is compared with."""
+    folder = views.parent / "undisturbed"
+    done = batch(views, folder)
+    assert done.returncode == 0, done.stderr
+    return tree(folder)
+
+
+def command(views: Path, output: Path, *options: str) -> list[str]:
+    return [sys.executable, "-m", "slopecli", "batch", str(views), "-o", str(output), "--jobs", "2", "-q", *options]
+
+
+def batch(views: Path, output: Path, *options: str, **how: Any) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(command(views, output, *options), capture_output=True, text=True, timeout=PATIENCE_S, **how)
+
+
+@contextmanager
+def started(views: Path, output: Path, *options: str) -> Iterator[subprocess.Popen[str]]:
+    process = subprocess.Popen(
+        command(views, output, *options), stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True
+    )
+    try:
+        yield process
+    finally:
+        process.kill()
+        process.communicate()
+
+
+def finished(output: Path) -> dict[str, int]:
+    """Pairs that are answered, and when their record was written, ns."""
+    records = {path.parent.name: path for path in output.glob("*/pair.json")}
+    return {
+        name: path.stat().st_mtime_ns
+        for name, path in records.items()
+        if json.loads(path.read_bytes())["exit_status"] == 0
+    }
+
+
+def wait_for(output: Path, count: int) -> dict[str, int]:
+    """Wait until that many pairs are finished."""
+    deadline = time.monotonic() + PATIENCE_S
+    while len(done := finished(output)) < count:
+        assert time.monotonic() < deadline, "the batch does not get on"
+        time.sleep(0.02)
+    return done
+
+
+def outcomes_of(output: Path) -> list[dict[str, Any]]:
+    return [json.loads(line) for line in (output / "results.jsonl").read_text().splitlines()]
+
+
+def children(pid: int) -> list[int]:
+    found = []
+    for entry in Path("/proc").iterdir():
+        if entry.name.isdigit():
+            try:
+                state, parent = (entry / "stat").read_text().rpartition(")")[2].split()[:2]
+            except OSError:
+                continue  # it has just ended
+            if int(parent) == pid and state != "Z":
+                found.append(int(entry.name))
+    return found
+
+
+# ---- killed ----
+
+
+def test_killed_at_fifty_moments_it_comes_to_the_same_bytes(
+    views: Path, undisturbed: dict[str, bytes], tmp_path: Path
+) -> None:
+    output, rng, kills, seen = tmp_path / "out", random.Random(1), 0, dict[str, int]()
+    while kills < N_KILLS:
+        with started(views, output) as process:
+            kills += kill_at_random(process, rng, N_KILLS - kills)
+        seen = {**finished(output), **seen}
+    assert {"pair.json", "slopes.json"} <= {path.name for path in output.glob("*/*")}
+    last = batch(views, output)
+    assert last.returncode == 0, last.stderr
+    assert tree(output) == undisturbed
+    assert len(outcomes_of(output)) == N_IMAGES - 1
+    assert seen.items() <= finished(output).items(), "a finished pair was done again"
+
+
+def kill_at_random(process: subprocess.Popen[str], rng: random.Random, most: int) -> int:
+    """Kill workers, and in the end the batch itself, each at a random moment; how many were killed."""
+    kills, victims = 0, rng.randint(1, 3)
+    while kills < min(victims, most):
+        time.sleep(rng.uniform(0.1, 1.2))
+        if process.poll() is not None:
+            return kills  # it was faster
+        workers = children(process.pid)
+        is_last = kills == min(victims, most) - 1
+        victim = rng.choice(workers) if workers and not is_last else process.pid
+        try:
+            os.kill(victim, signal.SIGKILL)
+        except ProcessLookupError:
+            continue
+        kills += 1
+    return kills
+
+
+def test_a_summary_that_was_cut_off_is_written_again(
+    views: Path, undisturbed: dict[str, bytes], tmp_path: Path
+) -> None:
+    output = tmp_path / "out"
+    with started(views, output):
+        wait_for(output, 5)
+    assert not SUMMARY & {path.name for path in output.iterdir()}
+    batch(views, output)
+    (output / "summary.csv").write_bytes(b"half a")
+    (output / ".slopemap-1-index.html").write_bytes(b"half a page")
+    assert batch(views, output).returncode == 0
+    assert tree(output) == undisturbed
+
+
+def test_ctrl_c_leaves_a_summary_of_what_is_done(views: Path, undisturbed: dict[str, bytes], tmp_path: Path) -> None:
+    output = tmp_path / "out"
+    with started(views, output) as process:
+        wait_for(output, 5)
+        process.send_signal(signal.SIGINT)
+        _, said = process.communicate(timeout=PATIENCE_S)
+        assert process.returncode == 130
+    assert "Traceback" not in said
+    before, outcomes = finished(output), outcomes_of(output)
+    assert {outcome["name"] for outcome in outcomes} <= set(before)
+    assert 5 <= len(outcomes) < N_IMAGES - 1
+    assert {path.name for path in output.iterdir() if path.is_file()} == SUMMARY
+    assert batch(views, output).returncode == 0
+    assert tree(output) == undisturbed
+    assert before.items() <= finished(output).items()
+
+
+def test_a_second_batch_in_the_same_folder_is_refused(
+    views: Path, undisturbed: dict[str, bytes], tmp_path: Path
+) -> None:
+    output = tmp_path / "out"
+    with started(views, output) as first:
+        wait_for(output, 2)
+        second = batch(views, output, "--seed", "5")
+        assert first.poll() is None
+        assert second.returncode == 1
+        assert "in use by another batch" in second.stderr
+        assert len(second.stderr.splitlines()) == 1
+        first.communicate(timeout=PATIENCE_S)
+        assert first.returncode == 0
+    assert tree(output) == undisturbed
+
+
+def test_other_options_are_other_answers_and_leave_nothing_of_the_first(
+    views: Path, undisturbed: dict[str, bytes], tmp_path: Path
+) -> None:
+    output = tmp_path / "out"
+    with started(views, output, "--grid", "2x2", "--no-overlay"):
+        wait_for(output, 5)
+    assert batch(views, output).returncode == 0
+    assert tree(output) == undisturbed
+
+
+# ---- pairs that do harm ----
+
+HARM = """
+import os, signal, time
+import numpy as np
+import slopecli.pipeline
+
+real = slopecli.pipeline.estimate
+
+def estimate(image1, *others, **more):
+    name = os.path.basename(image1.path)
+    if name == "view003.png":
+        os.kill(os.getpid(), signal.SIGSEGV)
+    if name == "view010.png":
+        time.sleep(1000)
+    if name == "view025.png":
+        np.ones(4 * 10**9, np.uint8)
+    return real(image1, *others, **more)
+
+slopecli.pipeline.estimate = estimate
+"""
+
+
+def injected(folder: Path, program: str) -> dict[str, str]:
+    """An environment in which every Python process begins with `program`."""
+    folder.mkdir()
+    (folder / "sitecustomize.py").write_text(program)
+    return {**os.environ, "PYTHONPATH": os.pathsep.join([str(folder), os.getcwd()])}
+
+
+def test_a_crash_a_hang_and_a_glutton_fail_alone(views: Path, undisturbed: dict[str, bytes], tmp_path: Path) -> None:
+    output = tmp_path / "out"
+    done = batch(views, output, "--timeout", "15", "--memory", "2", env=injected(tmp_path / "harm", HARM))
+    assert done.returncode == 4, done.stderr
+    outcomes = outcomes_of(output)
+    assert [outcome["name"] for outcome in outcomes] == sorted(outcome["name"] for outcome in outcomes)
+    failed = {Path(outcome["image1"]).name: outcome["code"] for outcome in outcomes if outcome["exit_status"]}
+    assert failed == {"view003.png": "crashed", "view010.png": "timeout", "view025.png": "memory"}
+    before = finished(output)
+    assert len(before) == N_IMAGES - 4
+
+    # whatever it was, it is over
+    assert batch(views, output).returncode == 0
+    assert tree(output) == undisturbed
+    assert before.items() <= finished(output).items()
+
+
+# ---- bad files ----
+
+
+def spoil(folder: Path) -> dict[str, str]:
+    """Make 30 % of the images bad in every way a file can be; what its message must say, by name."""
+    paths = sorted(folder.glob("view*.png"))
+    cut = paths[3].read_bytes()[:5000]
+    paths[3].write_bytes(cut)
+    paths[4].write_bytes(b"")
+    paths[9].write_text("a text, whatever the name says\n" * 50)
+    paths[13].unlink()
+    paths[13].mkdir()
+    cv2.imwrite(str(paths[14]), cv2.imread(str(paths[14]))[:100])
+    paths[15].unlink()
+    paths[15].symlink_to(folder / "nowhere.png")
+    said = {3: "cut short", 4: "empty", 9: "text", 13: "is a folder", 14: "240x100", 15: "no such file"}
+    if os.geteuid() != 0:  # root reads everything
+        paths[19].chmod(0)
+        said[19] = "cannot be read"
+    return {paths[k].name: words for k, words in said.items()}
+
+
+def test_every_bad_file_is_named_and_every_good_pair_answered(
+    views: Path, undisturbed: dict[str, bytes], tmp_path: Path
+) -> None:
+    folder, output = tmp_path / "views", tmp_path / "out"
+    make_images(folder, 21)
+    bad = spoil(folder)
+    done = batch(folder, output)
+    assert done.returncode == 4, done.stderr
+    outcomes = outcomes_of(output)
+    assert len(outcomes) == 20
+    for outcome in outcomes:
+        names = [Path(outcome[key]).name for key in ("image1", "image2")]
+        guilty = [name for name in names if name in bad]
+        assert (outcome["exit_status"] != 0) == bool(guilty), outcome
+        assert all(name in outcome["message"] and bad[name] in outcome["message"] for name in guilty)
+    for name in finished(output):
+        assert not set(os.listdir(output / name)) ^ {Path(path).name for path in undisturbed if path.startswith(name)}
+
+
+# ---- a full disk ----
+
+FULL = """
+import errno, glob, os
+real = os.fsync
+
+def fsync(descriptor):
+    if len(glob.glob({output!r} + "/*/pair.json")) >= 7:
+        raise OSError(errno.{code}, os.strerror(errno.{code}))
+    real(descriptor)
+
+os.fsync = fsync
+"""
+
+
+@pytest.mark.parametrize("code", ["ENOSPC", "EDQUOT"])
+def test_a_full_disk_is_one_line_and_what_was_done_stays(
+    views: Path, undisturbed: dict[str, bytes], tmp_path: Path, code: str
+) -> None:
+    output = tmp_path / "out"
+    done = batch(views, output, env=injected(tmp_path / "harm", FULL.format(output=str(output), code=code)))
+    check_disk_full(done, output)
+    before = finished(output)
+    assert batch(views, output).returncode == 0
+    assert tree(output) == undisturbed
+    assert before.items() <= finished(output).items()
+
+
+def check_disk_full(done: subprocess.CompletedProcess[str], output: Path) -> None:
+    assert done.returncode == 1
+    assert len(done.stderr.splitlines()) == 1
+    assert "disk full" in done.stderr
+    assert "run the same command again" in done.stderr
+    assert 7 <= len(finished(output)) < N_IMAGES - 1
+    assert not list(output.rglob(".slopemap*"))
+
+
+@pytest.fixture
+def small_disk(tmp_path: Path) -> Iterator[Path]:
+    folder = tmp_path / "disk"
+    folder.mkdir()
+    mount = shutil.which("mount")
+    if (
+        mount is None
+        or subprocess.run([mount, "-t", "tmpfs", "-o", "size=4m", "tmpfs", folder], check=False).returncode
+    ):
+        pytest.skip("a small file system cannot be mounted here")
+    yield folder
+    subprocess.run(["umount", "--lazy", folder], check=True)
+
+
+def test_a_small_disk_fills_and_goes_on_when_it_has_grown(
+    views: Path, undisturbed: dict[str, bytes], small_disk: Path
+) -> None:
+    output = small_disk / "out"
+    check_disk_full(batch(views, output), output)
+    before = finished(output)
+    subprocess.run(["mount", "-o", "remount,size=400m", small_disk], check=True)
+    assert batch(views, output).returncode == 0
+    assert tree(output) == undisturbed
+    assert before.items() <= finished(output).items()
+
+
+def test_a_disk_that_is_full_from_the_start_is_one_line(views: Path, tmp_path: Path) -> None:
+    program = f"""
+import os
+def full(*_, **__):
+    raise OSError({errno.ENOSPC}, os.strerror({errno.ENOSPC}))
+os.fsync = full
+"""
+    done = batch(views, tmp_path / "out", env=injected(tmp_path / "harm", program))
+    assert done.returncode == 1
+    assert len(done.stderr.splitlines()) == 1
+    assert "disk full" in done.stderr
