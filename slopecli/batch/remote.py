@@ -43,12 +43,19 @@ def _answer(worker: Worker, job: Job) -> Answer:
     return Answer(failure_of(job, failed))
 
 
+class _Beside:
+    """The process beside a thread; let go when the thread ends."""
+
+    def __init__(self, limits: Limits) -> None:
+        self.limits, self.worker = limits, Worker(limits)
+
+    def __del__(self) -> None:
+        self.worker.shutdown(wait=False)
+
+
 def _worker(limits: Limits) -> Worker:
     """The process of this thread, with these limits."""
-    held: dict[Limits, Worker] = _of_thread.__dict__.setdefault("workers", {})
-    if limits not in held:
-        for worker in held.values():
-            worker.shutdown(wait=False)
-        held.clear()
-        held[limits] = Worker(limits)
-    return held[limits]
+    beside: _Beside | None = getattr(_of_thread, "beside", None)
+    if beside is None or beside.limits != limits:
+        beside = _of_thread.beside = _Beside(limits)
+    return beside.worker

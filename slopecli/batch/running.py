@@ -19,6 +19,7 @@ SUMMARY, LINES, PAGE = "summary.csv", "results.jsonl", "index.html"
 CHUNK = 8  # jobs a cluster is given at a time: enough for neighbours to meet, few enough to lose
 PER_CORE = 2  # chunks under way, so that no worker waits for the next
 MIN_LANES = 32  # for workers that join a cluster later
+CONNECT_S = 30
 
 OnProgress = Callable[[Progress], None]
 
@@ -186,7 +187,7 @@ def _run_on_cluster(work: list[Job], address: str, limits: Limits, ship: bool, b
     except ImportError:
         raise InputError("--cluster needs Dask, which is not installed; try pip install 'slopemap[cluster]'") from None
     try:
-        client = Client(address, timeout="30s", set_as_default=False)
+        client = Client(address, timeout=CONNECT_S, set_as_default=False)
     except (OSError, ValueError) as error:
         raise InputError(f"no Dask cluster answers at {address} ({error}); check the address") from None
     with client:

@@ -1,0 +1,116 @@
+"""Beyond one machine: a Dask cluster, or any executor, comes to the same bytes as the processes of this machine."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+from collections.abc import Callable, Iterator
+from concurrent.futures import Executor, ProcessPoolExecutor, ThreadPoolExecutor
+from multiprocessing import get_context
+from pathlib import Path
+from typing import Any
+
+import pytest
+from batch_factory import make_images, make_pairs, tree
+
+from slopecli.batch import run
+from slopecli.batch.jobs import Keep, Outcome, Pair, Progress
+from slopecli.errors import InputError
+from slopecli.options import Options
+
+pytestmark = pytest.mark.slow
+N_IMAGES = 25
+
+
+@pytest.fixture(scope="module")
+def pairs(tmp_path_factory: pytest.TempPathFactory) -> list[Pair]:
+    return make_pairs(make_images(tmp_path_factory.mktemp("views"), N_IMAGES))
+
+
+@pytest.fixture(scope="module")
+def here(pairs: list[Pair], tmp_path_factory: pytest.TempPathFactory) -> dict[str, bytes]:
+    """What the processes of this machine come to."""
+    folder = tmp_path_factory.mktemp("here")
+    answer(pairs, folder, jobs=2)
+    return tree(folder)
+
+
+@pytest.fixture
+def cluster() -> Iterator[Any]:
+    """Two worker processes of Dask on this machine."""
+    distributed = pytest.importorskip("distributed")
+    with distributed.LocalCluster(
+        n_workers=2, threads_per_worker=1, processes=True, dashboard_address=None, silence_logs=50
+    ) as local:
+        yield local
+
+
+def answer(pairs: list[Pair], folder: Path, **how: Any) -> list[Outcome]:
+    outcomes = run(pairs, Options(), Keep(), folder, **how)
+    assert [outcome.exit_status for outcome in outcomes] == [0] * len(pairs)
+    return outcomes
+
+
+@pytest.mark.parametrize("ship", [False, True], ids=["shared paths", "shipped"])
+def test_a_cluster_comes_to_the_same_bytes(
+    cluster: Any, pairs: list[Pair], here: dict[str, bytes], tmp_path: Path, ship: bool
+) -> None:
+    answer(pairs, tmp_path, cluster=cluster.scheduler_address, ship=ship)
+    assert tree(tmp_path) == here
+    seen: list[Progress] = []
+    answer(pairs, tmp_path, cluster=cluster.scheduler_address, ship=ship, on_progress=seen.append)
+    assert seen[-1].n_kept == len(pairs)
+    assert tree(tmp_path) == here
+
+
+@pytest.mark.parametrize("ship", [False, True], ids=["shared paths", "shipped"])
+def test_a_worker_killed_half_way_changes_nothing(
+    cluster: Any, pairs: list[Pair], here: dict[str, bytes], tmp_path: Path, ship: bool
+) -> None:
+    victims = [nanny.pid for nanny in cluster.workers.values()]
+    assert os.getpid() not in victims
+
+    def kill(progress: Progress) -> None:
+        if progress.n_done >= len(pairs) // 2 and victims:
+            os.kill(victims[0], signal.SIGKILL)
+            victims.clear()
+
+    answer(pairs, tmp_path, cluster=cluster.scheduler_address, ship=ship, on_progress=kill)
+    assert not victims
+    assert tree(tmp_path) == here
+
+
+def test_the_command_runs_on_a_cluster(cluster: Any, pairs: list[Pair], here: dict[str, bytes], tmp_path: Path) -> None:
+    folder = Path(pairs[0].image1).parent
+    program = [sys.executable, "-m", "slopecli", "batch", str(folder), "-o", str(tmp_path), "-q"]
+    done = subprocess.run(
+        [*program, "--cluster", cluster.scheduler_address], capture_output=True, text=True, timeout=300, check=False
+    )
+    assert done.returncode == 0, done.stderr
+    assert not done.stderr
+    assert tree(tmp_path) == here
+
+
+def test_a_cluster_that_is_not_there_is_one_line(pairs: list[Pair], tmp_path: Path, monkeypatch: Any) -> None:
+    pytest.importorskip("distributed")
+    monkeypatch.setattr("slopecli.batch.running.CONNECT_S", 1)
+    with pytest.raises(InputError, match=r"no Dask cluster answers at tcp://127.0.0.1:9") as refused:
+        run(pairs, Options(), Keep(), tmp_path, cluster="tcp://127.0.0.1:9")
+    assert "\n" not in str(refused.value)
+
+
+EXECUTORS: list[Callable[[], Executor]] = [
+    lambda: ProcessPoolExecutor(2, mp_context=get_context("spawn")),
+    lambda: ThreadPoolExecutor(2),
+]
+
+
+@pytest.mark.parametrize("make", EXECUTORS, ids=["process pool", "thread pool"])
+def test_any_executor_will_do(
+    make: Callable[[], Executor], pairs: list[Pair], here: dict[str, bytes], tmp_path: Path
+) -> None:
+    with make() as executor:
+        answer(pairs, tmp_path, executor=executor)
+    assert tree(tmp_path) == here
