@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import os
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Executor
@@ -20,6 +21,13 @@ CHUNK = 8  # jobs a cluster is given at a time: enough for neighbours to meet, f
 PER_CORE = 2  # chunks under way, so that no worker waits for the next
 MIN_LANES = 32  # for workers that join a cluster later
 CONNECT_S = 30
+DASK_LOGS = (
+    "distributed.client",
+    "distributed.core",
+    "distributed.comm",
+    "distributed.comm.core",
+    "distributed.comm.tcp",
+)
 
 OnProgress = Callable[[Progress], None]
 
@@ -186,12 +194,27 @@ def _run_on_cluster(work: list[Job], address: str, limits: Limits, ship: bool, b
         from distributed import Client
     except ImportError:
         raise InputError("--cluster needs Dask, which is not installed; try pip install 'slopemap[cluster]'") from None
+    with _quiet(DASK_LOGS):
+        try:
+            client = Client(address, timeout=CONNECT_S, set_as_default=False)
+        except (OSError, ValueError) as error:
+            raise InputError(f"no Dask cluster answers at {address} ({error}); check the address") from None
+        with client:
+            _run_elsewhere(work, client.get_executor(pure=False), limits, ship, book, sum(client.ncores().values()))
+
+
+@contextmanager
+def _quiet(names: Sequence[str]) -> Iterator[None]:
+    """Without the log lines and tracebacks of a connection that is lost: what it means is said in one line."""
+    loggers = [logging.getLogger(name) for name in names]
+    before = [logger.disabled for logger in loggers]
+    for logger in loggers:
+        logger.disabled = True
     try:
-        client = Client(address, timeout=CONNECT_S, set_as_default=False)
-    except (OSError, ValueError) as error:
-        raise InputError(f"no Dask cluster answers at {address} ({error}); check the address") from None
-    with client:
-        _run_elsewhere(work, client.get_executor(pure=False), limits, ship, book, sum(client.ncores().values()))
+        yield
+    finally:
+        for logger, disabled in zip(loggers, before, strict=True):
+            logger.disabled = disabled
 
 
 def _run_elsewhere(
