@@ -21,6 +21,7 @@ ROOT = Path(__file__).resolve().parent.parent
 README = ROOT / "README.md"
 REFERENCE = ROOT / "docs" / "cli.md"
 SEGMENT = ROOT / "docs" / "segment.md"
+BATCH = ROOT / "docs" / "batch.md"
 IMAGES = ROOT / "docs" / "images"
 EXAMPLE = re.compile(r"```console\n\$ (?P<command>slopemap (?:[^\n]*\\\n)*[^\n]*)\n(?P<output>.*?)```", re.DOTALL)
 
@@ -74,7 +75,7 @@ def main() -> None:
 
     REFERENCE.write_text(cli_reference(), encoding="utf-8")
     IMAGES.mkdir(exist_ok=True)
-    for document in (README, SEGMENT):
+    for document in (README, SEGMENT, BATCH):
         with tempfile.TemporaryDirectory() as folder:
             rewrite_example(document, Path(folder))
             if document == README:

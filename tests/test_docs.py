@@ -2,13 +2,22 @@
 
 from __future__ import annotations
 
+import ast
+import importlib
+import inspect
 import re
 import runpy
+from dataclasses import fields
 from pathlib import Path
 
 import pytest
 
 from slopecli import kinds
+from slopecli.batch import run
+from slopecli.batch.ledger import TRANSIENT
+from slopecli.cli.parameter_types import Pairing
+from slopecli.io.batch_files import COLUMNS
+from slopecli.orders import Outcome
 from slopecli.planes import regions
 from slopecli.vision import segmentation
 
@@ -17,6 +26,7 @@ DOCUMENTS = sorted([ROOT / "README.md", ROOT / "CHANGELOG.md", *(ROOT / "docs").
 GENERATE = runpy.run_path(str(ROOT / "docs" / "generate.py"))
 NUMBER = re.compile(r"[-+]?\d+(?:\.\d+)?")
 SEGMENT = (ROOT / "docs" / "segment.md").read_text(encoding="utf-8")
+BATCH = (ROOT / "docs" / "batch.md").read_text(encoding="utf-8")
 LARGE_PERCENT = 2.0  # planes of the example that any build of OpenCV finds alike
 
 
@@ -115,3 +125,42 @@ def test_pictures_are_small() -> None:
     pictures = list((ROOT / "docs" / "images").glob("segment_*"))
     assert pictures
     assert all(picture.stat().st_size < 150_000 for picture in pictures)
+
+
+# ---- docs/batch.md ----
+
+
+def test_batch_example_is_what_the_command_prints(tmp_path: Path) -> None:
+    example = GENERATE["EXAMPLE"].search(BATCH)
+    output = GENERATE["run_example"](example["command"], tmp_path)
+    shown, now = ([line.split() for line in text.splitlines()] for text in (example["output"], output))
+    assert now[0] == shown[0]
+    assert [row[:2] for row in now[1:]] == [row[:2] for row in shown[1:]]
+    steepest = [[float(row[2]) for row in rows[1:]] for rows in (shown, now)]
+    assert steepest[1] == pytest.approx(steepest[0], abs=1.0)
+    assert (tmp_path / "batch_output" / "index.html").exists()
+
+
+def test_batch_page_has_every_key_of_an_outcome_and_every_way_of_pairing() -> None:
+    keys = [field.name for field in fields(Outcome)]
+    assert [key for key in keys if f"`{key}`" not in BATCH] == []
+    listed = [
+        key for line in BATCH.splitlines() if "| yes |" in line for key in re.findall(r"`(\w+)`", line.split("|")[1])
+    ]
+    assert sorted(listed) == sorted(COLUMNS)
+    assert all(f"`{word}`" in BATCH for word in Pairing.words)
+
+
+def test_batch_page_names_the_failures_that_are_tried_again() -> None:
+    assert set(re.findall(r"^\| `(\w+)` .* tries again \|$", BATCH, re.MULTILINE)) == TRANSIENT
+
+
+@pytest.mark.parametrize("code", re.findall(r"```python\n(.*?)```", BATCH, re.DOTALL), ids=["slurm", "mpi"])
+def test_batch_code_calls_what_there_is(code: str) -> None:
+    """The executors of others are not at hand here; everything of ours is."""
+    for module, name in re.findall(r"^from (slopecli[\w.]*) import (\w+)", code, re.MULTILINE):
+        assert hasattr(importlib.import_module(module), name)
+    (call,) = (
+        node for node in ast.walk(ast.parse(code)) if isinstance(node, ast.Call) and ast.unparse(node.func) == "run"
+    )
+    inspect.signature(run).bind(*call.args, **{str(keyword.arg): keyword.value for keyword in call.keywords})
