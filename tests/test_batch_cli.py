@@ -12,9 +12,15 @@ import sys
 from pathlib import Path
 from typing import Any
 
+import click
 import cv2
 import pytest
 from test_cli import DESCENT, slopemap
+
+from slopecli.batch.jobs import Outcome, Progress
+from slopecli.cli.batch_table import batch_table
+from slopecli.cli.progress import ProgressLine
+from slopecli.cli.talk import Talk
 
 SCALE = 0.4
 COUNT = 5  # images: two views in turn, so four pairs
@@ -258,6 +264,75 @@ def test_interrupted_it_keeps_what_is_done_and_goes_on(answer: Run, flight: Path
     again = slopemap("batch", str(flight), "-o", str(output))
     assert again.returncode == 0
     assert contents_of(output) == contents_of(answer[1])
+
+
+# ---- progress ----
+
+
+def progress_of(n_done: int, n_kept: int = 0, failed: bool = False) -> Progress:
+    status = {"exit_status": 3, "code": "low-texture", "message": "nothing\nmatches", "remedy": "look elsewhere"}
+    latest = Outcome("a-b", "a.png", "b.png", **(status if failed else {"exit_status": 0}))  # type: ignore[arg-type]
+    return Progress(100, n_done, int(failed), n_kept, latest)
+
+
+class Clock:
+    """Seconds that pass when told."""
+
+    def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
+        self.now = 1000.0
+        monkeypatch.setattr("slopecli.cli.progress.time.monotonic", lambda: self.now)
+
+
+def test_progress_has_rate_time_left_and_failures(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    clock = Clock(monkeypatch)
+    line = ProgressLine(Talk())
+    clock.now += 20.0
+    line(progress_of(50, n_kept=40, failed=True))
+    assert capsys.readouterr().err.splitlines() == [
+        "warning: a-b: low-texture: nothing matches; look elsewhere",
+        "50 of 100 pairs, 40 kept from before, 1 without an answer, 30.0 pairs/min, 1 min 40 s left",
+    ]
+    assert line.so_far == "50 of 100 pairs"
+
+
+def test_a_log_gets_a_line_now_and_then_not_one_a_pair(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    clock = Clock(monkeypatch)
+    line = ProgressLine(Talk())
+    for done in range(1, 101):
+        clock.now += 1.0
+        line(progress_of(done))
+    lines = capsys.readouterr().err.splitlines()
+    assert [int(one.split()[0]) for one in lines] == list(range(10, 101, 10))
+
+
+def test_a_terminal_has_one_line_that_is_written_over(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    clock = Clock(monkeypatch)
+    monkeypatch.setattr("sys.stderr.isatty", lambda: True)
+    monkeypatch.setenv("TERM", "xterm")
+    monkeypatch.setenv("COLUMNS", "30")
+    monkeypatch.setattr("slopecli.cli.progress.click.echo", lambda text, nl=True, err=True: shown.append((text, nl)))
+    shown: list[tuple[str, bool]] = []
+    line = ProgressLine(Talk())
+    for done in range(1, 4):
+        clock.now += 0.2
+        line(progress_of(done))
+    line.erase()
+    assert len(shown) == 4
+    assert not any(new_line for _, new_line in shown)
+    assert all(text.startswith("\r\x1b[K") and len(text) < 35 for text, _ in shown)
+    assert shown[-1][0] == "\r\x1b[K"
+
+
+def test_titles_of_the_table_have_no_colour() -> None:
+    header, row = batch_table([Outcome("a-b", "a.png", "b.png", 0)]).splitlines()
+    assert header == click.unstyle(header)
+    assert row != click.unstyle(row)
 
 
 # ---- help ----

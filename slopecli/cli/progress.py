@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import shutil
 import sys
 import time
 from typing import TYPE_CHECKING
@@ -37,7 +38,9 @@ class ProgressLine:
         self._latest, now = progress, time.monotonic()
         tenths = 10 * progress.n_done // progress.n_pairs
         if self._live and now - self._last >= REDRAW_S:
-            click.echo(f"{ERASE_LINE}{self._line(progress, now)}", nl=False, err=True)
+            # a line that wraps cannot be erased
+            shown = self._line(progress, now)[: shutil.get_terminal_size().columns - 1]
+            click.echo(f"{ERASE_LINE}{shown}", nl=False, err=True)
             self._last = now
         elif not self._live and now - self._last >= (TENTH_S if tenths > self._tenths else LOG_S):
             self._talk.say(self._line(progress, now))
@@ -56,7 +59,7 @@ class ProgressLine:
     @property
     def so_far(self) -> str:
         """How many pairs are done."""
-        return "no pair is done" if self._latest is None else f"{self._latest.n_done} of {self._latest.n_pairs} pairs"
+        return "no pair" if self._latest is None else f"{self._latest.n_done} of {self._latest.n_pairs} pairs"
 
     def _line(self, progress: Progress, now: float) -> str:
         parts = [f"{progress.n_done} of {progress.n_pairs} pairs"]

@@ -91,9 +91,8 @@ def _number(value: float, decimals: int) -> str:
 
 def aligned(header: tuple[str, ...], rows: list[tuple[str, ...]]) -> Iterator[str]:
     """Lines of a table: numbers to the right, words to the left, verdicts in colour."""
-    rows = [header, *rows]
-    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
-    for row in rows:
+    widths = [max(map(len, column)) for column in zip(header, *rows, strict=True)]
+    for row in (header, *rows):
         cells = [_padded(*cell) for cell in zip(header, row, widths, strict=True)]
         yield "  ".join(cells).rstrip()
 
@@ -101,7 +100,8 @@ def aligned(header: tuple[str, ...], rows: list[tuple[str, ...]]) -> Iterator[st
 def _padded(column: str, cell: str, width: int) -> str:
     padded = cell.ljust(width) if column in LEFT_ALIGNED else cell.rjust(width)
     # the escape codes have no width, so they come after padding
-    return click.style(padded, fg=VERDICT_COLOURS[cell]) if cell in VERDICT_COLOURS else padded
+    coloured = cell in VERDICT_COLOURS and cell != column  # a title is no verdict
+    return click.style(padded, fg=VERDICT_COLOURS[cell]) if coloured else padded
 
 
 def talk_lines(report: Report) -> Iterator[str]:
