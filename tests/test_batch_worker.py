@@ -9,7 +9,7 @@ import sys
 import threading
 import time
 from collections.abc import Iterator
-from concurrent.futures import Future
+from concurrent.futures import BrokenExecutor, Future
 
 import numpy as np
 import pytest
@@ -141,6 +141,21 @@ def test_a_call_that_wants_too_much_memory_fails_alone() -> None:
     with pytest.raises(MemoryError):
         greedy.result(PATIENCE_S)
     assert after.result(PATIENCE_S) == 10**6
+    worker.shutdown()
+
+
+@on_linux
+def test_too_little_memory_to_begin_with_is_said() -> None:
+    worker = Worker(Limits(memory_gb=1e-4))
+    with pytest.raises(BrokenExecutor, match=r"--memory 0\.0001 may be too little"):
+        worker.submit(add, 1).result(PATIENCE_S)
+    worker.shutdown()
+
+
+@on_linux
+def test_limits_beyond_all_bounds_are_none() -> None:
+    worker = Worker(Limits(timeout_s=1e300, memory_gb=1e300))
+    assert worker.submit(add, 1).result(PATIENCE_S) == 2
     worker.shutdown()
 
 

@@ -92,6 +92,7 @@ def run(
             with suppress(SlopemapError):
                 _write_summary(folder, book.outcomes)
             raise
+        _clear(folder, pairs)  # workers may have been lost
         _write_summary(folder, book.outcomes)
         return book.outcomes
 
@@ -126,7 +127,7 @@ def _unusable(folder: Path, error: OSError) -> InputError:
 
 
 def _clear(folder: Path, pairs: Sequence[Pair]) -> None:
-    """Remove what a killed run left half done."""
+    """Remove what killed writers left half done."""
     from slopecli.io.atomic import remove_temporary
 
     for place in (folder, *(folder / pair.name for pair in pairs)):

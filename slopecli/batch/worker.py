@@ -23,6 +23,7 @@ T = TypeVar("T")
 
 HEADER = struct.Struct("<Q")  # length of the pickle that follows
 STARTS = 3  # a process that ends this often before it is ready will not come up
+MOST_BYTES = 2**62  # more cannot be told to the system
 LEAVE_S = 10.0  # to end by itself
 ONE_THREAD = dict.fromkeys(("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"), "1")
 SERVE = "import sys; from slopecli.batch.worker import serve; serve(int(sys.argv[1]))"
@@ -140,7 +141,7 @@ class Worker(Executor):
             expired.set()
             process.kill()
 
-        timer = threading.Timer(self._limits.timeout_s or 0.0, expire)
+        timer = threading.Timer(min(self._limits.timeout_s or 0.0, threading.TIMEOUT_MAX), expire)
         timer.daemon = True
         if self._limits.timeout_s is not None:
             timer.start()
@@ -161,7 +162,8 @@ class Worker(Executor):
                 _receive(process.stdout)
                 return process
             self._kill()
-        raise BrokenExecutor("a worker process ends before it is ready")
+        hint = "" if self._limits.memory_gb is None else f"; --memory {self._limits.memory_gb:g} may be too little"
+        raise BrokenExecutor(f"a worker process ends before it is ready{hint}")
 
     def _start(self) -> subprocess.Popen[bytes]:
         with self._starting:
@@ -199,7 +201,8 @@ def _how(status: int) -> str:
 
 
 def _bytes(memory_gb: float | None) -> int:
-    return 0 if memory_gb is None else int(memory_gb * 1e9)
+    """For `_limit_memory`; 0 is no limit."""
+    return 0 if memory_gb is None else max(1, int(min(memory_gb * 1e9, MOST_BYTES)))
 
 
 def _spawn(limits: Limits, inherit: tuple[int, ...]) -> subprocess.Popen[bytes]:
