@@ -38,7 +38,8 @@ from slopecli.types import (
     Up,
 )
 
-UNKNOWN_DEG = 60.0  # a slope whose 1-sigma is larger than this is no answer
+# a slope whose 1-sigma is larger than this is no answer: where a window was asked about, and where a plane is claimed
+UNKNOWN_DEG, UNKNOWN_OF_FOUND_DEG = 60.0, 10.0
 LEAST_SEEN = 0.5  # share of a window that must be matched to speak for all of it
 ROUGH = 0.025  # RMS height off the plane over distance beyond which a window is not one plane
 MOST_LEFT_OUT = 0.25  # share of a window's matches off its plane beyond which it is not one plane
@@ -229,7 +230,8 @@ def _status(
 
 def _known(plane: Plane) -> bool:
     """Whether the matches say where the plane faces, and that it lies before the camera (NaN compares false)."""
-    return plane.slope_sigma_deg <= UNKNOWN_DEG and plane.distance > 0
+    most = UNKNOWN_DEG if plane.source == "window" else UNKNOWN_OF_FOUND_DEG
+    return plane.slope_sigma_deg <= most and plane.distance > 0
 
 
 def _scaled(plane: Plane, scale: Scale, length: float) -> Plane:

@@ -10,7 +10,7 @@ from scenery import Pair, Surface, make_camera, pixel_grid, render, tilted, turn
 
 from slopecli.pipeline import FEATURE_MATCHERS
 from slopecli.planes.footprint import region_footprints
-from slopecli.planes.region_match import CELL, match_regions
+from slopecli.planes.region_match import CELL, match_labelled, match_regions
 from slopecli.planes.scene import Scene
 from slopecli.planes.survey import survey
 from slopecli.planes.window_match import WindowMatch
@@ -37,7 +37,8 @@ def seen() -> tuple[Pair, Scene, np.ndarray]:
 
 def matches(labels: np.ndarray, planes: list[FloatArray] = PLANES) -> list[WindowMatch]:
     _, scene, _ = seen()
-    return match_regions(labels, planes, region_footprints(labels, scene.shape1), scene)
+    footprints = region_footprints(labels, scene.shape1)
+    return match_regions(*match_labelled(labels, planes, scene), footprints, scene)
 
 
 @pytest.mark.parametrize("off", [1.0, 1.015], ids=["true planes", "planes half a pixel off"])

@@ -14,6 +14,7 @@ from slopecli.types import FloatArray, IntArray
 
 # information this much smaller than the largest is rounding: that direction is reported as almost unknown
 _LEAST_INFORMATION = 1e-15
+_NO_INFORMATION = 1e-100  # of a patch all of whose points were left out
 
 
 class Covariance(NamedTuple):
@@ -38,14 +39,15 @@ def covariance_of(system: System, T: FloatArray, index: int, noise: float) -> Co
     P[:3, :3], P[3:, 3:] = np.eye(3), tangent
     C = noise**2 * _inverse(P.T @ system.reduced[index, :6, :6] @ P)
     gain = -system.response[index, :, :, :6] @ P
-    own = noise**2 * np.linalg.inv(system.plane_block[index])
+    own = noise**2 * _inverse(system.plane_block[index])
     return Covariance(own + gain @ C @ gain.swapaxes(1, 2), C, tangent, gain)
 
 
 def _inverse(information: FloatArray) -> FloatArray:
-    """Inverse of a positive semi-definite matrix whose null directions become very uncertain instead of failing."""
+    """Inverses (..., k, k) of positive semi-definite matrices; null directions become very uncertain, not errors."""
     values, vectors = np.linalg.eigh(information)
-    return (vectors / np.maximum(values, _LEAST_INFORMATION * values[-1])) @ vectors.T
+    least = np.maximum(_LEAST_INFORMATION * values[..., -1:], _NO_INFORMATION)
+    return np.asarray((vectors / np.maximum(values, least)[..., None, :]) @ vectors.swapaxes(-1, -2))
 
 
 def information_system(observations: Observations, state: State, W: FloatArray | None = None) -> System:

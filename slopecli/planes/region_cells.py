@@ -11,6 +11,7 @@ from slopecli.geometry.motion import epipolar_residual, inverse_depth
 from slopecli.planes.labelling import cover
 from slopecli.planes.scene import Scene, axis_variance
 from slopecli.types import FloatArray, IntArray
+from slopecli.vision.dense import Cells
 from slopecli.vision.segmentation import Labels, grown
 from slopecli.vision.sparse import pair_rays
 from slopecli.vision.warp import Grid
@@ -22,6 +23,7 @@ SEEDS = 600  # neighbourhoods that propose a plane
 NEIGHBOURS = (6, 12, 24)  # cells in them: small ones for small planes, large ones against noise
 GATE = 2.5  # sigmas at which a cell has lost most of its weight
 REWEIGHTS = 6
+TINY = 1e-12  # sigmas^-2: keeps cells that all lie far off a plane from leaving it undefined
 TRUNCATED = 9.0  # squared sigmas: a cell on another plane costs no more, however far off it is
 UNEXPLAINED = 7.0  # cost of a cell that no plane explains
 LEAST_GAIN = 25.0  # a proposal must explain this much more, in squared sigmas: three or four cells
@@ -41,14 +43,21 @@ class RegionCells:
     def __len__(self) -> int:
         return len(self.uv1)
 
+    def take(self, index: IntArray) -> RegionCells:
+        """The cells of these numbers (m,)."""
+        return RegionCells(self.uv1[index], self.rows[index], self.target[index])
+
     def cost(self, normals: FloatArray) -> FloatArray:
-        """(n, k) squared distance of every cell from every plane, truncated."""
-        return np.asarray(np.minimum((self.target[:, None] - self.rows @ normals.T) ** 2, TRUNCATED), np.float32)
+        """(n, k) squared distance of every cell from every plane, truncated; the values of a plane lie together."""
+        cost = normals.astype(np.float32) @ self.rows.astype(np.float32).T
+        cost -= self.target.astype(np.float32)
+        cost *= cost
+        return np.minimum(cost, np.float32(TRUNCATED), out=cost).T
 
 
-def region_cells(scene: Scene) -> RegionCells:
-    """All cells of the overview that obey the motion, those of faint texture with the sigma that goes with it."""
-    cells, focal = scene.cells, scene.camera2.focal_px
+def region_cells(cells: Cells, scene: Scene) -> tuple[RegionCells, IntArray]:
+    """Cells that obey the motion, those of faint texture with the sigma that goes with it, and which (m,) they are."""
+    focal = scene.camera2.focal_px
     variance = axis_variance(cells.information, cells.uv1, scene, FLOOR_PX, NOISE_GREY) / cells.pixel_scale**2
     x1, x2, seen = pair_rays(scene.camera1, scene.camera2, cells.uv1, cells.uv2)
     residual = np.abs(epipolar_residual(scene.R, scene.T, x1, x2)) * focal
@@ -56,7 +65,7 @@ def region_cells(scene: Scene) -> RegionCells:
     w, leverage = inverse_depth(scene.R, scene.T, x1, x2)
     keep = seen & (residual < allowed) & (w > 0) & (leverage > 0) & (variance[:, 0] < MAX_SIGMA_PX**2)
     scale = (leverage * focal / np.sqrt(variance[:, 0]))[keep]
-    return RegionCells(cells.uv1[keep], homogeneous(x1[keep]) * scale[:, None], w[keep] * scale)
+    return RegionCells(cells.uv1[keep], homogeneous(x1[keep]) * scale[:, None], w[keep] * scale), np.flatnonzero(keep)
 
 
 def neighbourhood_planes(cells: RegionCells, rng: np.random.Generator) -> FloatArray:
@@ -66,25 +75,25 @@ def neighbourhood_planes(cells: RegionCells, rng: np.random.Generator) -> FloatA
         if len(cells) < size:
             continue
         seeds = rng.permutation(len(cells))[: SEEDS // len(NEIGHBOURS)]
-        near = _nearest(cells.uv1, seeds, size)
-        planes.append(_robust_planes(cells.rows[near], cells.target[near]))
+        near = nearest(cells.uv1, seeds, size)
+        planes.append(robust_planes(cells.rows[near], cells.target[near]))
     return np.vstack(planes) if planes else np.empty((0, 3))
 
 
-def _nearest(uv1: FloatArray, seeds: IntArray, size: int) -> IntArray:
+def nearest(uv1: FloatArray, seeds: IntArray, size: int) -> IntArray:
     """(len(seeds), size) indices of the cells nearest to each seed, itself among them."""
     squared = ((uv1[seeds, None] - uv1[None]) ** 2).sum(2)
     return np.argpartition(squared, size - 1, axis=1)[:, :size]
 
 
-def _robust_planes(rows: FloatArray, target: FloatArray) -> FloatArray:
+def robust_planes(rows: FloatArray, target: FloatArray) -> FloatArray:
     """(k, 3) planes through k groups of cells, rows (k, m, 3), by reweighted least squares."""
     weight = np.ones(target.shape)
     normals = np.empty((len(rows), 3))
     for _ in range(REWEIGHTS):
         weighted = rows * weight[..., None]
         system = weighted.transpose(0, 2, 1) @ rows
-        damping = 1e-9 * np.trace(system, axis1=1, axis2=2)[:, None, None] * np.eye(3)
+        damping = np.maximum(1e-9 * np.trace(system, axis1=1, axis2=2), TINY)[:, None, None] * np.eye(3)
         right = (weighted * target[..., None]).sum(1)
         normals = np.linalg.solve(system + damping, right[..., None])[..., 0]
         residual = np.einsum("kmi,ki->km", rows, normals) - target

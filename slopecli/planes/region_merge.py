@@ -15,7 +15,7 @@ from slopecli.vision.comparison import OUTSIDE, Comparison, Points
 from slopecli.vision.segmentation import Labels
 
 FIT_PIXELS = 1500  # of a region that its plane is fitted to
-TEST_PIXELS = 700  # of a region on which two planes compete
+TEST_PIXELS = 400  # of a region on which two planes compete
 FEW = 64  # of those, on which it is seen whether two planes are alike at all
 LEAST_PIXELS = 100  # fewer, a pixel inside their border, leave a plane as it was
 SAVED = 600.0  # cost a plane must save to be one of its own, variances: neighbouring pixels share their errors
@@ -116,7 +116,7 @@ class _Merging:
 
 def _drawn(labels: Labels, count: int, most: int, rng: np.random.Generator) -> list[Points]:
     """For labels 1..count: at most `most` random pixels each, in random order, as rows and columns."""
-    flat = labels.ravel()
+    flat = labels.ravel().astype(np.uint16)  # sorted by radix
     order = rng.permutation(len(flat))
     order = order[np.argsort(flat[order], kind="stable")]
     ends = np.cumsum(np.bincount(flat, minlength=count + 1))

@@ -15,12 +15,14 @@ from slopecli.options import Options
 from slopecli.planes.footprint import region_footprints
 from slopecli.planes.patches import Patches
 from slopecli.planes.region_cells import component_planes, fewest_planes, neighbourhood_planes, region_cells
-from slopecli.planes.region_labels import BorderCost, enlarged, label_blocks
-from slopecli.planes.region_match import match_regions
+from slopecli.planes.region_labels import BorderCost, enlarged, label_blocks, surroundings
+from slopecli.planes.region_match import CELL, match_labelled, match_regions
 from slopecli.planes.region_merge import Labelled, merged, refitted
+from slopecli.planes.region_review import reviewed
 from slopecli.planes.scene import Scene, whole_grid
 from slopecli.types import FloatArray, Segmentation
 from slopecli.vision.comparison import Comparison, single_threaded
+from slopecli.vision.dense import Cells
 from slopecli.vision.segmentation import (
     Labels,
     adaptive_threshold,
@@ -38,7 +40,7 @@ LEAST_SKETCHED = 1e-3  # share of the image below which a plane is dropped while
 LEAST_PIECE = 3e-4  # share of the image: smaller pieces of a plane are accidents
 # of labelling: px a side of the blocks, the step between px of them that are compared, and the least region that stays,
 # in shares of the least that is reported
-ROUNDS = ((4, 2, 0.4), (4, 1, 1.0), (3, 1, 1.0))
+ROUNDS = ((4, 2, 0.4), (4, 2, 1.0), (4, 1, 1.0))
 
 
 def find_regions(scene: Scene, options: Options) -> Patches:
@@ -58,15 +60,31 @@ def find_regions(scene: Scene, options: Options) -> Patches:
     with single_threaded():
         proposals = _proposed_planes(scene, components, grid, rng)
         found = _labelled(scene, grid, proposals, gradient, threshold, options, rng)
-    if not found.planes:
+        _refuse_without(bool(found.planes), options)
+        labels, cells = match_labelled(found.labels, found.planes, scene)
+    labels = _borne_out(labels, cells, scene, options, rng)
+    footprints = region_footprints(labels, scene.shape1)
+    matches = match_regions(labels, cells, footprints, scene)
+    segmentation = Segmentation(gradient, threshold, components, resized(labels, grid.shape))
+    return Patches("region", footprints, matches, segmentation)
+
+
+def _borne_out(labels: Labels, cells: Cells, scene: Scene, options: Options, rng: np.random.Generator) -> Labels:
+    """The labels that matches bear out, see `reviewed`."""
+    evidence, which = region_cells(cells, scene)
+    least_px = options.min_region_percent / 100 * labels.size
+    labels = reviewed(labels, evidence, cells.index[which] * CELL + CELL // 2, CELL, least_px, rng)
+    _refuse_without(bool(labels.any()), options)
+    return labels
+
+
+def _refuse_without(planes: bool, options: Options) -> None:
+    if not planes:
         raise NoAnswer(
             "low-texture",
             f"no plane explains {options.min_region_percent:g} % of image 1",
             "give images with more texture or more overlap, or a smaller --min-region",
         )
-    footprints = region_footprints(found.labels, scene.shape1)
-    matches = match_regions(found.labels, found.planes, footprints, scene)
-    return Patches("region", footprints, matches, Segmentation(gradient, threshold, components, found.labels))
 
 
 def _comparison(scene: Scene, grid: Grid) -> Comparison:
@@ -84,7 +102,7 @@ def _comparison(scene: Scene, grid: Grid) -> Comparison:
 
 def _proposed_planes(scene: Scene, components: Labels, grid: Grid, rng: np.random.Generator) -> list[FloatArray]:
     """Scaled normals (3,) of planes the dense matches suggest."""
-    cells = region_cells(scene)
+    cells, _ = region_cells(scene.cells, scene)
     nearby = neighbourhood_planes(cells, rng)
     return [*fewest_planes(cells, nearby), *component_planes(cells, components, grid, nearby)]
 
@@ -105,7 +123,8 @@ def _labelled(
     borders = BorderCost.along_edges(gradient, threshold)
     for side, step, share in ROUNDS:
         found = merged(comparison, refitted(comparison, found, rng), options.merge_px, rng)
-        blocks = label_blocks(comparison, found.planes, borders, side, step)
+        boxes = surroundings(found.labels, len(found.planes))
+        blocks = label_blocks(comparison, found.planes, borders, side, step, boxes)
         # planes that hold crumbs only go, and next time the others compete for those
         labels = enlarged(without_small_pieces(blocks, LEAST_PIECE * blocks.size), side, grid.shape)
         found = Labelled(found.planes, labels).by_size(share * options.min_region_percent / 100 * labels.size)
@@ -118,5 +137,5 @@ def _sketch(scene: Scene, planes: list[FloatArray], gradient: np.ndarray, thresh
     size = (small.shape[1], small.shape[0])
     coarse = np.asarray(cv2.resize(gradient, size, interpolation=cv2.INTER_AREA), np.float32)
     borders = BorderCost.along_edges(coarse, threshold)
-    labels = enlarged(label_blocks(_comparison(scene, small), planes, borders, 2), 2, small.shape)
+    labels = enlarged(label_blocks(_comparison(scene, small), planes, borders, 3), 3, small.shape)
     return resized(labels, grid.shape)

@@ -7,14 +7,26 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import dataclass
 
 import cv2
 import numpy as np
 
 from slopecli.geometry.epipolar import homogeneous
-from slopecli.types import BoolArray, FloatArray, IntArray
+from slopecli.types import FloatArray, IntArray
 from slopecli.vision.photometric import detrend, grid_rays
-from slopecli.vision.warp import FloatImage, Grid, Pyramid, Transfer, covered, image_gradient, map_nodes, spread_nodes
+from slopecli.vision.warp import (
+    NODE_STEP,
+    FloatImage,
+    Grid,
+    Pyramid,
+    Transfer,
+    covered,
+    image_gradient,
+    map_nodes,
+    node_shape,
+    spread_table,
+)
 
 SHADING_PX = 8.0  # working px over which brightness is taken for exposure and shading, not texture
 NOISE_GREY = 2.5  # 1-sigma of the difference of two images of one surface, grey levels
@@ -24,20 +36,21 @@ OUTSIDE = 2 * TRUNCATED  # cost of a pixel the plane sends outside image 2
 GATE = 4.0  # squared sigmas at which a pixel has lost three quarters of its weight in a fit
 MIN_SEEN = 0.3  # share of the pixels image 2 must show for a plane to be fitted to them
 MAX_STEP_PX, SETTLED_PX = 1.0, 0.02  # working px a step may move pixels by, and by which it ends the fit
+SAME_SHIFT_PX = 0.3  # working px a step may move pixels by, and they still move alike with depth
 
+NO_GREY, LEAST_OUTSIDE = 1e6, 1e-3  # grey value beyond image 2, and the share of it by which a pixel lies there
 NOWHERE = -1e4  # px: far outside any image 2
 
 Points = tuple[IntArray, IntArray]  # rows and columns of working pixels
+Box = tuple[slice, slice]  # rows and columns of a rectangle of them
 
 
-def transferred(
-    rays: FloatArray, inverse_depth: FloatArray, R: FloatArray, epipole2: FloatArray, pixels2: Transfer
-) -> FloatArray:
+def transferred(turned: FloatArray, inverse_depth: FloatArray, epipole2: FloatArray, pixels2: Transfer) -> FloatArray:
     """Px of image 2 (n, 2) where points of image 1 are seen; NOWHERE for those behind a camera.
 
-    rays : (n, 3) homogeneous.  inverse_depth : (n,) 1/baseline.  epipole2 : R T.
+    turned : (n, 3) their homogeneous rays as rows times R.T.  inverse_depth : (n,) 1/baseline.  epipole2 : R T.
     """
-    moved = rays @ R.T - inverse_depth[:, None] * epipole2
+    moved = turned - inverse_depth[:, None] * epipole2
     ahead = (moved[:, 2] > 1e-9) & (inverse_depth > 0)
     uv = pixels2(moved[:, :2] / np.where(ahead, moved[:, 2], 1.0)[:, None])
     return np.where(ahead[:, None] & np.isfinite(uv), uv, NOWHERE)
@@ -52,6 +65,21 @@ def single_threaded() -> Iterator[None]:
         yield
     finally:
         cv2.setNumThreads(threads)
+
+
+@dataclass(frozen=True, eq=False)
+class _Bundle:
+    """Homogeneous rays (n, 3) of image 1, as they are and turned into the axes of camera 2."""
+
+    rays: FloatArray
+    turned: FloatArray
+
+    @classmethod
+    def of(cls, rays: FloatArray, R: FloatArray) -> _Bundle:
+        return cls(rays, rays @ R.T)
+
+    def take(self, index: IntArray) -> _Bundle:
+        return _Bundle(self.rays[index], self.turned[index])
 
 
 class Comparison:
@@ -75,8 +103,10 @@ class Comparison:
         focal2_px: float,
     ) -> None:
         self.grid, self.shape, self._shape2, self._focal2_px = grid, grid.shape, shape2, focal2_px
-        self._pixels2, self._R, self._epipole2 = pixels2, R, R @ T
-        self._nodes = homogeneous(rays1(map_nodes(grid)))
+        self._pixels2, self._epipole2 = pixels2, R @ T
+        self._nodes = _Bundle.of(homogeneous(rays1(map_nodes(grid))), R)
+        self._node_number = np.arange(len(self._nodes.rays)).reshape(node_shape(grid.shape))
+        self.everywhere: Box = slice(0, self.shape[0]), slice(0, self.shape[1])
         ours = grid.grey.astype(np.float32)
         self._ours = detrend(ours, SHADING_PX)
         self._certainty = (1 / (NOISE_GREY**2 + MISPLACED_PX**2 * _squared_gradient(ours))).astype(np.float32)
@@ -85,37 +115,52 @@ class Comparison:
         self._theirs = detrend(layer.grey.astype(np.float32), SHADING_PX * float(layer.scale.mean()) / grid.mean_scale)
         gx, gy = image_gradient(self._theirs)
         self._with_slopes = np.dstack([self._theirs, gx * layer.scale[0], gy * layer.scale[1]]).astype(np.float32)
-        self.rays = grid_rays(grid, rays1).reshape(*self.shape, 3)
+        self._pixels = _Bundle.of(grid_rays(grid, rays1), R)
 
-    def cost(self, normal: FloatArray, step: int = 1) -> FloatImage:
-        """(h, w) squared photometric transfer error of a plane, in variances, truncated; of every `step`-th pixel."""
-        mapping = spread_nodes(self.grid, self._project(self._nodes, normal))[::step, ::step]
-        outside = ~covered(mapping, self._shape2)
-        if (self._scale2 != 1).any():
-            mapping = (mapping + 0.5) * self._scale2.astype(np.float32) - 0.5
+    def cost(self, normal: FloatArray, step: int = 1, box: Box | None = None) -> FloatImage:
+        """(h, w) squared photometric transfer error of a plane, in variances, truncated; of every `step`-th pixel.
+
+        box : the pixels wanted, all when None; its first row and column are multiples of NODE_STEP and of `step`.
+        """
+        rows, columns = box or self.everywhere
+        mapping = np.ascontiguousarray(self._mapping(normal, rows, columns)[::step, ::step])
+        # of all ways to treat the border this one is by far the fastest
         cost = cv2.remap(
-            self._theirs, np.ascontiguousarray(mapping), None, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE
+            self._theirs, mapping, None, cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT, borderValue=NO_GREY
         )  # type: ignore[call-overload]
-        cost -= self._ours[::step, ::step]
+        outside = cost > NO_GREY * LEAST_OUTSIDE
+        cost -= self._ours[rows, columns][::step, ::step]
         cost *= cost
-        cost *= self._certainty[::step, ::step]
+        cost *= self._certainty[rows, columns][::step, ::step]
         np.minimum(cost, np.float32(TRUNCATED), out=cost)
         cost[outside] = OUTSIDE
         return np.asarray(cost, np.float32)
 
+    def _mapping(self, normal: FloatArray, rows: slice, columns: slice) -> FloatImage:
+        """(h, w, 2) px of the layer of image 2 that a plane sends the pixels of a box to."""
+        shape = (rows.stop - rows.start, columns.stop - columns.start)
+        top, left = rows.start // NODE_STEP, columns.start // NODE_STEP
+        high, wide = node_shape(shape)
+        nodes = self._nodes.take(self._node_number[top : top + high, left : left + wide].ravel())
+        return spread_table(self._local(self._sent(nodes, normal)).reshape(high, wide, 2), shape)
+
+    def _local(self, uv: FloatArray) -> FloatArray:
+        """Full px of image 2 (n, 2) as px of the layer that is compared."""
+        return (uv + 0.5) * self._scale2 - 0.5
+
     def cost_at(self, points: Points, normal: FloatArray) -> FloatArray:
         """(n,) the same at single pixels."""
-        uv, seen = self._sent(points, normal)
+        uv = self._sent(self._bundle(points), normal)
         error = self._sample(uv)[:, 0] - self._ours[points]
+        seen = covered(uv, self._shape2)
         return np.where(seen, np.minimum(error**2 * self._certainty[points], TRUNCATED), OUTSIDE)
 
     def apart_px(self, points: Points, normal: FloatArray, others: FloatArray) -> FloatArray:
         """(k,) median working px between where one plane and each of k others (k, 3) send pixels, the lens left out."""
-        rays = self.rays[points]
-        turned = rays @ self._R.T
+        bundle = self._bundle(points)
 
         def sent(planes: FloatArray) -> FloatArray:
-            moved = turned - (planes @ rays.T)[..., None] * self._epipole2
+            moved = bundle.turned - (planes @ bundle.rays.T)[..., None] * self._epipole2
             depth = np.where(moved[..., 2:] > 1e-9, moved[..., 2:], np.nan)
             return np.asarray(moved[..., :2] / depth)
 
@@ -124,14 +169,15 @@ class Comparison:
 
     def fit(self, points: Points, normal: FloatArray, iterations: int = 8) -> FloatArray:
         """Scaled normal (3,) that transfers the pixels best, by robust Gauss-Newton from `normal`."""
-        rays, ours, certainty = self.rays[points], self._ours[points], self._certainty[points]
+        bundle, ours, certainty = self._bundle(points), self._ours[points], self._certainty[points]
+        rays, most = bundle.rays, np.inf
         for _ in range(iterations):
-            uv, seen = self._sent(points, normal)
+            uv = self._sent(bundle, normal)
+            seen = covered(uv, self._shape2)
             if seen.mean() < MIN_SEEN:
                 break
-            depth_step = 1e-3 * float(np.abs(rays @ normal).mean()) + 1e-12
-            deeper = normal + np.array([0.0, 0.0, depth_step])
-            shift = (self._sent(points, deeper)[0] - uv) / depth_step
+            if most > SAME_SHIFT_PX:
+                shift = self._shift(bundle, normal, uv)
             grey, du, dv = self._sample(uv).T
             error = grey - ours
             jacobian = (du * shift[:, 0] + dv * shift[:, 1])[:, None] * rays
@@ -139,8 +185,8 @@ class Comparison:
             system = jacobian.T @ (jacobian * weight[:, None])
             damped = system + 1e-9 * max(float(np.trace(system)), 1e-30) * np.eye(3)
             step = -np.linalg.solve(damped, jacobian.T @ (weight * error))
-            moved = np.abs(rays @ step) * np.linalg.norm(shift, axis=1) * self.grid.mean_scale
-            most = float(np.quantile(moved[seen], 0.95))
+            moved = np.abs(rays @ step) * np.hypot(*shift.T) * self.grid.mean_scale
+            most = _quantile(moved[seen], 0.95)
             if not np.isfinite(most):
                 break
             normal = normal + step * min(1.0, MAX_STEP_PX / max(most, 1e-12))
@@ -148,20 +194,30 @@ class Comparison:
                 break
         return normal
 
-    def _project(self, rays: FloatArray, normal: FloatArray) -> FloatArray:
-        return transferred(rays, rays @ normal, self._R, self._epipole2, self._pixels2)
+    def _bundle(self, points: Points) -> _Bundle:
+        return self._pixels.take(points[0] * self.shape[1] + points[1])
 
-    def _sent(self, points: Points, normal: FloatArray) -> tuple[FloatArray, BoolArray]:
-        uv = self._project(self.rays[points], normal)
-        return uv, covered(uv, self._shape2)
+    def _sent(self, bundle: _Bundle, normal: FloatArray) -> FloatArray:
+        return transferred(bundle.turned, bundle.rays @ normal, self._epipole2, self._pixels2)
+
+    def _shift(self, bundle: _Bundle, normal: FloatArray, uv: FloatArray) -> FloatArray:
+        """(n, 2) px of image 2 by which points seen at uv move per unit of inverse depth."""
+        step = 1e-3 * float(np.abs(bundle.rays @ normal).mean()) + 1e-12
+        return (self._sent(bundle, normal + np.array([0.0, 0.0, step])) - uv) / step
 
     def _sample(self, uv: FloatArray) -> FloatArray:
         """(n, 3) detrended grey of image 2 and its slope per full px along u and v."""
-        local = ((uv + 0.5) * self._scale2 - 0.5).astype(np.float32)[:, None]  # a column: no limit on its length
+        local = self._local(uv).astype(np.float32)[:, None]  # a column: no limit on its length
         found = cv2.remap(
-            self._with_slopes, local[..., 0], local[..., 1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE
+            self._with_slopes, local[..., 0], local[..., 1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT
         )
         return np.asarray(found[:, 0], float)
+
+
+def _quantile(values: FloatArray, share: float) -> float:
+    """The value that this share of values (n,) do not exceed; numpy's own takes longer than a step of a fit."""
+    at = int(share * (len(values) - 1))
+    return float(np.partition(values, at)[at])
 
 
 def _squared_gradient(image: FloatImage) -> FloatImage:

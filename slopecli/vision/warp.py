@@ -56,7 +56,7 @@ def transfer_map(grid: Grid, transfer: Transfer) -> FloatImage:
 
 def map_nodes(grid: Grid) -> FloatArray:
     """Nodes (n, 2) of a map over the grid, full-resolution px of image 1, one before and one past its border."""
-    rows, columns = _node_shape(grid)
+    rows, columns = node_shape(grid.shape)
     node = lambda n: (np.arange(n) - 0.5) * NODE_STEP - 0.5  # noqa: E731
     x, y = np.meshgrid(node(columns), node(rows))
     return grid.full(np.stack([x, y], -1).reshape(-1, 2))
@@ -64,17 +64,21 @@ def map_nodes(grid: Grid) -> FloatArray:
 
 def spread_nodes(grid: Grid, values: FloatArray) -> FloatImage:
     """Map (h, w, 2) float32 from its values (n, 2) at `map_nodes`, bilinear in between."""
-    (height, width), (rows, columns) = grid.shape, _node_shape(grid)
+    return spread_table(values.reshape(*node_shape(grid.shape), 2), grid.shape)
+
+
+def spread_table(table: FloatArray, shape: tuple[int, int]) -> FloatImage:
+    """Map (h, w, 2) float32 of a shape from its values at nodes (rows, columns, 2), as many as `node_shape` says."""
+    (rows, columns), (height, width) = table.shape[:2], shape
     dense = cv2.resize(
-        values.reshape(rows, columns, 2).astype(np.float32),
-        (columns * NODE_STEP, rows * NODE_STEP),
-        interpolation=cv2.INTER_LINEAR,
+        table.astype(np.float32), (columns * NODE_STEP, rows * NODE_STEP), interpolation=cv2.INTER_LINEAR
     )
     return np.ascontiguousarray(dense[NODE_STEP : NODE_STEP + height, NODE_STEP : NODE_STEP + width], np.float32)
 
 
-def _node_shape(grid: Grid) -> tuple[int, int]:
-    return -(-grid.shape[0] // NODE_STEP) + 2, -(-grid.shape[1] // NODE_STEP) + 2
+def node_shape(shape: tuple[int, int]) -> tuple[int, int]:
+    """Rows and columns of the nodes of a map over (h, w) pixels."""
+    return -(-shape[0] // NODE_STEP) + 2, -(-shape[1] // NODE_STEP) + 2
 
 
 @dataclass(frozen=True, eq=False)
@@ -168,8 +172,9 @@ def image_gradient(image: FloatImage) -> tuple[FloatImage, FloatImage]:
 def block_sum(layer: FloatImage, cell: int) -> FloatArray:
     """Sums over square blocks of `cell` px, (h // cell, w // cell); the rest at right and bottom is dropped."""
     rows, columns = layer.shape[0] // cell, layer.shape[1] // cell
-    blocks = layer[: rows * cell, : columns * cell].reshape(rows, cell, columns, cell)
-    return np.asarray(blocks.sum((1, 3), dtype=np.float64))
+    # rows first: adding long lines is many times faster than adding short ones
+    lines = layer[: rows * cell].reshape(rows, cell, layer.shape[1]).sum(1, dtype=np.float64)[:, : columns * cell]
+    return np.asarray(lines.reshape(rows, columns, cell).sum(2))
 
 
 def sample_map(mapping: FloatImage, points: FloatArray) -> FloatArray:
