@@ -23,7 +23,7 @@ from terrain import CELL, build_terrain
 
 SEED = 40961
 HALF_VIEW_DEG = 30.0  # of the image's width
-HEIGHT, STEP = 7.0, 1.3  # m above the middle of the site, and from one image to the next: neighbours share over 70 %
+HEIGHT, STEP = 7.0, 1.3  # m above the middle of the site, and from one image to the next: neighbours share about 75 %
 MIDDLE_RADIUS, RADIUS_SWING = 3.2, 1.4  # m: the site is 21 m wide, and all of every image shall lie on it
 EXPOSURE = 1.35
 

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import importlib
 import json
 import subprocess
 import sys
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -203,3 +205,38 @@ def close(new: Any, old: Any) -> bool:
     if isinstance(new, list):
         return len(new) == len(old) and all(close(a, b) for a, b in zip(new, old, strict=True))
     return new == pytest.approx(old, abs=1e-4) if isinstance(new, float) else new == old
+
+
+# ---- the flight that make_sequence.py renders ----
+
+
+@pytest.fixture(scope="module")
+def flights(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
+    """A flight of two images and one of three."""
+    folders = tmp_path_factory.mktemp("two"), tmp_path_factory.mktemp("three")
+    for count, folder in enumerate(folders, 2):
+        command = [sys.executable, str(FOLDER / "make_sequence.py"), str(folder), "--count", str(count)]
+        subprocess.run(command, check=True)
+    return folders
+
+
+@pytest.mark.slow
+def test_a_shorter_flight_is_the_beginning_of_a_longer_one(flights: tuple[Path, Path]) -> None:
+    names = ["camera.json", "frame_0001.png", "frame_0002.png"]
+    two, three = ({path.name: path.read_bytes() for path in folder.iterdir()} for folder in flights)
+    assert sorted(two) == names
+    assert sorted(three) == [*names, "frame_0003.png"]
+    assert {name: three[name] for name in names} == two
+    assert cv2.imread(str(flights[0] / names[1])).shape == (240, 320, 3)
+
+
+@pytest.mark.slow
+def test_neighbours_of_a_flight_overlap_in_most_of_the_image(monkeypatch: pytest.MonkeyPatch) -> None:
+    """On level ground at height 0; the site itself rises and falls by a few metres."""
+    monkeypatch.syspath_prepend(str(FOLDER))
+    flight = list(importlib.import_module("make_sequence").views(201, 320, 240))
+    u, v = np.meshgrid(np.linspace(0, 319, 20), np.linspace(0, 239, 20))
+    for first, second in pairwise(flight):
+        rays = first.rays(u, v)
+        ground = first.centre - first.centre[2] / rays[..., 2:] * rays
+        assert second.contains(*second.project(ground)[:2]).mean() > 0.6
