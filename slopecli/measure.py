@@ -51,13 +51,12 @@ def measure(solution: Solution, matched: Matched, options: Options) -> Measured:
     north = None if options.north is None else np.array(options.north, float)
     sigma = float(np.radians(options.up_sigma_deg))
     if options.up == "dominant-plane":
-        k = dominant_plane(matched)
-        vector = surface_normals(solution)[k]
-        slopes = measure_slopes(solution, None, sigma, north, up_plane=k)
+        level = dominant_plane(matched)
+        vector = surface_normals(solution)[level]
+        slopes = _doubted(measure_slopes(solution, None, sigma, north, up_plane=level), matched, level)
     else:
         vector = _up_vector(options)
-        slopes = measure_slopes(solution, vector, sigma, north)
-    slopes = _doubted(slopes, matched)
+        slopes = _doubted(measure_slopes(solution, vector, sigma, north), matched)
     up = Up((float(vector[0]), float(vector[1]), float(vector[2])), _source(options), options.up_sigma_deg)
     return Measured(solution, up, slopes, probability_below(slopes, float(np.radians(options.tolerance_deg))))
 
@@ -90,11 +89,17 @@ def dominant_plane(matched: Matched) -> int:
     return int(np.argmax(np.where(areas >= SAME_AREA * areas.max(), matches, -1)))
 
 
-def _doubted(slopes: Slopes, matched: Matched) -> Slopes:
-    """Add to the tilt what no residual shows: ground beside a window tilts otherwise, part of it was left out."""
+def _doubted(slopes: Slopes, matched: Matched, level: int | None = None) -> Slopes:
+    """Add to the tilt what no residual shows: ground beside a window tilts otherwise, part of it was left out.
+
+    level : the plane that slopes are measured against, if it is one of them: its doubt is theirs, and it has none.
+    """
     chosen = [matched.matches[i] for i in matched.answered]
     least = np.radians(BORROWED_SIGMA_DEG)
     extra = np.array([np.hypot(least if m.origin == "borrowed" else 0.0, m.doubt_rad) for m in chosen])
+    if level is not None:
+        extra = np.hypot(extra, extra[level])
+        extra[level] = 0.0
     if not extra.any():
         return slopes
     variance = extra**2
