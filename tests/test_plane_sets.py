@@ -18,18 +18,20 @@ pytestmark = [
 ]
 
 
-def measured(patterns: list[str]) -> tuple[float, np.ndarray]:
-    """Share of the true planes that are found, and the errors of their normals, deg."""
+def measured(patterns: list[str]) -> tuple[float, np.ndarray, float]:
+    """Share of the true planes that are found, the errors of their normals, deg, and the share sure and wrong."""
     found = [BENCHMARK["segmented"](path) for pattern in patterns for path in sorted(DATA.glob(pattern))]
     errors = np.array([error for one in found for error in one.errors_deg])
-    return len(errors) / (len(errors) + sum(one.missing for one in found)), errors
+    share = len(errors) / (len(errors) + sum(one.missing for one in found))
+    return share, errors, sum(one.sure_and_wrong for one in found) / len(errors)
 
 
 def test_rendered_towns() -> None:
-    share, errors = measured(["rendered/C*/truth.json"])
+    share, errors, wrong = measured(["rendered/C*/truth.json"])
     assert share >= 0.8
     assert np.median(errors) <= 0.4
-    assert np.mean(errors < 5) >= 0.87
+    assert np.mean(errors < 5) >= 0.9
+    assert wrong <= 0.03
 
 
 @pytest.mark.parametrize(("name", "count"), [("C07_platform_nadir_glide", 2), ("C08_platform_oblique", 3)])
@@ -41,9 +43,10 @@ def test_a_platform_has_exactly_its_planes(name: str, count: int) -> None:
 
 def test_photographs_of_rooms_and_facades() -> None:
     sets = ("middlebury-2014-trainingQ", "strecha", "sceaux-castle", "lund-door")
-    share, errors = measured([f"real/{name}/*.truth.json" for name in sets])
+    share, errors, wrong = measured([f"real/{name}/*.truth.json" for name in sets])
     assert share >= 0.62
     assert np.median(errors) <= 1.5
+    assert wrong <= 0.12  # the furniture and pipes of a room are planes by courtesy
 
 
 @pytest.mark.parametrize("finder", ["regions", "ransac"])

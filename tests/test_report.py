@@ -223,6 +223,15 @@ def test_doubt_about_a_match_widens_its_interval_and_no_other() -> None:
     assert doubtful.planes[1].slope_deg == sure.planes[1].slope_deg
 
 
+def test_doubt_about_the_plane_taken_as_level_is_doubt_about_every_slope_but_its_own() -> None:
+    up, doubt = Options(up="dominant-plane"), {2: {"doubt_rad": np.radians(3)}}
+    sure, doubtful = (make_report_of(make_solution([4, 10, 20]), up, match_changes=c) for c in ({}, doubt))
+    assert doubtful.up.vector_cam1 == pytest.approx(doubtful.planes[2].normal_cam1)
+    assert doubtful.planes[2].slope_sigma_deg == sure.planes[2].slope_sigma_deg == 0
+    for plain, plane in zip(sure.planes[:2], doubtful.planes, strict=False):
+        assert plane.slope_sigma_deg == pytest.approx(np.hypot(plain.slope_sigma_deg, 3), rel=0.05)
+
+
 def test_doubt_takes_the_aspect_of_a_gentle_slope() -> None:
     assert only_plane(make_report_of(make_solution([4]))).aspect_deg == pytest.approx(60)
     doubtful = make_report_of(make_solution([4]), match_changes={0: {"doubt_rad": np.radians(3)}})
