@@ -10,7 +10,6 @@ import numpy as np
 
 from slopecli.geometry.epipolar import nearest_rotation, rotation_vector
 from slopecli.geometry.fitting import Fit
-from slopecli.geometry.observations import linearise, predict
 from slopecli.geometry.refinement import State, optimal_normals
 from slopecli.geometry.uncertainty import Covariance
 from slopecli.types import FloatArray
@@ -32,7 +31,7 @@ def roots_are_joined(fit: Fit, noise: float) -> bool:
     W = fit.relief[0].W[None] if fit.relief else None
     cost = np.inf
     for _ in range(2):  # the second round has the right depths in its weights
-        form = linearise(fit.observations, predict(fit.observations, *midway), W)
+        form = fit.form(midway, W)
         midway, chi2 = optimal_normals(midway.R, midway.T, form)
         cost = float(chi2[0])
     return cost - float(fit.system.chi2[0]) < _RIDGE * noise**2

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
 from slopecli.geometry.observations import Observations, Prediction, QuadraticForm, linearise, predict
-from slopecli.geometry.refinement import Refined, State, System, levenberg_marquardt
+from slopecli.geometry.priors import MotionPrior
+from slopecli.geometry.refinement import Refined, State, System, levenberg_marquardt, optimal_normals
 from slopecli.geometry.relief import Relief, estimate_relief
 from slopecli.geometry.robust import Kept, consensus, inliers
 from slopecli.geometry.starts import starting_states
@@ -22,13 +24,20 @@ _RELIEF_ROUNDS = 8
 _RELIEF_SETTLED = 0.01  # relative change of noise and relief that changes no weight that matters
 
 
+class WeighedPrior(NamedTuple):
+    """What is known of the motion, and the 1-sigma of a unit-weight residual it is weighed against."""
+
+    prior: MotionPrior
+    noise: float
+
+
 @dataclass(frozen=True, eq=False)
 class Fit:
     """Roots fitted to one choice of points, best first.
 
     The observations carry the choice of points in their weights. prediction: of image 2, roots in the same order.
     cost (s,): what roots are compared by, in units of noise^2 (chi-square, plus log determinants with relief).
-    relief: of each root, or empty.
+    relief: of each root, or empty. prior: what was known of the motion besides, and the noise it is weighed against.
     """
 
     observations: Observations
@@ -39,6 +48,16 @@ class Fit:
     converged: BoolArray
     iterations: int
     relief: tuple[Relief, ...] = ()
+    prior: WeighedPrior | None = None
+
+    def form(self, state: State, W: FloatArray | None) -> QuadraticForm:
+        """The chi-square around a state, under the points' own weights or W (s, 3, n), and what is known besides."""
+        return _form(self.observations, state, W, self.prior)
+
+
+def _form(observations: Observations, state: State, W: FloatArray | None, prior: WeighedPrior | None) -> QuadraticForm:
+    form = linearise(observations, predict(observations, *state), W)
+    return form if prior is None else form._replace(motion=prior.prior.terms(state.R, state.T, prior.noise))
 
 
 def degrees_of_freedom(observations: Observations) -> int:
@@ -56,21 +75,46 @@ def maximum_likelihood(
     return _with_relief(fit, noise, robust) if relief else fit
 
 
-def _refit(observations: Observations, state: State, relief: tuple[Relief, ...] = ()) -> Fit:
+def with_prior(fit: Fit, prior: MotionPrior, noise: float) -> Fit:
+    """The roots solved again with what is known of the motion, and from there.
+
+    noise : 1-sigma of a unit-weight residual, whatever the points share in errors included.
+    """
+    known = WeighedPrior(prior, noise)
+    rotation = fit.state.R if prior.rotation is None else np.repeat(prior.rotation[None], len(fit.state.R), axis=0)
+    direction = fit.state.T if prior.direction is None else np.repeat(prior.direction[None], len(fit.state.T), axis=0)
+    W = np.stack([r.W for r in fit.relief]) if fit.relief else None
+    there, _ = optimal_normals(rotation, direction, linearise(fit.observations, fit.prediction, W))
+    states = State(*(np.concatenate(pair) for pair in zip(fit.state, there, strict=True)))
+    return _refit(fit.observations, states, fit.relief * 2, known)
+
+
+def _refit(
+    observations: Observations,
+    state: State,
+    relief: tuple[Relief, ...] = (),
+    prior: WeighedPrior | None = None,
+) -> Fit:
     """Exact least squares on the points from given states, under the weights their relief asks for."""
     W = np.stack([r.W for r in relief]) if relief else None
 
     def form(state: State) -> QuadraticForm:
-        return linearise(observations, predict(observations, *state), W)
+        return _form(observations, state, W, prior)
 
     refined = levenberg_marquardt(state, form, degrees_of_freedom(observations))
     cost = refined.system.chi2
     if relief:
         cost = cost + np.array([r.noise**2 * r.log_determinant for r in relief])
-    return ranked(observations, refined, cost, relief)
+    return ranked(observations, refined, cost, relief, prior)
 
 
-def ranked(observations: Observations, refined: Refined, cost: FloatArray, relief: tuple[Relief, ...] = ()) -> Fit:
+def ranked(
+    observations: Observations,
+    refined: Refined,
+    cost: FloatArray,
+    relief: tuple[Relief, ...] = (),
+    prior: WeighedPrior | None = None,
+) -> Fit:
     """Best visible root first, other visible and settled ones after it, repeated ones dropped."""
     prediction = predict(observations, *refined.state)
     visible = _visible(observations, prediction)
@@ -82,7 +126,7 @@ def ranked(observations: Observations, refined: Refined, cost: FloatArray, relie
     converged = refined.converged[kept] & visible[kept]
     relief = tuple(relief[i] for i in kept) if relief else ()
     state, prediction = refined.state.pick(kept), prediction.pick(kept)
-    return Fit(observations, state, system, prediction, cost[kept], converged, refined.iterations, relief)
+    return Fit(observations, state, system, prediction, cost[kept], converged, refined.iterations, relief, prior)
 
 
 def _visible(observations: Observations, prediction: Prediction) -> BoolArray:

@@ -173,6 +173,7 @@ class QuadraticForm(NamedTuple):
     chi2 = constant + sum_i (2 g_i.h_i + h_i^T A_i h_i) + 2 gE.e + e^T AE e, h = vec(H), e = vec(E) row by row.
     A (s, m, 9, 9), g (s, m, 9), AE (s, 9, 9), gE (s, 9), constant (s,); s is the number of motions or 1.
     AE and gE are None when every point is on a patch.
+    motion (s, 7, 7): what is known of the motion besides, see `priors.MotionPrior.terms`; None for nothing.
     centred: the form was taken at the very state it is used at, where chi2 = constant and the terms in h and e cancel
     exactly; leaving them out keeps every digit of a tiny residual.
     """
@@ -183,6 +184,7 @@ class QuadraticForm(NamedTuple):
     gE: FloatArray | None
     constant: FloatArray
     centred: bool = False
+    motion: FloatArray | None = None
 
 
 def patch_moments(observations: Observations, x2: FloatArray, W: FloatArray) -> FloatArray:

@@ -88,6 +88,8 @@ def normal_equations(state: State, form: QuadraticForm) -> System:
         motion[:, 6, 6] += (form.g * H).sum(axis=(1, 2))
     if form.AE is not None and form.gE is not None:
         motion += _free_part(R, T, form.AE, form.gE, form.centred)
+    if form.motion is not None:
+        motion += form.motion
     reduced = motion - np.add.reduce(X.swapaxes(2, 3) @ response, axis=1)
     return System(motion[:, 6, 6], V, response, reduced)
 
@@ -136,6 +138,8 @@ def optimal_normals(R: FloatArray, T: FloatArray, form: QuadraticForm) -> tuple[
     if form.AE is not None and form.gE is not None:
         E = (R @ skew(T)).reshape(s, 1, 9)
         chi2 = chi2 + (E @ form.AE @ E.swapaxes(1, 2))[:, 0, 0] + 2.0 * (form.gE * E[:, 0]).sum(axis=1)
+    if form.motion is not None:
+        chi2 = chi2 + form.motion[:, 6, 6]
     return State(R, T, N.reshape(s, m, 3)), chi2
 
 

@@ -11,9 +11,10 @@ from slopecli.errors import DegenerateConfiguration, InputError, NoAnswer
 from slopecli.geometry.alignment import closed_form
 from slopecli.geometry.ambiguity import reaching_across, roots_are_joined
 from slopecli.geometry.epipolar import fit_rotation
-from slopecli.geometry.fitting import Fit, Motion, degrees_of_freedom, maximum_likelihood
+from slopecli.geometry.fitting import Fit, Motion, degrees_of_freedom, maximum_likelihood, with_prior
 from slopecli.geometry.metrics import rotation_angle
 from slopecli.geometry.observations import Observations, observe
+from slopecli.geometry.priors import MotionPrior
 from slopecli.geometry.uncertainty import covariance_of
 from slopecli.types import Ambiguity, FloatArray, IntArray, Solution
 
@@ -36,6 +37,7 @@ def solve_planes(
     robust: bool = True,
     initial: list[Motion] | None = None,
     noise_gain: float = 1.0,
+    prior: MotionPrior | None = None,
 ) -> Solution:
     """Find the motion and the planes that explain the correspondences, with their covariance and any second answer.
 
@@ -56,6 +58,8 @@ def solve_planes(
     noise_gain : how many times larger the standard errors are than independent noise makes them, for correspondences
         that share errors; multiplies every standard error and divides the chi-square between two roots by its square.
 
+    prior : what is known of the motion besides, weighed by its sigmas against the correspondences. "mle" only.
+
     Returns
     -------
     solution : `Solution`. `converged` is False when the iteration did not settle or a plane is not in front of both
@@ -68,7 +72,7 @@ def solve_planes(
     DegenerateConfiguration : a patch has fewer than three or collinear points, or there are too few points in all.
     NoAnswer : the images are related by a rotation alone ("pure-rotation"): no baseline, no planes.
     """
-    _check_options(solver, noise, noise_gain)
+    _check_options(solver, noise, noise_gain, prior)
     motions = [_checked_motion(R, T) for R, T in initial or []]
     observations = observe(x1, x2, patch, weights)
     _check_enough(observations, noise)
@@ -82,12 +86,16 @@ def solve_planes(
         rotation = _rotation_only(fit.observations)
     if solver == "mle":  # a poor closed form may lose to a rotation where there is parallax
         _check_parallax(fit, sigma, *rotation)
+    if prior is not None:
+        fit = with_prior(fit, prior, max(sigma * noise_gain, _ROUNDING))
     return _with_ambiguity(fit, solver, sigma, noise_gain)
 
 
-def _check_options(solver: str, noise: float | None, noise_gain: float) -> None:
+def _check_options(solver: str, noise: float | None, noise_gain: float, prior: MotionPrior | None) -> None:
     if solver not in ("mle", "ha", "lh"):
         raise InputError(f"solver {solver!r} is unknown; choose mle, ha or lh")
+    if prior is not None and solver != "mle":
+        raise InputError(f"solver {solver!r} cannot take a motion known beforehand; use mle")
     if noise is not None and not (np.isfinite(noise) and noise > 0.0):
         raise InputError(f"noise is {noise}; it must be a positive 1-sigma in normalised coordinates, or None")
     if not (np.isfinite(noise_gain) and noise_gain > 0.0):

@@ -9,6 +9,7 @@ import numpy as np
 from slopecli.errors import DegenerateConfiguration, InputError
 from slopecli.geometry.epipolar import tangent_basis
 from slopecli.geometry.observations import Observations, linearise, observe, predict
+from slopecli.geometry.priors import MotionPrior
 from slopecli.geometry.refinement import State, System, normal_equations
 from slopecli.types import FloatArray, IntArray
 
@@ -50,13 +51,22 @@ def _inverse(information: FloatArray) -> FloatArray:
     return np.asarray((vectors / np.maximum(values, least)[..., None, :]) @ vectors.swapaxes(-1, -2))
 
 
-def information_system(observations: Observations, state: State, W: FloatArray | None = None) -> System:
-    """Exact Gauss-Newton system of the points at a state: J^T W J and J^T W e with the normals eliminated."""
-    return normal_equations(state, linearise(observations, predict(observations, *state), W))
+def information_system(observations: Observations, state: State, motion: FloatArray | None = None) -> System:
+    """Exact Gauss-Newton system of the points at a state: J^T W J and J^T W e with the normals eliminated.
+
+    motion : (1, 7, 7) what is known of the motion besides, see `MotionPrior.terms`.
+    """
+    return normal_equations(state, linearise(observations, predict(observations, *state))._replace(motion=motion))
 
 
 def cramer_rao_bound(
-    R: FloatArray, T: FloatArray, normals: FloatArray, x1: FloatArray, patch: IntArray, noise: float
+    R: FloatArray,
+    T: FloatArray,
+    normals: FloatArray,
+    x1: FloatArray,
+    patch: IntArray,
+    noise: float,
+    prior: MotionPrior | None = None,
 ) -> Covariance:
     """Least covariance any unbiased estimator of motion and normals can reach, at the truth.
 
@@ -66,6 +76,7 @@ def cramer_rao_bound(
     Parameters
     ----------
     R : (3, 3), T : (3,) unit, normals : (m, 3) scaled; x1 : (n, 2); patch : (n,); noise : normalised coordinates.
+    prior : what is known of the motion besides, centred on the truth.
 
     Returns
     -------
@@ -83,4 +94,5 @@ def cramer_rao_bound(
         raise DegenerateConfiguration(f"noise is {noise}, the bound needs a positive 1-sigma in normalised coordinates")
     state = State(np.asarray(R, float)[None], np.asarray(T, float)[None], np.asarray(normals, float)[None])
     blank = observe(x1, np.zeros_like(np.asarray(x1, dtype=float)), patch)
-    return covariance_of(information_system(blank, state), state.T[0], 0, noise)
+    known = None if prior is None else prior.terms(state.R, state.T, noise)
+    return covariance_of(information_system(blank, state, known), state.T[0], 0, noise)
