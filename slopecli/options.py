@@ -7,6 +7,14 @@ from typing import Literal
 
 
 @dataclass(frozen=True)
+class Pose:
+    """A known motion P2 = R (P1 - T): R row by row, and T, where camera 2 is in camera-1 axes, in metres."""
+
+    rotation: tuple[float, ...]
+    baseline_m: tuple[float, float, float]
+
+
+@dataclass(frozen=True)
 class Options:
     """Options of `slopemap estimate`.
 
@@ -24,6 +32,9 @@ class Options:
     up: str | tuple[float, float, float] = "camera"  # "camera", "dominant-plane" or a vector in camera-1 axes
     up_sigma_deg: float = 0.0
     north: tuple[float, float, float] | None = None  # None: the image's up direction
+    rotation_prior: tuple[float, ...] | None = None  # quaternion w, x, y, z of camera 2 from camera 1; 1-sigma, deg
+    direction_prior: tuple[float, ...] | None = None  # of the motion, in camera-1 axes: x, y, z; 1-sigma, deg
+    pose: Pose | None = None  # the motion itself, in metres: only planes are solved
     baseline_m: float | None = None
     altitude_m: float | None = None
     tolerance_deg: float = 15.0  # what landers bear (paper, section I)

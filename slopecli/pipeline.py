@@ -15,6 +15,7 @@ from slopecli.diagnosis import (
     refuse_mirrored,
     refuse_unmatched,
 )
+from slopecli.known_motion import contradiction, motion_prior
 from slopecli.options import Options
 from slopecli.planes import PLANE_FINDERS
 from slopecli.planes.joint import join_patches, solve_jointly
@@ -66,6 +67,7 @@ def estimate(
     """
     clock = _Clock(on_stage)
     wanted_windows(options, image1.width, image1.height)
+    prior = motion_prior(options)
     refuse_identical(image1, image2)
 
     # sparse features: which motions are possible
@@ -89,7 +91,10 @@ def estimate(
 
     # all patches together: one motion, one normal each, one epipolar geometry
     matched = join_patches(patches, scene)
-    solution = solve_jointly(matched, scene, motions, options.solver)
+    solution = solve_jointly(matched, scene, motions, options.solver, prior)
+    if prior and (warning := contradiction(prior, solution, camera2.focal_px)):
+        diagnostics.append(warning)
+        solution = solve_jointly(matched, scene, motions, options.solver)
     clock.tick("solve")
 
     report = build_report((image1, image2), (camera1, camera2), options, matched, solution, diagnostics)

@@ -116,6 +116,8 @@ def _second_root(solution: Solution, matched: Matched, options: Options) -> Meas
 
 def _scale(solution: Solution, matched: Matched, up: Up, options: Options) -> tuple[Scale, float]:
     """The unit of lengths, and how many of it a baseline is."""
+    if options.pose is not None:
+        return Scale("m", "pose"), float(np.linalg.norm(options.pose.baseline_m))
     if options.baseline_m is not None:
         return Scale("m", "baseline"), options.baseline_m
     if options.altitude_m is None:

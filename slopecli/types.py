@@ -113,6 +113,7 @@ class Solution:
     noise : 1-sigma of a normalised coordinate in image 2, given or estimated from the residuals.
     relief : (m,) RMS height of the points off their plane over its distance, 0 where points are held coplanar.
     rms : RMS residual of the inliers in image 2, normalised coordinates.
+    prior_chi2 : by how much chi-square grew when what was known of the motion was added; None when nothing was.
     chi2 : weighted sum of squares at the optimum.  inlier : (n,) which correspondences were kept.
     """
 
@@ -132,6 +133,7 @@ class Solution:
     iterations: int
     solver: str = "mle"
     ambiguity: Ambiguity = field(default_factory=Ambiguity)
+    prior_chi2: float | None = None
 
     @property
     def direction_covariance(self) -> FloatArray:

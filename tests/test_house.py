@@ -22,7 +22,7 @@ FLOORS = (
     "vision",
     "planes",
     "simulate",
-    "diagnosis measure kinds",
+    "diagnosis measure kinds known_motion",
     "report",
     "pipeline",
     "io",

@@ -12,11 +12,13 @@ from slopecli.cli.progress import ProgressLine
 from slopecli.cli.shared_options import (
     at_most_one,
     camera_options,
+    check_known_motion,
     file_options,
     finder_options,
     frame_options_with,
     given,
     options_from,
+    prior_options,
     region_options,
     scale_options,
     solving_options,
@@ -80,6 +82,7 @@ SEGMENT = {"planes": "regions", "up": "dominant-plane"}  # what `slopemap segmen
 @region_options
 @frame_options_with("camera", "camera; with --command segment dominant-plane")
 @scale_options
+@prior_options
 @verdict_options
 @solving_options
 @talk_options_with("Every pair as it is done.")
@@ -116,7 +119,7 @@ def batch(ctx: click.Context, folder: str, **parameters: Any) -> None:
 def _check_usage(ctx: click.Context) -> None:
     at_most_one(ctx, *CAMERA_FLAGS)
     at_most_one(ctx, "grid", "windows")
-    at_most_one(ctx, "baseline_m", "altitude_m")
+    check_known_motion(ctx)
     at_most_one(ctx, "jobs", "cluster")
     segment = ctx.params["command"] == "segment"
     check_planes(ctx, SEGMENT["planes"] if segment else ctx.params["planes"])

@@ -13,6 +13,7 @@ from slopecli.cli.shared_options import (
     finder_options,
     frame_options,
     output_options,
+    prior_options,
     region_options,
     scale_options,
     solving_options,
@@ -32,6 +33,7 @@ from slopecli.cli.shared_options import (
 @region_options
 @frame_options
 @scale_options
+@prior_options
 @verdict_options
 @solving_options
 @talk_options

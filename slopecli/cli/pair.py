@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from slopecli.cli.shared_options import at_most_one, given, options_from
+from slopecli.cli.shared_options import at_most_one, check_known_motion, given, options_from
 from slopecli.cli.table import result_table, talk_lines
 from slopecli.cli.talk import Talk, print_result
 from slopecli.orders import CameraChoice
@@ -39,7 +39,7 @@ def answer_pair(ctx: click.Context, image1: str, image2: str, parameters: dict[s
 def _check_usage(ctx: click.Context) -> None:
     at_most_one(ctx, *CAMERA_FLAGS)
     at_most_one(ctx, "grid", "windows")
-    at_most_one(ctx, "baseline_m", "altitude_m")
+    check_known_motion(ctx)
     if not given(ctx, *CAMERA_FLAGS):
         raise click.UsageError("No camera: give --camera FILE, --intrinsics FX,FY,CX,CY or --fov DEG.", ctx)
     check_planes(ctx, ctx.params.get("planes", "regions"))

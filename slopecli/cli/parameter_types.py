@@ -88,6 +88,18 @@ class Up(CommaSeparated):
         return f"{', '.join(self.words)} or {super()._wanted()}"
 
 
+class RotationPrior(CommaSeparated):
+    """A rotation as a quaternion or as a rotation vector, and its sigma; converted to quaternion and sigma, deg."""
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Values:
+        if isinstance(value, tuple) or value.count(",") != 3:
+            return super().convert(value, param, ctx)
+        numbers = ROTATION_VECTOR.convert(value, param, ctx)
+        angle = math.radians(math.hypot(*numbers[:3]))
+        scale = math.sin(angle / 2) / angle if angle else 0.5
+        return (math.cos(angle / 2), *(scale * math.radians(part) for part in numbers[:3]), numbers[3])
+
+
 class PathText(click.ParamType):
     """A path that is not empty, as that of an unset shell variable is. What lies there is for `io` to judge."""
 
@@ -131,6 +143,21 @@ WINDOW = CommaSeparated(
 INTRINSICS = CommaSeparated("FX,FY,CX,CY", "800,800,511.5,383.5", float, lambda k: min(k[:2]) > 0, "FX, FY must be > 0")
 VECTOR = CommaSeparated("X,Y,Z", "0,0,-1", float, _is_direction, "the vector must not be zero")
 UP = Up("X,Y,Z", "0,0,-1", float, _is_direction, "the vector must not be zero")
+ROTATION_VECTOR = CommaSeparated("RX,RY,RZ,SIGMA", "0,0,1.5,0.1", float, lambda r: r[3] > 0, "SIGMA must be > 0")
+ROTATION_PRIOR = RotationPrior(
+    "QW,QX,QY,QZ,SIGMA",
+    "1,0,0,0.01,0.1",
+    float,
+    lambda q: math.hypot(*q[:4]) > 0 and q[4] > 0,
+    "the quaternion must not be zero and SIGMA must be > 0",
+)
+DIRECTION_PRIOR = CommaSeparated(
+    "X,Y,Z,SIGMA",
+    "0,0,1,0.5",
+    float,
+    lambda d: _is_direction(d[:3]) and d[3] > 0,
+    "the direction must not be zero and SIGMA must be > 0",
+)
 GRID = Grid()
 PATH = PathText()
 POSITIVE = Between(min=0, min_open=True)

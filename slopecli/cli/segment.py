@@ -12,6 +12,7 @@ from slopecli.cli.shared_options import (
     camera_options,
     frame_options_with,
     output_options,
+    prior_options,
     region_options,
     scale_options,
     solving_options,
@@ -28,6 +29,7 @@ from slopecli.cli.shared_options import (
 @region_options
 @frame_options_with("dominant-plane")
 @scale_options
+@prior_options
 @verdict_options
 @solving_options
 @talk_options

@@ -11,10 +11,12 @@ import click
 from click.core import ParameterSource
 
 from slopecli.cli.parameter_types import (
+    DIRECTION_PRIOR,
     GRID,
     INTRINSICS,
     PATH,
     POSITIVE,
+    ROTATION_PRIOR,
     UP,
     VECTOR,
     WINDOW,
@@ -184,6 +186,30 @@ scale_options = _group(
     ),
 )
 
+prior_options = _group(
+    _option(
+        "--rotation-prior",
+        metavar="RX,RY,RZ,SIGMA",
+        type=ROTATION_PRIOR,
+        help="Rotation of camera 2 from camera 1 as another sensor measured it: rotation vector in camera axes, deg, "
+        "or a quaternion QW,QX,QY,QZ; and its 1-sigma about each axis, deg.",
+    ),
+    _option(
+        "--direction-prior",
+        metavar="X,Y,Z,SIGMA",
+        type=DIRECTION_PRIOR,
+        help="Direction from camera 1 to camera 2 in camera-1 axes, and its 1-sigma to each side, deg.",
+    ),
+    _option(
+        "--pose",
+        "pose_file",
+        metavar="FILE",
+        type=PATH,
+        help='The motion itself, in metres, as JSON: "R" (3x3, camera 2 from camera 1) and "T" (where camera 2 is, in '
+        "camera-1 axes). Only planes are solved then, and lengths are metres.",
+    ),
+)
+
 verdict_options = _group(
     _option(
         "--tolerance",
@@ -249,6 +275,20 @@ def at_most_one(ctx: click.Context, *names: str) -> None:
         raise click.UsageError(f"{' and '.join(flags)} contradict each other; give one.", ctx)
 
 
+def check_known_motion(ctx: click.Context) -> None:
+    """Refuse ways to give the motion or the scale that contradict each other."""
+    at_most_one(ctx, "baseline_m", "altitude_m", "pose_file")
+    for other in ("rotation_prior", "direction_prior"):
+        at_most_one(ctx, "pose_file", other)
+    known = given(ctx, "rotation_prior", "direction_prior", "pose_file")
+    if known and ctx.params["solver"] != "mle":
+        raise click.UsageError(f"{known[0]} is for --solver mle; leave one out.", ctx)
+
+
 def options_from(parameters: dict[str, Any]) -> Options:
-    """The library's options out of a command's parameters of the same names."""
+    """The library's options out of a command's parameters of the same names; the pose is read from its file."""
+    if parameters.get("pose_file"):
+        from slopecli.io.poses import load_pose
+
+        parameters = {**parameters, "pose": load_pose(parameters["pose_file"])}
     return Options(**{field.name: parameters[field.name] for field in fields(Options) if field.name in parameters})

@@ -8,7 +8,7 @@ import numpy as np
 
 from slopecli.errors import InputError
 from slopecli.geometry.epipolar import rotation_vector, skew
-from slopecli.types import FloatArray
+from slopecli.types import FloatArray, Solution
 
 # rad; what is known better than this is known exactly, and more would only cost digits
 _FINEST = 1e-7
@@ -57,6 +57,10 @@ class MotionPrior:
             if known is not None and not sigma > 0:
                 raise InputError(f"the sigma of the {name} known beforehand is {sigma}; it must be positive, in rad")
         return cls(rotation, max(rotation_sigma, _FINEST), direction, max(direction_sigma, _FINEST))
+
+    def chi2(self, solution: Solution) -> float:
+        """Squared distance, in sigmas, of a solution's motion from what is known."""
+        return float(self.terms(solution.R[None], solution.T[None], 1.0)[0, 6, 6])
 
     def terms(self, R: FloatArray, T: FloatArray, noise: float) -> FloatArray:
         """(s, 7, 7) information, gradient (row and column 6) and chi-square (corner) at motions R (s, 3, 3), T (s, 3).

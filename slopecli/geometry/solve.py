@@ -86,9 +86,11 @@ def solve_planes(
         rotation = _rotation_only(fit.observations)
     if solver == "mle":  # a poor closed form may lose to a rotation where there is parallax
         _check_parallax(fit, sigma, *rotation)
-    if prior is not None:
-        fit = with_prior(fit, prior, max(sigma * noise_gain, _ROUNDING))
-    return _with_ambiguity(fit, solver, sigma, noise_gain)
+    if prior is None:
+        return _with_ambiguity(fit, solver, sigma, noise_gain)
+    known = with_prior(fit, prior, max(sigma * noise_gain, _ROUNDING))
+    grown = float(known.cost[0] - fit.cost[0]) / max(sigma * noise_gain, _ROUNDING) ** 2
+    return replace(_with_ambiguity(known, solver, sigma, noise_gain), prior_chi2=max(grown, 0.0))
 
 
 def _check_options(solver: str, noise: float | None, noise_gain: float, prior: MotionPrior | None) -> None:

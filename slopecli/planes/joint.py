@@ -10,7 +10,8 @@ import numpy as np
 from slopecli.errors import NoAnswer
 from slopecli.geometry.camera import pixels_from_rays
 from slopecli.geometry.motion import MotionEstimate, epipolar_residual
-from slopecli.geometry.solve import solve_planes
+from slopecli.geometry.priors import MotionPrior
+from slopecli.geometry.solve import RESOLVED_AT, solve_planes
 from slopecli.planes.evidence import Evidence
 from slopecli.planes.footprint import Footprint
 from slopecli.planes.patches import Patches
@@ -86,9 +87,16 @@ def _outside(evidence: Evidence, footprints: list[Footprint]) -> IntArray:
 
 
 def solve_jointly(
-    matched: Matched, scene: Scene, motions: list[MotionEstimate], solver: Literal["mle", "ha", "lh"]
+    matched: Matched,
+    scene: Scene,
+    motions: list[MotionEstimate],
+    solver: Literal["mle", "ha", "lh"],
+    prior: MotionPrior | None = None,
 ) -> Solution:
-    """One motion and one plane per answered patch, started from every motion still in question."""
+    """One motion and one plane per answered patch, started from every motion still in question.
+
+    prior : what is known of the motion besides.
+    """
     parts = [matched.matches[i] for i in matched.answered]
     points = matched.correspondences
     solution = solve_planes(
@@ -99,9 +107,10 @@ def solve_jointly(
         weights=matched.weights,
         relief=solver == "mle",
         initial=[(m.R, m.T) for m in motions],
+        prior=prior,
         noise_gain=correlation_gain([(p.index, epipolar_residual(scene.R, scene.T, p.x1, p.x2)) for p in parts]),
     )
-    return _beyond_systematics(_facing(solution, scene.T), scene.camera2.focal_px)
+    return _beyond_systematics(_facing(solution, scene.T), scene.camera2.focal_px, prior)
 
 
 def _facing(solution: Solution, T: FloatArray) -> Solution:
@@ -120,12 +129,22 @@ def _facing(solution: Solution, T: FloatArray) -> Solution:
     )
 
 
-def _beyond_systematics(solution: Solution, focal_px: float) -> Solution:
-    """A second root is ruled out only if it fits worse by more than calibration and interpolation can feign."""
+def excess_px(solution: Solution, delta_chi2: float, focal_px: float) -> float:
+    """RMS misfit of a match, px, that a growth of chi-square amounts to."""
+    return float(solution.noise * np.sqrt(max(delta_chi2, 0.0) / max(int(solution.inlier.sum()), 1)) * focal_px)
+
+
+def _beyond_systematics(solution: Solution, focal_px: float, prior: MotionPrior | None) -> Solution:
+    """A second root is ruled out only if it fits worse by more than calibration and interpolation can feign.
+
+    What is known of the motion besides owes nothing to either: what that says against the other root stands.
+    """
     found = solution.ambiguity
-    if found.status != "resolved" or found.delta_chi2 is None:
+    if found.status != "resolved" or found.delta_chi2 is None or found.alternative is None:
         return solution
-    excess = solution.noise * np.sqrt(found.delta_chi2 / max(int(solution.inlier.sum()), 1)) * focal_px
-    if excess > SYSTEMATIC_PX:
+    known = 0.0 if prior is None else prior.chi2(found.alternative) - prior.chi2(solution)
+    if known > RESOLVED_AT:
+        return solution
+    if excess_px(solution, found.delta_chi2 - known, focal_px) > SYSTEMATIC_PX:
         return solution
     return replace(solution, ambiguity=replace(found, status="unresolved"))

@@ -1,0 +1,79 @@
+"""A known motion between two cameras, from a JSON file."""
+
+from __future__ import annotations
+
+import json
+from os import PathLike
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from slopecli.errors import InputError
+from slopecli.options import Pose
+
+MAX_BYTES = 4_000_000
+ORTHONORMAL = 1e-4  # by which R R^T may differ from 1: six printed digits
+WANTED = (
+    'needed JSON with "R" (3x3, camera 2 from camera 1) and "T" (where camera 2 is in camera-1 axes, metres), '
+    'or "t" = -R T as OpenCV has it'
+)
+
+
+def load_pose(path: str | PathLike[str]) -> Pose:
+    """Read {"R": 3x3, "T": [x, y, z]}: P2 = R (P1 - T), T in metres; or "t" = -R T in place of "T".
+
+    `rotation_cam2_from_cam1` and `baseline_cam1`, as slopes.json calls them, are understood as well; other keys are
+    passed over.
+
+    Raises
+    ------
+    InputError : the file cannot be read, or holds no motion with a baseline.
+    """
+    values = _read(Path(path))
+    R = _numbers(path, values, ("R", "rotation_cam2_from_cam1"), (3, 3))
+    if not np.abs(R @ R.T - np.eye(3)).max() < ORTHONORMAL or np.linalg.det(R) < 0:
+        raise InputError(f"{path}: its R is no rotation (R R^T is not 1, or it mirrors); {WANTED}")
+    U, _, Vt = np.linalg.svd(R)
+    R = U @ Vt
+    if "t" in values and not {"T", "baseline_cam1"} & set(values):
+        T = -R.T @ _numbers(path, values, ("t",), (3,))
+    else:
+        T = _numbers(path, values, ("T", "baseline_cam1"), (3,))
+    if not np.linalg.norm(T) > 0:
+        raise InputError(f"{path}: its T is zero, so there is no parallax; {WANTED}")
+    return Pose(tuple(map(float, R.ravel())), (float(T[0]), float(T[1]), float(T[2])))
+
+
+def _read(path: Path) -> dict[str, Any]:
+    try:
+        if not path.is_file():
+            raise InputError(f"{path}: no such pose file; check the path")
+        if path.stat().st_size > MAX_BYTES:
+            raise InputError(f"{path}: is too large for a pose; {WANTED}")
+        values = json.loads(path.read_bytes())
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read ({error.strerror}); check the path and its permissions") from None
+    except (ValueError, RecursionError):
+        raise InputError(f"{path}: is not JSON; {WANTED}") from None
+    if not isinstance(values, dict):
+        raise InputError(f"{path}: holds no object; {WANTED}")
+    motion, scale = values.get("motion"), values.get("scale")
+    if not isinstance(motion, dict) or "R" in values:
+        return values
+    if not isinstance(scale, dict) or scale.get("unit") != "m":
+        raise InputError(f"{path}: its motion is in baselines, not metres; {WANTED}")
+    return motion
+
+
+def _numbers(path: str | PathLike[str], values: dict[str, Any], names: tuple[str, ...], shape: tuple[int, ...]) -> Any:
+    name = next((name for name in names if name in values), None)
+    if name is None:
+        raise InputError(f"{path}: has no {' or '.join(map(repr, names))}; {WANTED}")
+    try:
+        found = np.asarray(values[name], float)
+    except (TypeError, ValueError):
+        found = np.empty(0)
+    if found.shape != shape or not np.isfinite(found).all():
+        raise InputError(f"{path}: {name!r} is not {' x '.join(map(str, shape))} finite numbers; {WANTED}")
+    return found

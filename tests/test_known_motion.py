@@ -1,0 +1,152 @@
+"""What a user knows of the motion: read from files and flags, used, and left out where the images contradict it."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from slopecli.errors import InputError
+from slopecli.geometry.epipolar import rotation_from_vector
+from slopecli.io.poses import load_pose
+from slopecli.known_motion import motion_prior, rotation_of_quaternion
+from slopecli.options import Options
+
+DESCENT = Path(__file__).resolve().parent.parent / "sample_data" / "descent"
+TRUTH = json.loads((DESCENT / "truth.json").read_text())
+R, T = np.array(TRUTH["R"]), np.array(TRUTH["T"])
+PAIR = (str(DESCENT / "image1.png"), str(DESCENT / "image2.png"), "--camera", str(DESCENT / "camera.json"))
+
+
+def slopemap(*arguments: str) -> subprocess.CompletedProcess[str]:
+    return subprocess.run([sys.executable, "-m", "slopecli", *arguments], capture_output=True, text=True, check=False)
+
+
+def answer(*arguments: str) -> tuple[dict[str, Any], str]:
+    done = slopemap("estimate", *PAIR, "--json", *arguments)
+    assert done.returncode == 0, done.stderr
+    return json.loads(done.stdout), done.stderr
+
+
+def write(path: Path, values: object) -> str:
+    path.write_text(json.dumps(values))
+    return str(path)
+
+
+# ---- files and numbers ----
+
+
+def test_both_conventions_of_a_position_are_read(tmp_path: Path) -> None:
+    ours = load_pose(write(tmp_path / "a.json", {"R": R.tolist(), "T": T.tolist()}))
+    opencv = load_pose(write(tmp_path / "b.json", {"R": R.tolist(), "t": (-R @ T).tolist()}))
+    motion = {"rotation_cam2_from_cam1": R.tolist(), "baseline_cam1": T.tolist()}
+    answered = {"motion": motion, "scale": {"unit": "m", "source": "pose"}}
+    for pose in (ours, opencv, load_pose(write(tmp_path / "c.json", answered))):
+        assert np.array(pose.rotation).reshape(3, 3) == pytest.approx(R, abs=1e-6)
+        assert pose.baseline_m == pytest.approx(tuple(T), abs=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("values", "words"),
+    [
+        ([], "no object"),
+        ({"T": [0, 0, 1]}, "has no 'R'"),
+        ({"R": np.eye(3).tolist()}, "has no 'T'"),
+        ({"R": np.eye(2).tolist(), "T": [0, 0, 1]}, "'R' is not 3 x 3"),
+        ({"R": (2 * np.eye(3)).tolist(), "T": [0, 0, 1]}, "no rotation"),
+        ({"R": (-np.eye(3)).tolist(), "T": [0, 0, 1]}, "no rotation"),
+        ({"R": np.eye(3).tolist(), "T": [0, 0, 0]}, "T is zero"),
+        ({"R": np.eye(3).tolist(), "T": [0, "up", 0]}, "'T' is not 3"),
+        ({"motion": {}, "scale": {"unit": "baseline"}}, "in baselines, not metres"),
+    ],
+)
+def test_what_is_no_pose_is_refused(tmp_path: Path, values: object, words: str) -> None:
+    with pytest.raises(InputError, match=words):
+        load_pose(write(tmp_path / "pose.json", values))
+
+
+def test_a_pose_that_cannot_be_read_is_one_line_and_no_file(tmp_path: Path) -> None:
+    (tmp_path / "text.json").write_text("x,y,z\n")
+    for file, words in (("none.json", "no such pose file"), ("text.json", "is not JSON")):
+        done = slopemap("estimate", *PAIR, "--pose", str(tmp_path / file), "-o", str(tmp_path / "out"))
+        assert done.returncode == 1
+        assert words in done.stderr
+        assert len(done.stderr.splitlines()) == 1
+        assert not (tmp_path / "out").exists()
+
+
+def test_quaternions_are_rotations() -> None:
+    w = np.array([0.3, -0.2, 0.5])
+    angle = float(np.linalg.norm(w))
+    q = np.append(np.cos(angle / 2), np.sin(angle / 2) * w / angle)
+    assert rotation_of_quaternion(7 * q) == pytest.approx(rotation_from_vector(w), abs=1e-12)
+
+
+def test_sigmas_are_degrees() -> None:
+    prior = motion_prior(Options(rotation_prior=(1, 0, 0, 0, 0.5), direction_prior=(0, 0, 2, 3)))
+    assert prior is not None
+    assert (prior.rotation_sigma, prior.direction_sigma) == pytest.approx(np.radians((0.5, 3)))
+    assert motion_prior(Options()) is None
+
+
+# ---- the command ----
+
+
+def test_a_pose_gives_metres_and_is_the_motion_of_the_answer(tmp_path: Path) -> None:
+    pose = write(tmp_path / "pose.json", {"R": R.tolist(), "T": T.tolist()})
+    result, _ = answer("--pose", pose)
+    assert result["scale"] == {"unit": "m", "source": "pose"}
+    assert result["motion"]["baseline_cam1"] == pytest.approx(T, abs=1e-4 * np.linalg.norm(T))
+    assert result["motion"]["rotation_cam2_from_cam1"] == pytest.approx(R, abs=1e-5)
+    assert result["motion"]["rotation_sigma_deg"] < 1e-3
+    assert result["options"]["pose"]["baseline_m"] == pytest.approx(T)
+
+
+def test_a_rotation_vector_and_its_quaternion_are_the_same_prior() -> None:
+    vector, _ = answer("--rotation-prior", "0,0,90,20")
+    quaternion, _ = answer("--rotation-prior", "0.7071067811865476,0,0,0.7071067811865476,20")
+    assert vector["options"]["rotation_prior"] == pytest.approx(quaternion["options"]["rotation_prior"], abs=1e-12)
+
+
+def test_a_prior_is_worth_its_sigma() -> None:
+    plain, _ = answer()
+    axis = ",".join(str(v) for v in T)
+    known, _ = answer("--direction-prior", f"{axis},0.001")
+    assert known["motion"]["direction_sigma_deg"] <= 0.0011 < plain["motion"]["direction_sigma_deg"]
+    assert not [one for one in known["diagnostics"] if one["code"] == "prior-contradicted"]
+    for before, after in zip(plain["planes"], known["planes"], strict=True):
+        assert after["slope_sigma_deg"] <= before["slope_sigma_deg"] * 1.05
+        assert abs(after["slope_deg"] - before["slope_deg"]) < 3 * before["slope_sigma_deg"] + 0.05
+
+
+def test_what_the_images_contradict_is_left_out_and_said() -> None:
+    plain, _ = answer()
+    wrong, talk = answer("--rotation-prior", "5,5,5,0.1")
+    (warning,) = (one for one in wrong["diagnostics"] if one["code"] == "prior-contradicted")
+    assert warning["severity"] == "warning"
+    assert warning["value"] > 16.3
+    assert "contradict the rotation given, so it was left out" in talk
+    assert wrong["planes"] == plain["planes"]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (("--rotation-prior", "0,0,1"), "QW,QX,QY,QZ,SIGMA"),
+        (("--rotation-prior", "0,0,1,0"), "SIGMA must be > 0"),
+        (("--rotation-prior", "0,0,0,0,1"), "must not be zero"),
+        (("--direction-prior", "0,0,0,1"), "must not be zero"),
+        (("--direction-prior", "0,0,1,0.5", "--solver", "ha"), "--direction-prior is for --solver mle"),
+        (("--pose", "x.json", "--baseline", "2"), "contradict each other"),
+        (("--pose", "x.json", "--rotation-prior", "0,0,1,1"), "contradict each other"),
+    ],
+)
+def test_usage(arguments: tuple[str, ...], words: str) -> None:
+    done = slopemap("estimate", *PAIR, "--json", *arguments)
+    assert done.returncode == 2
+    assert words in done.stderr
