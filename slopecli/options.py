@@ -29,6 +29,7 @@ class Options:
     merge_px: float = 1.0  # two planes that send pixels this close together in image 2 may be one
     features: Literal["sift", "foerstner"] = "sift"  # foerstner: the paper's corners and correlation
     solver: Literal["mle", "ha", "lh"] = "mle"
+    merge_coplanar: bool = False  # solve patches that may lie on one plane, or face one way, as such
     up: str | tuple[float, float, float] = "camera"  # "camera", "dominant-plane" or a vector in camera-1 axes
     up_sigma_deg: float = 0.0
     north: tuple[float, float, float] | None = None  # None: the image's up direction

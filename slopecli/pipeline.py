@@ -18,6 +18,7 @@ from slopecli.diagnosis import (
 from slopecli.known_motion import contradiction, motion_prior
 from slopecli.options import Options
 from slopecli.planes import PLANE_FINDERS
+from slopecli.planes.coplanar import merge_patches
 from slopecli.planes.joint import join_patches, solve_jointly
 from slopecli.planes.survey import survey
 from slopecli.planes.window_finder import wanted_windows
@@ -95,6 +96,9 @@ def estimate(
     if prior and (warning := contradiction(prior, solution, camera2.focal_px)):
         diagnostics.append(warning)
         solution = solve_jointly(matched, scene, motions, options.solver)
+    if options.merge_coplanar:
+        matched, solution, notes = merge_patches(matched, solution)
+        diagnostics += notes
     clock.tick("solve")
 
     report = build_report((image1, image2), (camera1, camera2), options, matched, solution, diagnostics)

@@ -113,6 +113,7 @@ class Solution:
     noise : 1-sigma of a normalised coordinate in image 2, given or estimated from the residuals.
     relief : (m,) RMS height of the points off their plane over its distance, 0 where points are held coplanar.
     rms : RMS residual of the inliers in image 2, normalised coordinates.
+    joint_normals : (3m, 3m) covariance of all normals, where they share more than the motion; None where they do not.
     prior_chi2 : by how much chi-square grew when what was known of the motion was added; None when nothing was.
     chi2 : weighted sum of squares at the optimum.  inlier : (n,) which correspondences were kept.
     """
@@ -134,6 +135,7 @@ class Solution:
     solver: str = "mle"
     ambiguity: Ambiguity = field(default_factory=Ambiguity)
     prior_chi2: float | None = None
+    joint_normals: FloatArray | None = None
 
     @property
     def direction_covariance(self) -> FloatArray:
@@ -144,6 +146,8 @@ class Solution:
         """(3, 3) covariance of scaled normals i and j; they share the motion."""
         if i == j:
             return self.normal_covariance[i]
+        if self.joint_normals is not None:
+            return self.joint_normals[3 * i : 3 * i + 3, 3 * j : 3 * j + 3]
         return self.normal_gain[i] @ self.motion_covariance @ self.normal_gain[j].T
 
 

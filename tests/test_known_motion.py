@@ -150,3 +150,43 @@ def test_usage(arguments: tuple[str, ...], words: str) -> None:
     done = slopemap("estimate", *PAIR, "--json", *arguments)
     assert done.returncode == 2
     assert words in done.stderr
+
+
+# ---- planes that are one ----
+
+
+def test_merging_is_asked_for_and_said() -> None:
+    plain, _ = answer()
+    assert not [one for one in plain["diagnostics"] if one["code"] == "coplanar"]
+    merged, talk = answer("--merge-coplanar", "--grid", "4x4")
+    assert merged["options"]["merge_coplanar"] is True
+    for note in (one for one in merged["diagnostics"] if one["code"] == "coplanar"):
+        ids = [int(i) for i in note["message"].partition(" lie ")[0].partition(" face ")[0].split(", ")]
+        facing = [plane["normal_cam1"] for plane in merged["planes"] if plane["id"] in ids]
+        assert len(facing) >= 2
+        assert np.ptp(facing, axis=0).max() < 1e-6
+        assert note["value"] >= 1
+        assert note["message"] in talk
+    done = slopemap("estimate", *PAIR, "--json", "--merge-coplanar", "--solver", "ha")
+    assert done.returncode == 2
+    assert "--merge-coplanar is for --solver mle" in done.stderr
+
+
+def test_a_platform_in_pieces_is_one_plane_and_better_known(tmp_path: Path) -> None:
+    """Windows on the street of the sample town, which is one plane."""
+    urban = DESCENT.parent / "urban"
+    truth = json.loads((urban / "truth.json").read_text())
+    pair = (str(urban / "image1.png"), str(urban / "image2.png"), "--camera", str(urban / "camera.json"))
+    windows = [part for x, y in ((260, 330), (330, 400), (420, 330)) for part in ("--window", f"{x},{y},60,60")]
+    up = ("--up", ",".join(map(str, truth["up_cam1"])))
+    results = []
+    for flag in ((), ("--merge-coplanar",)):
+        done = slopemap("estimate", *pair, *windows, *up, "--json", *flag)
+        assert done.returncode == 0, done.stderr
+        results.append(json.loads(done.stdout))
+    (note,) = (one for one in results[1]["diagnostics"] if one["code"] == "coplanar")
+    assert note["message"].startswith("1, 2, 3 lie on one plane")
+    for before, after in zip(results[0]["planes"], results[1]["planes"], strict=True):
+        assert after["slope_deg"] < 1
+        assert after["slope_sigma_deg"] < before["slope_sigma_deg"]
+    assert note["value"] > 1.2  # times better, the median window

@@ -139,6 +139,12 @@ solving_options = _group(
         "Sigmas of ha and lh are lower bounds.",
     ),
     _option(
+        "--merge-coplanar",
+        is_flag=True,
+        help="Solve windows or planes that may well lie on one plane, or face one way, as such: level fields are known "
+        "several times better. It says which.",
+    ),
+    _option(
         "--seed",
         metavar="N",
         type=click.IntRange(0, 2**31 - 1),
@@ -276,10 +282,12 @@ def at_most_one(ctx: click.Context, *names: str) -> None:
 
 
 def check_known_motion(ctx: click.Context) -> None:
-    """Refuse ways to give the motion or the scale that contradict each other."""
+    """Refuse ways to give the motion or the scale that contradict each other, and what only one solver can use."""
     at_most_one(ctx, "baseline_m", "altitude_m", "pose_file")
     for other in ("rotation_prior", "direction_prior"):
         at_most_one(ctx, "pose_file", other)
+    if ctx.params["merge_coplanar"] and ctx.params["solver"] != "mle":
+        raise click.UsageError("--merge-coplanar is for --solver mle; leave one out.", ctx)
     known = given(ctx, "rotation_prior", "direction_prior", "pose_file")
     if known and ctx.params["solver"] != "mle":
         raise click.UsageError(f"{known[0]} is for --solver mle; leave one out.", ctx)

@@ -130,7 +130,7 @@ def _tilt_covariance(
     # the same tilt seen from the up plane: its normal moves the other way
     far = np.stack([np.cross(across, up), across], axis=1)
     reference = far / np.linalg.norm(solution.scaled_normals[up_plane])
-    shared = solution.normal_gain @ solution.motion_covariance @ solution.normal_gain[up_plane].T
+    shared = np.array([solution.cross_covariance(i, up_plane) for i in range(len(normals))])
     mixed = axes @ shared @ reference.swapaxes(1, 2)
     own = reference @ solution.normal_covariance[up_plane] @ reference.swapaxes(1, 2)
     return covariance + own + mixed + mixed.swapaxes(1, 2)
