@@ -61,7 +61,9 @@ def test_the_paths_told_are_those_of_today(job: Job, tmp_path: Path) -> None:
     assert (known.image1, known.image2) == ("moved/one.png", "moved/two.png")
 
 
-@pytest.mark.parametrize("change", ["missing", "more", "damaged", "cut", "older", "list"])
+@pytest.mark.parametrize(
+    "change", ["missing", "more", "empty", "shorter", "a folder", "damaged", "cut", "older", "list"]
+)
 def test_a_folder_that_was_changed_is_not_finished(job: Job, change: str) -> None:
     store(job, answered(A, *A_FILES), contents_of(A, *A_FILES))
     folder, record = Path(job.folder), Path(job.folder) / "pair.json"
@@ -69,6 +71,9 @@ def test_a_folder_that_was_changed_is_not_finished(job: Job, change: str) -> Non
     changes: dict[str, Callable[[], Any]] = {
         "missing": (folder / "overlay.png").unlink,
         "more": lambda: (folder / "patches.glb").write_bytes(b"of an earlier answer"),
+        "empty": lambda: (folder / "overlay.png").write_bytes(b""),
+        "shorter": lambda: os.truncate(folder / "labels.png", 3),
+        "a folder": lambda: ((folder / "overlay.png").unlink(), (folder / "overlay.png").mkdir()),
         "damaged": lambda: record.write_bytes(b"\xff\x00 not JSON"),
         "cut": lambda: record.write_bytes(whole[: len(whole) // 2]),
         "older": lambda: record.write_bytes(whole.replace(b'"n_ok"', b'"n_fine"')),
@@ -76,6 +81,12 @@ def test_a_folder_that_was_changed_is_not_finished(job: Job, change: str) -> Non
     }
     changes[change]()
     assert finished(job, A) is None
+
+
+def test_a_failure_is_told_again_only_of_images_that_are_where_they_were(job: Job) -> None:
+    outcome = store(job, failure(job, 1, "input", "one.png: is damaged", fingerprint=A), {})
+    assert finished(job, A) == outcome
+    assert finished(replace(job, pair=replace(PAIR, image1="moved/one.png")), A) is None
 
 
 @pytest.mark.parametrize("code", sorted(TRANSIENT))

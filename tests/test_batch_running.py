@@ -111,6 +111,15 @@ def test_a_folder_that_cannot_be_written_to_is_refused(pairs: list[Pair], tmp_pa
         assert one_line(refused)
 
 
+@pytest.mark.skipif(os.name != "posix", reason="needs symbolic links")
+def test_a_pair_whose_folder_cannot_be_entered_fails_alone(pairs: list[Pair], tmp_path: Path) -> None:
+    place = tmp_path / pairs[1].name
+    place.symlink_to(place)
+    outcomes = run(pairs, OPTIONS, KEEP, tmp_path, jobs=1)
+    assert [outcome.code for outcome in outcomes] == [None, "output", None, None, "unreadable"]
+    assert place.name in str(outcomes[1].message)
+
+
 @pytest.mark.skipif(os.name != "posix" or os.geteuid() == 0, reason="root may write anywhere")
 def test_a_folder_without_permission_is_refused(pairs: list[Pair], tmp_path: Path) -> None:
     tmp_path.chmod(0o500)

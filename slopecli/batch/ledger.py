@@ -14,6 +14,7 @@ from slopecli.errors import DiskFull
 
 # failures that the same bytes need not give again: the next run tries these pairs once more
 TRANSIENT = frozenset({"crashed", "timeout", "memory", "unexpected", "unreadable", "output"})
+SIZES = "sizes"  # key of a record: bytes of each file
 
 
 def camera_file(choice: CameraChoice | None, base: str = "") -> tuple[str | None, str | None]:
@@ -53,22 +54,32 @@ def finished(job: Job, fingerprint: str) -> Outcome | None:
     """The outcome of an earlier run, if the pair has one that still holds and its files are there."""
     from slopecli.io.pair_folder import has_files, read_record
 
-    outcome = _outcome_from(read_record(Path(job.folder)))
-    if outcome is None or outcome.fingerprint != fingerprint or outcome.code in TRANSIENT:
+    recorded = _recorded(read_record(Path(job.folder)))
+    if recorded is None:
         return None
-    if not has_files(Path(job.folder), outcome.files):
+    outcome, sizes = recorded
+    if outcome.fingerprint != fingerprint or outcome.code in TRANSIENT or not has_files(Path(job.folder), sizes):
         return None
     pair = job.pair
+    if outcome.exit_status and (outcome.image1, outcome.image2) != (pair.image1, pair.image2):
+        return None  # its message may name the images by where they were
     return replace(outcome, name=pair.name, image1=pair.image1, image2=pair.image2)
 
 
-def _outcome_from(record: bytes | None) -> Outcome | None:
-    """The outcome that a record holds, None for one of another version or another program."""
+def _record_of(outcome: Outcome, contents: Mapping[str, bytes]) -> bytes:
+    """JSON of an outcome and the sizes of its files, by which a file that was cut short is told."""
+    record = {**asdict(outcome), SIZES: {name: len(content) for name, content in contents.items()}}
+    return (json.dumps(record, indent=2, allow_nan=False) + "\n").encode("ascii")
+
+
+def _recorded(record: bytes | None) -> tuple[Outcome, dict[str, int]] | None:
+    """The outcome and the sizes that a record holds, None for one of another version or another program."""
     try:
         fields = json.loads(record or b"")
+        sizes = fields.pop(SIZES)
         fields |= {key: tuple(fields[key]) for key in ("files", "diagnostics")}
-        return Outcome(**fields)
-    except (ValueError, TypeError, KeyError):
+        return Outcome(**fields), dict(sizes)
+    except (ValueError, TypeError, KeyError, AttributeError, RecursionError):
         return None
 
 
@@ -86,9 +97,8 @@ def store(job: Job, outcome: Outcome, contents: Mapping[str, bytes]) -> Outcome:
     from slopecli.io.atomic import DISK_FULL
     from slopecli.io.pair_folder import store_pair
 
-    record = (json.dumps(asdict(outcome), indent=2, allow_nan=False) + "\n").encode("ascii")
     try:
-        store_pair(Path(job.folder), contents, record)
+        store_pair(Path(job.folder), contents, _record_of(outcome, contents))
     except OSError as error:
         if error.errno in DISK_FULL:
             raise DiskFull(f"disk full while writing to {job.folder}") from None

@@ -54,7 +54,7 @@ def remove_temporary(folder: Path) -> None:
     """Remove what a killed process left unfinished in a folder; what cannot be removed stays and does no harm."""
     try:
         left = [entry for entry in os.scandir(folder) if entry.name.startswith(TEMPORARY)]
-    except (FileNotFoundError, NotADirectoryError):
+    except OSError:  # none there, or none that can be read: whoever writes to it will say so
         return
     for entry in left:
         with suppress(OSError):

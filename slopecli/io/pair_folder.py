@@ -55,7 +55,10 @@ def read_record(folder: Path) -> bytes | None:
         return None
 
 
-def has_files(folder: Path, names: tuple[str, ...]) -> bool:
-    """Whether all files of these names are there, and none that an earlier answer left."""
-    there = {name for name in OUTPUT_NAMES if os.path.lexists(folder / name)}
-    return there == set(names)
+def has_files(folder: Path, sizes: Mapping[str, int]) -> bool:
+    """Whether all files of these names and sizes, bytes, are there, and none that an earlier answer left."""
+    try:
+        there = {name: os.path.getsize(folder / name) for name in OUTPUT_NAMES if os.path.lexists(folder / name)}
+    except OSError:
+        return False
+    return there == sizes
