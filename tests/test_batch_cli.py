@@ -137,6 +137,17 @@ def test_segment_finds_regions_and_takes_the_largest_as_level(flight: Path, tmp_
     assert (tmp_path / "out" / NAMES[0] / "patches.glb").exists()
 
 
+@pytest.mark.skipif(os.name != "posix", reason="needs a shell of POSIX")
+@pytest.mark.parametrize("stderr", ["2>&-", "2>/dev/full"])
+def test_nobody_who_listens_does_not_end_the_work(stderr: str, answer: Run, flight: Path, tmp_path: Path) -> None:
+    command = [sys.executable, "-m", "slopecli", "batch", str(flight), "-v", "-o", str(tmp_path)]
+    done = subprocess.run(
+        ["sh", "-c", f'"$@" {stderr}', "sh", *command], capture_output=True, encoding="utf-8", check=False
+    )
+    assert (done.returncode, done.stdout) == (0, answer[0].stdout)
+    assert contents_of(tmp_path) == contents_of(answer[1])
+
+
 # ---- pairs without an answer ----
 
 
@@ -164,6 +175,17 @@ def test_a_pair_that_the_scene_leaves_without_an_answer(flight: Path, tmp_path: 
     assert (same["exit_status"], good["exit_status"]) == (3, 0)
     assert same["code"]
     assert "no answer" in done.stdout
+
+
+def test_a_pair_may_be_called_like_a_file_of_an_answer(tmp_path: Path) -> None:
+    for name in ("image1.png", "image2.png"):
+        (tmp_path / "in" / "overlay.png").mkdir(parents=True, exist_ok=True)
+        (tmp_path / "in" / "overlay.png" / name).write_text("no image")
+    arguments = ("batch", str(tmp_path / "in"), "--pairing", "folders", "--fov", "60", "-o", str(tmp_path / "out"))
+    for _ in range(2):
+        done = slopemap(*arguments)
+        assert done.returncode == 4
+        assert "1 pair: 0 answered, 1 without an answer" in done.stderr
 
 
 # ---- which pairs there would be ----
@@ -316,7 +338,7 @@ def test_a_terminal_has_one_line_that_is_written_over(
     monkeypatch.setattr("sys.stderr.isatty", lambda: True)
     monkeypatch.setenv("TERM", "xterm")
     monkeypatch.setenv("COLUMNS", "30")
-    monkeypatch.setattr("slopecli.cli.progress.click.echo", lambda text, nl=True, err=True: shown.append((text, nl)))
+    monkeypatch.setattr("slopecli.cli.talk.click.echo", lambda text, nl=True, err=True: shown.append((text, nl)))
     shown: list[tuple[str, bool]] = []
     line = ProgressLine(Talk())
     for done in range(1, 4):

@@ -105,8 +105,9 @@ def test_no_pairs_and_pairs_of_one_name_are_refused(pairs: list[Pair], tmp_path:
 
 def test_a_folder_that_cannot_be_written_to_is_refused(pairs: list[Pair], tmp_path: Path) -> None:
     (tmp_path / "taken").write_text("a file")
-    for place in ("taken", "taken/below"):
-        with pytest.raises(InputError, match=r"cannot write results to .*taken.*-o") as refused:
+    (tmp_path / "folder" / "results.jsonl").mkdir(parents=True)
+    for place in ("taken", "taken/below", "folder"):
+        with pytest.raises(InputError, match=rf"cannot write results to .*{place}.*-o") as refused:
             run(pairs, OPTIONS, KEEP, tmp_path / place)
         assert one_line(refused)
 

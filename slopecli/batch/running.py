@@ -16,7 +16,7 @@ from slopecli.batch.worker import Limits, Worker
 from slopecli.errors import DiskFull, InputError, SlopemapError
 from slopecli.options import Options
 
-SUMMARY, LINES, PAGE = "summary.csv", "results.jsonl", "index.html"
+FILES = SUMMARY, LINES, PAGE = "summary.csv", "results.jsonl", "index.html"
 CHUNK = 8  # jobs a cluster is given at a time: enough for neighbours to meet, few enough to lose
 PER_CORE = 2  # chunks under way, so that no worker waits for the next
 MIN_LANES = 32  # for workers that join a cluster later
@@ -108,7 +108,9 @@ def _check(pairs: Sequence[Pair]) -> None:
 @contextmanager
 def _held(folder: Path) -> Iterator[int]:
     from slopecli.io.lock import locked
+    from slopecli.io.outputs import check_directory
 
+    check_directory(folder, FILES)
     with ExitStack() as stack:
         try:
             folder.mkdir(parents=True, exist_ok=True)

@@ -143,10 +143,11 @@ def _check_usage(ctx: click.Context) -> None:
 
 def _find_pairs(folder: str, parameters: dict[str, Any]) -> FoundPairs:
     from slopecli.batch.pairs import find_pairs
+    from slopecli.batch.running import FILES
     from slopecli.io.outputs import check_directory
 
     if parameters["output"] and not parameters["dry_run"]:
-        check_directory(parameters["output"])
+        check_directory(parameters["output"], FILES)
     return find_pairs(
         folder,
         parameters["pairing"],
@@ -189,5 +190,6 @@ def _deliver(outcomes: list[Outcome], output: str, talk: Talk) -> None:
 
     print_result(batch_table(outcomes))
     failed = sum(outcome.exit_status != 0 for outcome in outcomes)
-    talk.say(f"{len(outcomes)} pairs: {len(outcomes) - failed} answered, {failed} without an answer")
+    pairs = "1 pair" if len(outcomes) == 1 else f"{len(outcomes)} pairs"
+    talk.say(f"{pairs}: {len(outcomes) - failed} answered, {failed} without an answer")
     talk.say(f"wrote {Path(output, 'index.html')}, summary.csv and results.jsonl beside it, and a folder for each pair")

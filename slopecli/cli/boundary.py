@@ -10,7 +10,7 @@ from collections.abc import Sequence
 
 import click
 
-from slopecli.cli.talk import Talk, drop_stdout
+from slopecli.cli.talk import Talk, drop_stdout, tell
 from slopecli.errors import SlopemapError
 
 UNEXPECTED = 1
@@ -49,7 +49,7 @@ def _prepare_process() -> None:
 
 
 def _end(message: str, exit_code: int) -> int:
-    click.echo(f"slopemap: error: {' '.join(message.split())}", err=True)
+    tell(f"slopemap: error: {' '.join(message.split())}")
     return exit_code
 
 

@@ -8,9 +8,7 @@ import sys
 import time
 from typing import TYPE_CHECKING
 
-import click
-
-from slopecli.cli.talk import Talk
+from slopecli.cli.talk import Talk, tell
 
 if TYPE_CHECKING:
     from slopecli.batch.jobs import Outcome, Progress
@@ -25,7 +23,8 @@ class ProgressLine:
 
     def __init__(self, talk: Talk) -> None:
         self._talk = talk
-        self._live = sys.stderr.isatty() and os.environ.get("TERM") != "dumb" and not talk.quiet
+        listens = sys.stderr is not None and sys.stderr.isatty()  # None: closed, as by 2>&-
+        self._live = listens and os.environ.get("TERM") != "dumb" and not talk.quiet
         self._start = self._last = time.monotonic()
         self._tenths = 0
         self._latest: Progress | None = None
@@ -40,7 +39,7 @@ class ProgressLine:
         if self._live and now - self._last >= REDRAW_S:
             # a line that wraps cannot be erased
             shown = self._line(progress, now)[: shutil.get_terminal_size().columns - 1]
-            click.echo(f"{ERASE_LINE}{shown}", nl=False, err=True)
+            tell(f"{ERASE_LINE}{shown}", end_line=False)
             self._last = now
         elif not self._live and now - self._last >= (TENTH_S if tenths > self._tenths else LOG_S):
             self._talk.say(self._line(progress, now))
@@ -54,7 +53,7 @@ class ProgressLine:
     def erase(self) -> None:
         """Take the line off the terminal."""
         if self._live:
-            click.echo(ERASE_LINE, nl=False, err=True)
+            tell(ERASE_LINE, end_line=False)
 
     @property
     def so_far(self) -> str:

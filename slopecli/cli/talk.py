@@ -8,6 +8,7 @@ import time
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
+from typing import TextIO
 
 import click
 
@@ -22,12 +23,12 @@ class Talk:
     def say(self, line: str) -> None:
         """Say one line on stderr unless -q was given."""
         if not self.quiet:
-            click.echo(line, err=True)
+            tell(line)
 
     def stage(self, name: str, seconds: float) -> None:
         """Say with -v how long a stage took."""
         if self.verbose:
-            click.echo(f"{name:<12s} {seconds:8.3f} s", err=True)
+            tell(f"{name:<12s} {seconds:8.3f} s")
 
     @contextmanager
     def timed(self, name: str) -> Iterator[None]:
@@ -48,7 +49,21 @@ def print_result(text: str) -> None:
         drop_stdout()
 
 
+def tell(text: str, *, end_line: bool = True) -> None:
+    """Write to stderr. If nobody listens any more (`2>&1 | head`, a terminal that is gone), the work goes on."""
+    try:
+        click.echo(text, nl=end_line, err=True)
+    except OSError:
+        _drop(sys.stderr)
+
+
 def drop_stdout() -> None:
     """Send what stdout still holds nowhere: Python flushes it once more at exit, which would complain."""
+    _drop(sys.stdout)
+
+
+def _drop(stream: TextIO) -> None:
     with suppress(OSError):  # a stream in memory has no file
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        nowhere = os.open(os.devnull, os.O_WRONLY)
+        os.dup2(nowhere, stream.fileno())
+        os.close(nowhere)

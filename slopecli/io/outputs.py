@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import tempfile
+from collections.abc import Sequence
 from contextlib import suppress
 from pathlib import Path
 
@@ -96,13 +97,13 @@ def store_outputs(contents: dict[str, bytes], directory: str | Path) -> list[Pat
     return [folder / name for name in contents]
 
 
-def check_directory(directory: str | Path) -> None:
-    """Raise InputError if results could not be written to a folder. Makes and changes nothing.
+def check_directory(directory: str | Path, names: Sequence[str] = OUTPUT_NAMES) -> None:
+    """Raise InputError if files of these names could not be written to a folder. Makes and changes nothing.
 
     Worth calling before a long computation.
     """
     folder = Path(directory)
-    blocked = [name for name in OUTPUT_NAMES if os.path.isdir(folder / name)]
+    blocked = [name for name in names if os.path.isdir(folder / name)]
     if blocked:
         raise InputError(
             _complaint(folder, f"{blocked[0]} in it is a folder, and a file of that name is to be written")
@@ -134,10 +135,9 @@ def _encode_meshes(report: Report, image: Image, ply: bool, glb: bool) -> dict[s
     from slopecli.io.ply import report_to_ply
     from slopecli.io.region_mesh import region_surfaces
 
-    regions = any(plane.source != "window" for plane in report.planes)
-    surfaces = region_surfaces(report) if regions and (ply or glb) else []
+    surfaces = region_surfaces(report) if report.found and (ply or glb) else []
     contents = {PLY: report_to_ply(report, image, surfaces)} if ply else {}
-    if glb and regions:
+    if glb and report.found:
         contents[GLB] = report_to_glb(report, image, surfaces)
     return contents
 
