@@ -87,6 +87,15 @@ def test_the_folder_of_results_is_no_input(tmp_path: Path) -> None:
         find_pairs(folder, cameras=GIVEN, output=os.path.join(folder, "."))
 
 
+def test_results_deep_in_the_folder_are_no_pair(tmp_path: Path) -> None:
+    folder = fill(tmp_path, "pair/1.png", "pair/2.png", "results/first/index.html")
+    for output, names in (("results/first", ["pair"]), ("pair/out", ["pair", "results"])):
+        found = find_pairs(folder, "folders", cameras=GIVEN, output=os.path.join(folder, output))
+        assert names_of(found) == names
+    with pytest.raises(InputError, match=r"pair: holds images of a pair.*another -o"):
+        find_pairs(folder, "folders", cameras=GIVEN, output=os.path.join(folder, "pair"))
+
+
 @pytest.mark.parametrize(
     ("names", "stride", "said"),
     [

@@ -121,10 +121,22 @@ def _along_the_folder(folder: str, stride: int, output: str | None) -> list[Cand
 def _one_per_folder(folder: str, output: str | None) -> list[Candidate]:
     from slopecli.io.pair_sources import folders_in
 
-    names = _without(folders_in(folder), folder, output)
-    if not names:
+    found = [_from_folder(name, os.path.join(folder, name)) for name in folders_in(folder)]
+    candidates = [one for one in found if not _holds_results(one, os.path.join(folder, one.name), output)]
+    if not candidates:
         raise InputError(f"{folder}: holds no folders; needed one for each pair, or another --pairing")
-    return [_from_folder(name, os.path.join(folder, name)) for name in names]
+    return candidates
+
+
+def _holds_results(candidate: Candidate, place: str, output: str | None) -> bool:
+    """Whether a folder is there for the results, which may be deep in it. Raises InputError for that of a pair."""
+    from slopecli.io.pair_sources import is_same_place, lies_in
+
+    if output is None or not lies_in(output, place):
+        return False
+    if candidate.problem is None and is_same_place(output, place):
+        raise InputError(f"{place}: holds images of a pair, and cannot take the results of all; give another -o")
+    return candidate.problem is not None
 
 
 def _from_folder(name: str, place: str) -> Candidate:

@@ -103,6 +103,11 @@ def is_same_place(one: str, other: str) -> bool:
     return os.path.realpath(one) == os.path.realpath(other)
 
 
+def lies_in(path: str, folder: str) -> bool:
+    """Whether a path, which need not exist, leads to a folder or to a place below it."""
+    return Path(os.path.realpath(path)).is_relative_to(os.path.realpath(folder))
+
+
 def read_pair_list(file: str) -> list[PairRow]:
     """Rows of a list of pairs: two images, and one or two cameras if need be.
 
