@@ -140,9 +140,9 @@ def _focus_in(plane: Plane) -> Diagnostic:
     return Diagnostic(
         "foe-in-window",
         "info",
-        f"the camera moves along a line of sight through {_noun(plane)} {plane.id}: it shows least parallax there",
+        f"the camera moves along a line of sight through {plane.noun} {plane.id}: it shows least parallax there",
         float(plane.id),
-        "move sideways as well" + (", or choose another window" if plane.source == "window" else ""),
+        "move sideways as well" + ("" if plane.found else ", or choose another window"),
     )
 
 
@@ -150,14 +150,10 @@ def _not_flat(plane: Plane, relief: float) -> Diagnostic:
     return Diagnostic(
         "non-planar-patch",
         "warning",
-        f"{_noun(plane)} {plane.id} is not one plane: relief {100 * relief:.1f} % of its distance, or a step in it",
+        f"{plane.noun} {plane.id} is not one plane: relief {100 * relief:.1f} % of its distance, or a step in it",
         float(plane.id),
-        "use smaller windows" if plane.source == "window" else "look at it with --window, or lower --merge-px",
+        "look at it with --window, or lower --merge-px" if plane.found else "use smaller windows",
     )
-
-
-def _noun(plane: Plane) -> str:
-    return "window" if plane.source == "window" else "region"
 
 
 def _poor_fit(noise_px: float) -> Diagnostic:

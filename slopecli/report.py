@@ -69,15 +69,15 @@ def build_report(
     if not planes:
         raise NoAnswer(
             "low-texture",
-            f"the matches of all {len(matched.matches)} {matched.patches.source}s leave their slopes open",
-            f"choose larger {matched.patches.source}s, or such with texture that both images show",
+            f"the matches of all {len(matched.matches)} {matched.patches.noun}s leave their slopes open",
+            f"choose larger {matched.patches.noun}s, or such with texture that both images show",
         )
     relief = {matched.answered[k] + 1: float(r) for k, r in enumerate(solution.relief)}
     epipole = epipole1_px(solution, cameras[0])
     fit = _fit(solution, matched, cameras[1])
     ids = [plane.id for plane in planes]
     labels = paint_labels([matched.footprints[i - 1] for i in ids], ids, (images[0].height, images[0].width))
-    if matched.patches.source != "window":
+    if matched.patches.found:
         diagnostics = [*diagnostics, unexplained(labels)]
     return Report(
         images=(_info(images[0]), _info(images[1])),
@@ -176,7 +176,7 @@ def _plane(
     low, high = np.degrees(slope_interval(slope)[0])
     aspect = None if np.isnan(slope.aspect_rad[0]) else float(np.degrees(slope.aspect_rad[0]))
     inlier_share = float(kept.sum() / max(member.sum(), 1))
-    status, reason = _status(match, matched.patches.source, float(solution.relief[k]), inlier_share)
+    status, reason = _status(match, matched.patches.noun, float(solution.relief[k]), inlier_share)
     rival = other if solution.ambiguity.status == "unresolved" else None
     p_safe, p_other = float(main.p_safe[k]), None if rival is None else float(rival.p_safe[k])
     H = homography_of_plane(solution.R, solution.T, solution.scaled_normals[k])
@@ -219,12 +219,12 @@ def _rms(H: FloatArray, matched: Matched, kept: BoolArray) -> float:
 
 
 def _status(
-    match: WindowMatch, source: str, roughness: float, inlier_share: float
+    match: WindowMatch, noun: str, roughness: float, inlier_share: float
 ) -> tuple[Literal["ok", "poor"], str | None]:
     if match.origin == "borrowed":
         return "poor", match.reason
     if match.share < LEAST_SEEN:
-        return "poor", f"only {100 * match.share:.0f} % of the {source} could be matched"
+        return "poor", f"only {100 * match.share:.0f} % of the {noun} could be matched"
     if roughness > ROUGH or match.left_out > MOST_LEFT_OUT or inlier_share < 1 - MOST_LEFT_OUT:
         return "poor", "non-planar-patch"
     return "ok", None
@@ -232,7 +232,7 @@ def _status(
 
 def _known(plane: Plane) -> bool:
     """Whether the matches say where the plane faces, and that it lies before the camera (NaN compares false)."""
-    most = UNKNOWN_DEG if plane.source == "window" else UNKNOWN_OF_FOUND_DEG
+    most = UNKNOWN_OF_FOUND_DEG if plane.found else UNKNOWN_DEG
     return plane.slope_sigma_deg <= most and plane.distance > 0
 
 

@@ -19,6 +19,8 @@ IntArray = NDArray[np.int64]
 BoolArray = NDArray[np.bool_]
 
 CameraModel = Literal["pinhole", "brown", "fisheye"]
+Source = Literal["window", "ransac", "region"]  # how a patch was found
+NOUNS: dict[Source, str] = {"window": "window", "ransac": "plane", "region": "region"}  # what messages call it
 
 
 @dataclass(frozen=True)
@@ -238,7 +240,7 @@ class Plane:
     """One answered patch. normal_cam1 points out of the surface, towards camera 1. distance and roughness: see docs."""
 
     id: int
-    source: Literal["window", "ransac", "region"]
+    source: Source
     polygon_px: FloatArray
     normal_cam1: FloatArray
     distance: float
@@ -256,6 +258,16 @@ class Plane:
     p_safe: float
     status: Literal["ok", "poor"] = "ok"
     reason: str | None = None
+
+    @property
+    def found(self) -> bool:
+        """Whether it was found in the image, where it may have any shape, rather than asked about as a window."""
+        return self.source != "window"
+
+    @property
+    def noun(self) -> str:
+        """What messages call it."""
+        return NOUNS[self.source]
 
 
 @dataclass(frozen=True, eq=False)
@@ -312,3 +324,13 @@ class Report:
     labels: NDArray[np.uint16]
     epipole1_px: tuple[float, float] | None = None
     segmentation: Segmentation | None = None
+
+    @property
+    def found(self) -> bool:
+        """Whether any of its planes was found in the image, rather than asked about as a window."""
+        return any(plane.found for plane in self.planes)
+
+    @property
+    def noun(self) -> str:
+        """What messages call its patches, answered or not."""
+        return next((plane.noun for plane in self.planes if plane.found), NOUNS["window"])

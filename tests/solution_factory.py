@@ -16,7 +16,7 @@ from slopecli.planes.window_match import WindowMatch, no_match
 from slopecli.planes.windows import Window
 from slopecli.report import build_report
 from slopecli.simulate import project
-from slopecli.types import Ambiguity, Correspondences, FloatArray, Report, Solution
+from slopecli.types import Ambiguity, Correspondences, FloatArray, Report, Solution, Source
 
 CAMERA = make_camera()
 HEIGHT = 5.0  # baselines from camera 1 to every plane, perpendicularly
@@ -95,6 +95,7 @@ def make_report_of(
     windows: Sequence[Window] = WINDOWS,
     refused: Sequence[int] = (),
     match_changes: dict[int, dict[str, object]] | None = None,
+    source: Source = "window",
 ) -> Report:
     """The report of a solution whose planes lie in these windows; `refused` ones (by index) have no matches."""
     chosen = list(windows)[: len(solution.scaled_normals) + len(refused)]
@@ -107,7 +108,7 @@ def make_report_of(
     parts = [matches[i] for i in answered]
     uv1, uv2, x1, x2 = (np.vstack([getattr(p, name) for p in parts]) for name in ("uv1", "uv2", "x1", "x2"))
     correspondences = Correspondences(uv1, uv2, x1, x2, np.repeat(np.arange(len(parts)), POINTS))
-    patches = Patches("window", [window_footprint(window) for window in chosen], matches)
+    patches = Patches(source, [window_footprint(window) for window in chosen], matches)
     matched = Matched(patches, answered, correspondences, np.ones(len(uv1)))
     image = make_image()
     return build_report((image, image), (CAMERA, CAMERA), options or Options(), matched, solution, [])

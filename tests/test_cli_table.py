@@ -10,7 +10,7 @@ import pytest
 from report_factory import make_ambiguity, make_region_report, make_report
 
 from slopecli.cli.table import result_table, talk_lines
-from slopecli.types import Rejected, Scale, Up
+from slopecli.types import Rejected, Scale, Source, Up
 
 
 def rows_of(table: str) -> list[str]:
@@ -123,13 +123,15 @@ def test_what_cannot_be_told_ground_from_roof_is_a_dash() -> None:
     assert row.split()[:2] == ["1", "-"]
 
 
-def test_planes_found_and_refused_are_called_regions() -> None:
+@pytest.mark.parametrize(("source", "noun"), [("region", "region"), ("ransac", "plane")])
+def test_planes_found_and_refused_are_not_called_windows(source: Source, noun: str) -> None:
     refused = Rejected(6, REGIONS.planes[0].polygon_px, "low-texture", "no texture in it")
-    report = replace(REGIONS, rejected=(refused,), ambiguity=make_ambiguity(REGIONS))
+    planes = tuple(replace(plane, source=source) for plane in REGIONS.planes)
+    report = replace(REGIONS, planes=planes, rejected=(refused,), ambiguity=make_ambiguity(REGIONS))
     assert rows_of(result_table(report))[-1].split()[:3] == ["6", "-", "-"]
     talk = "\n".join(talk_lines(report))
-    assert "region 6: no answer: low-texture: no texture in it" in talk
-    assert "no region is called safe" in talk
+    assert f"{noun} 6: no answer: low-texture: no texture in it" in talk
+    assert f"no {noun} is called safe" in talk
     assert "window" not in talk
 
 

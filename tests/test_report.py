@@ -17,10 +17,14 @@ from solution_factory import (
     with_second_root,
 )
 
-from slopecli.errors import InputError
+from slopecli.errors import InputError, NoAnswer
 from slopecli.io.result import report_to_json
 from slopecli.options import Options
-from slopecli.types import Plane, Report
+from slopecli.planes.footprint import window_footprint
+from slopecli.planes.joint import join_patches
+from slopecli.planes.patches import Patches
+from slopecli.planes.window_match import no_match
+from slopecli.types import Plane, Report, Source
 
 BORROWED = {"origin": "borrowed", "reason": "too little texture inside: this is the plane around it"}
 
@@ -272,6 +276,17 @@ def test_a_slope_that_could_be_anything_is_refused_not_reported() -> None:
     assert [plane.id for plane in report.planes] == [1]
     assert [window.id for window in report.rejected] == [2]
     assert set(np.unique(report.labels)) == {0, 1}
+
+
+@pytest.mark.parametrize(("source", "noun"), [("window", "window"), ("ransac", "plane"), ("region", "region")])
+def test_messages_call_a_patch_what_it_is(source: Source, noun: str) -> None:
+    partly = make_report_of(make_solution([5]), match_changes={0: {"share": 0.3}}, source=source).planes[0]
+    assert partly.reason == f"only 30 % of the {noun} could be matched"
+    with pytest.raises(NoAnswer, match=f"the matches of all 2 {noun}s leave .*; choose larger {noun}s"):
+        make_report_of(make_solution([5, 5], sigma_deg=[90.0, 90.0]), source=source)
+    patches = Patches(source, [window_footprint(WINDOWS[0])], [no_match("nothing to see")])
+    with pytest.raises(NoAnswer, match=f"none of the 1 {noun}s can be matched: .*; choose {noun}s with"):
+        join_patches(patches, None)  # type: ignore[arg-type]  # the scene is not asked
 
 
 def test_both_answers_are_reported_with_what_would_decide() -> None:

@@ -21,12 +21,7 @@ VERDICT_COLOURS |= {"answered": "green", "failed": "red", "no answer": "yellow"}
 
 def result_table(report: Report) -> str:
     """One line per window or plane in the order of ids, those without an answer included; angles in degrees."""
-    return "\n".join(_found_table(report) if _found_in_image(report) else _window_table(report))
-
-
-def _found_in_image(report: Report) -> bool:
-    """Whether planes were looked for, rather than windows given."""
-    return any(plane.source != "window" for plane in report.planes)
+    return "\n".join(_found_table(report) if report.found else _window_table(report))
 
 
 def _window_table(report: Report) -> Iterator[str]:
@@ -110,7 +105,7 @@ def talk_lines(report: Report) -> Iterator[str]:
     if report.ambiguity.status == "unresolved":
         yield _ambiguity_line(report)
     for one in report.rejected:
-        yield f"{_noun(report)} {one.id}: no answer: {one.reason}: {one.message}"
+        yield f"{report.noun} {one.id}: no answer: {one.reason}: {one.message}"
     for diagnostic in report.diagnostics:
         remedy = f"; {diagnostic.remedy}" if diagnostic.remedy else ""
         yield f"{diagnostic.severity}: {diagnostic.code}: {diagnostic.message}{remedy}"
@@ -129,9 +124,5 @@ def _up_line(report: Report) -> str:
 
 def _ambiguity_line(report: Report) -> str:
     remedy = report.ambiguity.resolve_with
-    doubt = f"a second motion fits as well, with other slopes; no {_noun(report)} is called safe unless it is in both"
+    doubt = f"a second motion fits as well, with other slopes; no {report.noun} is called safe unless it is in both"
     return f"warning: {doubt}" + (f"; resolve it with {remedy}" if remedy else "")
-
-
-def _noun(report: Report) -> str:
-    return "region" if _found_in_image(report) else "window"

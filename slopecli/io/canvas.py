@@ -16,7 +16,7 @@ TEXT_PX = 15  # at a long side of 1024 px
 
 def drawing_scale(report: Report, image: Image) -> float:
     """Return the scale of a drawing against image 1, whose long side lies between the limits above."""
-    smallest = SMALLEST_PX if all(plane.source == "window" for plane in report.planes) else SMALLEST_MAP_PX
+    smallest = SMALLEST_MAP_PX if report.found else SMALLEST_PX
     return float(np.clip(1.0, smallest / max(image.grey.shape), LARGEST_PX / max(image.grey.shape)))
 
 

@@ -108,8 +108,8 @@ def footprints_of(report: Report, scale: float, shape: tuple[int, int], text_px:
     -------
     Of both kinds the largest first.
     """
-    regions = [plane for plane in report.planes if plane.source != "window"]
-    windows = [plane for plane in report.planes if plane.source == "window"]
+    regions = [plane for plane in report.planes if plane.found]
+    windows = [plane for plane in report.planes if not plane.found]
     labels = _labels_at(report, shape) if regions else np.zeros(shape, np.uint16)
     polygons = _largest_first(_of_polygons(report, [*windows, *report.rejected], scale, labels))
     _share_ground(polygons, shape)

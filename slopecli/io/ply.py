@@ -54,7 +54,7 @@ def report_to_ply(report: Report, image: Image | None = None, surfaces: Sequence
     image : image 1, which colours the surfaces; without it they have the colour of their slope.
     surfaces : the planes that were found as regions, from `region_surfaces`.
     """
-    windows = (plane_mesh(plane, report.cameras[0]) for plane in report.planes if plane.source == "window")
+    windows = (plane_mesh(plane, report.cameras[0]) for plane in report.planes if not plane.found)
     meshes = [*(mesh for mesh in windows if mesh is not None), *_surface_meshes(report, image, surfaces)]
     size = CAMERA_SIZE * _median_distance(report.planes)
     rotation, centre = report.motion.rotation_cam2_from_cam1, report.motion.baseline_cam1

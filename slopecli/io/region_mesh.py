@@ -36,7 +36,7 @@ def region_surfaces(report: Report) -> list[Surface]:
     counter-clockwise seen from camera 1.
     """
     boxes = boxes_of(report.labels)
-    ids = [plane.id for plane in report.planes if plane.source != "window" and plane.id in boxes]
+    ids = [plane.id for plane in report.planes if plane.found and plane.id in boxes]
     masks = {i: mask_of(report.labels[boxes[i]], i) for i in ids}
     step = max(1.0, np.sqrt(2 * sum(map(cv2.countNonZero, masks.values())) / (1 - ON_BORDERS) / MOST_TRIANGLES))
     meshes = {i: region_grid(masks[i], boxes[i], step) for i in ids}

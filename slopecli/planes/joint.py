@@ -62,8 +62,8 @@ def join_patches(patches: Patches, scene: Scene) -> Matched:
     if not answered:
         raise NoAnswer(
             "low-texture",
-            f"none of the {len(matches)} {patches.source}s can be matched: {matches[0].reason}",
-            f"choose {patches.source}s with texture that both images show",
+            f"none of the {len(matches)} {patches.noun}s can be matched: {matches[0].reason}",
+            f"choose {patches.noun}s with texture that both images show",
         )
     parts, evidence = [matches[i] for i in answered], scene.evidence
     outside = _outside(evidence, [patches.footprints[i] for i in answered])

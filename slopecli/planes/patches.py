@@ -3,13 +3,10 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Literal
 
 from slopecli.planes.footprint import Footprint
 from slopecli.planes.window_match import WindowMatch
-from slopecli.types import Segmentation
-
-Source = Literal["window", "ransac", "region"]
+from slopecli.types import NOUNS, Segmentation, Source
 
 
 @dataclass(frozen=True, eq=False)
@@ -20,3 +17,13 @@ class Patches:
     footprints: list[Footprint]
     matches: list[WindowMatch]
     segmentation: Segmentation | None = None
+
+    @property
+    def found(self) -> bool:
+        """Whether they were found in the image rather than asked about as windows."""
+        return self.source != "window"
+
+    @property
+    def noun(self) -> str:
+        """What messages call one of them."""
+        return NOUNS[self.source]
