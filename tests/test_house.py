@@ -23,7 +23,7 @@ FLOORS = (
     "planes",
     "simulate",
     "diagnosis measure kinds known_motion",
-    "report",
+    "report plan",
     "pipeline",
     "io",
     "batch",

@@ -1,0 +1,176 @@
+"""Two images to be taken: the camera, the way, the ground, and which points both would see.
+
+Lengths are in heights of camera 1 above the ground; camera 2 keeps the attitude of camera 1.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+
+from slopecli.errors import InputError
+from slopecli.geometry.camera import pixels_from_rays, rays_from_pixels
+from slopecli.geometry.epipolar import homogeneous
+from slopecli.geometry.observations import Prediction, observe, predict
+from slopecli.types import BoolArray, Camera, FloatArray, IntArray
+
+Window = tuple[int, int, int, int]  # x, y, width, height in px of image 1
+
+POINTS = 100  # a window; estimate finds 300 to 400 matches, whose errors are shared by about four neighbours
+NOISE_PX = 0.1  # 1-sigma of a match: estimate measures 0.03 to 0.1 px in rendered images, 0.1 to 0.3 px in photographs
+ROUGHNESS = 0.002  # of natural ground; estimate reports 0.001 to 0.005, more among rocks, 0 on pavement
+LEAST_SHARE = 0.04  # of a window that image 2 must show for an answer, as estimate needs
+LEAST_MATCHES = 6  # of a window in image 2: fewer, scattered at random, hardly fix a plane
+SCATTER = 3.0  # matches lost to it: n at random places tell as much as n - 3 that are spread evenly
+LATTICE = 256  # points that stand for the matches of a window
+
+
+@dataclass(frozen=True, eq=False)
+class Flight:
+    """Two images to be taken, but for how far apart.
+
+    Attributes
+    ----------
+    camera : of both images.  windows : (x, y, w, h) px of image 1.
+    direction : (3,) from camera 1 to camera 2, camera-1 axes, any length.
+    normals : (m, 3) plane of each window as the solver has it, N.P = 1 for its points P in heights.
+    up : (3,) against gravity, camera-1 axes.  up_sigma_rad : its 1-sigma.
+    points : independent matches a window.  noise_px : 1-sigma of a coordinate in image 2.
+    roughness : RMS height of the ground off the plane of a window, over its distance.
+    """
+
+    camera: Camera
+    windows: Sequence[Window]
+    direction: FloatArray
+    normals: FloatArray
+    up: FloatArray
+    up_sigma_rad: float = 0.0
+    points: int = POINTS
+    noise_px: float = NOISE_PX
+    roughness: float = ROUGHNESS
+
+    @cached_property
+    def T(self) -> FloatArray:
+        """(3,) unit vector from camera 1 to camera 2."""
+        return np.asarray(self.direction, float) / np.linalg.norm(self.direction)
+
+    @cached_property
+    def rays(self) -> FloatArray:
+        """(m, LATTICE, 2) normalised coordinates of points in every window; NaN where there is no ray."""
+        uv = np.concatenate([_lattice(window) for window in self.windows])
+        return rays_from_pixels(self.camera, uv).reshape(len(self.windows), -1, 2)
+
+    @property
+    def more(self) -> float:
+        """How much more a point of the lattice errs than a match, so that all of them tell as much as the matches."""
+        return float(np.sqrt(LATTICE / self.points))
+
+
+class Seen(NamedTuple):
+    """What both images see: points x1, x2 (n, 2) without noise; patch (n,) their place in `windows`, the windows that
+    can be answered; share (m,) of every window in image 2; scaled normals of `windows`; weight (n,) of points, for the
+    matches of a window are not spread evenly; and the solver's prediction."""
+
+    x1: FloatArray
+    x2: FloatArray
+    patch: IntArray
+    windows: IntArray
+    share: FloatArray
+    normals: FloatArray
+    weight: FloatArray
+    prediction: Prediction
+
+
+def ground_normals(
+    camera: Camera, windows: Sequence[Window], up: FloatArray, slope_rad: float, downhill: FloatArray, uneven_rad: float
+) -> FloatArray:
+    """(m, 3) planes of windows, N.P = 1 in heights, of ground one height below the camera.
+
+    Parameters
+    ----------
+    up : (3,) unit vector.  downhill : (3,) horizontal unit vector the ground falls to, by `slope_rad` (below pi/2).
+    uneven_rad : angle between each window's plane and the ground, each in a direction of its own about the middle of
+        the window; 0 for windows that all lie on one plane.
+    """
+    outward = np.cos(slope_rad) * up + np.sin(slope_rad) * downhill
+    ground = -outward / np.cos(slope_rad)
+    across = np.cross(outward, np.cross(up, downhill))
+    turn = np.arange(len(windows)) * np.pi * (3.0 - np.sqrt(5.0))  # the golden angle: no two directions alike
+    lean = np.cos(turn)[:, None] * across + np.sin(turn)[:, None] * np.cross(outward, across)
+    normals = -(np.cos(uneven_rad) * outward + np.sin(uneven_rad) * lean)
+    middles = homogeneous(rays_from_pixels(camera, np.array([_middle(window) for window in windows])))
+    depth_inverse = middles @ ground
+    scaled = normals * (depth_inverse / np.sum(normals * middles, axis=1))[:, None]
+    return np.where((depth_inverse > 0.0)[:, None], scaled, ground)  # beyond the horizon there is nothing to tilt
+
+
+def horizontal(up: FloatArray, azimuth_rad: float, north: FloatArray | None = None) -> FloatArray:
+    """(3,) horizontal unit vector at an azimuth, clockwise seen from above, from north or the image's up direction.
+
+    up : (3,) unit vector. With a camera that looks at the horizon the image's up direction is none, and azimuths count
+    from the viewing direction.
+
+    Raises
+    ------
+    InputError : north is vertical.
+    """
+    for given in (np.array([0.0, -1.0, 0.0]), np.array([0.0, 0.0, 1.0])) if north is None else (np.array(north),):
+        level = given / np.linalg.norm(given)
+        level = level - (level @ up) * up
+        if np.linalg.norm(level) > 1e-6:
+            level = level / np.linalg.norm(level)
+            return np.asarray(np.cos(azimuth_rad) * level + np.sin(azimuth_rad) * np.cross(level, up))
+    raise InputError("north is vertical, so it gives no horizontal direction; give another north")
+
+
+def see(flight: Flight, baseline: float) -> Seen:
+    """Which points of the lattice both images see, and where."""
+    m, n = flight.rays.shape[:2]
+    rays, patch = flight.rays.reshape(-1, 2), np.repeat(np.arange(m), n)
+    normals = flight.normals * baseline
+    inside = np.asarray(np.isfinite(rays).all(axis=1))
+    inside[inside] = _in_both(flight, rays[inside], patch[inside], normals)
+    share = np.bincount(patch[inside], minlength=m) / n
+    windows = np.flatnonzero((share >= LEAST_SHARE) & (share * flight.points >= LEAST_MATCHES))
+    used = inside & np.isin(patch, windows)
+    x1, patch = rays[used], np.searchsorted(windows, patch[used])
+    prediction = _predict(flight, x1, patch, normals[windows]) if len(windows) else _NOTHING
+    weight = (1.0 - SCATTER / (share[windows] * flight.points))[patch]
+    return Seen(x1, prediction.x2[0].T, patch, windows, share, normals[windows], weight, prediction)
+
+
+_NOTHING = Prediction(*(np.zeros((1, 2, 0)) for _ in Prediction._fields))
+
+
+def _in_both(flight: Flight, x1: FloatArray, patch: IntArray, normals: FloatArray) -> BoolArray:
+    """(n,) whether points on planes in front of camera 1 lie within image 2."""
+    camera, p = flight.camera, homogeneous(x1)
+    inverse_depth = np.sum(normals[patch] * p, axis=1)
+    y = p - inverse_depth[:, None] * flight.T
+    ahead = (inverse_depth > 0.0) & (y[:, 2] > 1e-6)
+    u, v = pixels_from_rays(camera, y[:, :2] / np.where(ahead, y[:, 2], 1.0)[:, None]).T
+    return ahead & (u >= -0.5) & (u < camera.width - 0.5) & (v >= -0.5) & (v < camera.height - 0.5)
+
+
+def _predict(flight: Flight, x1: FloatArray, patch: IntArray, normals: FloatArray) -> Prediction:
+    blank = observe(x1, np.zeros_like(x1), patch)
+    return predict(blank, np.eye(3)[None], flight.T[None], normals[None])
+
+
+def _lattice(window: Window) -> FloatArray:
+    """(LATTICE, 2) px, evenly over a window and in no rows, so that what an image border cuts off counts right.
+
+    Source: Roberts, "The unreasonable effectiveness of quasirandom sequences", 2018; steps of the plastic number.
+    """
+    x, y, w, h = window
+    steps = (0.5 + np.arange(1, LATTICE + 1)[:, None] * [0.7548776662466927, 0.5698402909980532]) % 1.0
+    return np.asarray([x - 0.5, y - 0.5] + steps * [w, h])
+
+
+def _middle(window: Window) -> list[float]:
+    x, y, w, h = window
+    return [x - 0.5 + 0.5 * w, y - 0.5 + 0.5 * h]

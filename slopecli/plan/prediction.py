@@ -1,0 +1,169 @@
+"""What a pair of images will tell of slopes: the solver's own covariance, where there are no images yet."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal, NamedTuple
+
+import numpy as np
+
+from slopecli.diagnosis import check_parallax, parallax_px
+from slopecli.errors import NoAnswer, SlopemapError
+from slopecli.geometry.metrics import normal_angle
+from slopecli.geometry.observations import linearise, observe
+from slopecli.geometry.refinement import State, normal_equations
+from slopecli.geometry.slope import measure_slopes
+from slopecli.geometry.solve import solve_planes
+from slopecli.geometry.uncertainty import covariance_of
+from slopecli.plan.flight import Flight, Seen, see
+from slopecli.types import Diagnostic, FloatArray, Solution
+
+UNKNOWN_DEG = 60.0  # sigma beyond which estimate gives no answer
+TRIALS = 20  # simulated pairs that show whether there are two answers
+JOINED = 0.5  # error of simulated pairs over the predicted one below which the roots limit each other
+
+
+@dataclass(frozen=True, eq=False)
+class Forecast:
+    """What a pair with a given baseline will tell; (m,) arrays over the windows, NaN where there is no answer.
+
+    sigma_rad : 1-sigma of the slopes.  source : whence: the solver's covariance, or simulated pairs, where two answers
+        run into each other and a covariance says too much.
+    share : of each window seen in image 2.  parallax_px : median in each window.
+    median_parallax_px : of all points.  zoom : scale of image 2 over image 1, or its inverse, in the window of most.
+    second_answer : share of the simulated pairs that have two answers.
+    """
+
+    baseline: float
+    sigma_rad: FloatArray
+    source: Literal["covariance", "simulation"]
+    share: FloatArray
+    parallax_px: FloatArray
+    median_parallax_px: float
+    zoom: float
+    second_answer: float
+    diagnostics: tuple[Diagnostic, ...]
+
+
+class Trials(NamedTuple):
+    """Simulated pairs: share of them with two answers, and RMS error of the slopes (k,), rad, the right root taken."""
+
+    second_answer: float
+    error_rad: FloatArray
+
+
+def forecast(flight: Flight, baseline: float) -> Forecast:
+    """What the pair tells with a baseline, in heights.
+
+    Raises
+    ------
+    NoAnswer : image 2 shows none of the windows, or there is too little parallax, as `estimate` would refuse it.
+    """
+    seen = see(flight, baseline)
+    if not len(seen.windows):
+        raise NoAnswer(
+            "no-overlap",
+            f"image 2 shows none of the {len(flight.windows)} windows on the ground",
+            "shorten the baseline, or turn the camera to the ground with --up",
+        )
+    parallax = parallax_px(seen.x1, seen.x2, flight.camera.focal_px)
+    diagnostics = check_parallax(parallax, flight.noise_px)
+    sigma, trials = slope_sigmas(flight, seen), simulate(flight, seen)
+    joined = float(np.median(trials.error_rad)) < JOINED * float(np.median(sigma))
+    sigma = trials.error_rad if joined else sigma
+    sigma = np.where(sigma <= np.radians(UNKNOWN_DEG), sigma, np.nan)
+    depth = seen.prediction.depth_ratio[0]
+    return Forecast(
+        baseline=baseline,
+        sigma_rad=_spread(flight, seen, sigma),
+        source="simulation" if joined else "covariance",
+        share=seen.share,
+        parallax_px=_spread(flight, seen, np.array([np.median(parallax[seen.patch == k]) for k in _places(seen)])),
+        median_parallax_px=float(np.median(parallax)),
+        zoom=max(float(np.median(np.maximum(depth, 1.0 / depth)[seen.patch == k])) for k in _places(seen)),
+        second_answer=trials.second_answer,
+        diagnostics=tuple(diagnostics),
+    )
+
+
+def slope_sigmas(flight: Flight, seen: Seen) -> FloatArray:
+    """(k,) 1-sigma of the slopes of the windows seen, rad, from the covariance at the truth."""
+    if not len(seen.windows):
+        return np.array([np.inf])
+    noise = flight.noise_px / flight.camera.focal_px * flight.more
+    blank = observe(seen.x1, np.zeros_like(seen.x1), seen.patch, seen.weight)
+    state = State(np.eye(3)[None], flight.T[None], seen.normals[None])
+    system = normal_equations(state, linearise(blank, seen.prediction, _weights(flight, seen)))
+    covariance = covariance_of(system, flight.T, 0, noise)
+    solution = Solution(
+        R=np.eye(3),
+        T=flight.T,
+        scaled_normals=seen.normals,
+        **covariance._asdict(),
+        noise=noise,
+        relief=np.zeros(len(seen.windows)),
+        rms=noise,
+        chi2=0.0,
+        inlier=np.ones(len(seen.x1), bool),
+        converged=True,
+        iterations=0,
+    )
+    return measure_slopes(solution, flight.up, flight.up_sigma_rad).sigma_rad
+
+
+def _weights(flight: Flight, seen: Seen) -> FloatArray | None:
+    """(1, 3, n) packed 2x2 weights: across its epipolar line a point errs by noise, along it by relief as well."""
+    if flight.roughness == 0.0:
+        return None
+    noise = flight.noise_px / flight.camera.focal_px
+    slide = seen.prediction.slide[0]
+    spread = (seen.prediction.inverse_depth[0] * flight.roughness / noise) ** 2
+    factor = spread / (1.0 + spread * (slide**2).sum(axis=0))  # the inverse of I + spread d d^T (Sherman, Morrison)
+    first, mixed, second = 1.0 - factor * slide[0] ** 2, -factor * slide[0] * slide[1], 1.0 - factor * slide[1] ** 2
+    return seen.weight * np.stack([first, mixed, second])[None]
+
+
+def simulate(flight: Flight, seen: Seen) -> Trials:
+    """Solve pairs with noise, always the same ones.
+
+    Raises
+    ------
+    NoAnswer, DegenerateConfiguration : as the solver, if it answers none.
+    """
+    unresolved, squares, trouble = 0, [], None
+    true = normal_angle(-seen.normals, flight.up)
+    for trial in range(TRIALS):
+        try:
+            solution = _solved(flight, seen, np.random.default_rng(trial))
+        except SlopemapError as error:
+            trouble = error
+            continue
+        rival = solution.ambiguity.alternative if solution.ambiguity.status == "unresolved" else None
+        unresolved += rival is not None
+        roots = [solution] if rival is None else [solution, rival]
+        errors = [(normal_angle(-root.scaled_normals, flight.up) - true) ** 2 for root in roots]
+        squares.append(min(errors, key=lambda error: float(error.sum())))
+    if not squares and trouble is not None:
+        raise trouble
+    return Trials(unresolved / len(squares), np.sqrt(np.mean(squares, axis=0) + flight.up_sigma_rad**2))
+
+
+def _solved(flight: Flight, seen: Seen, rng: np.random.Generator) -> Solution:
+    scale = flight.more / np.sqrt(seen.weight)
+    relief = flight.roughness * scale * rng.standard_normal(len(seen.x1))
+    moved = seen.x2 + (seen.prediction.slide[0] * seen.prediction.inverse_depth[0] * relief).T
+    noise = flight.noise_px / flight.camera.focal_px * scale
+    found = moved + noise[:, None] * rng.standard_normal(moved.shape)
+    rough = flight.roughness > 0.0
+    return solve_planes(seen.x1, found, seen.patch, weights=seen.weight, relief=rough, robust=False)
+
+
+def _places(seen: Seen) -> range:
+    return range(len(seen.windows))
+
+
+def _spread(flight: Flight, seen: Seen, values: FloatArray) -> FloatArray:
+    """Values of the windows seen (k,) as values of all windows (m,), NaN for the others."""
+    every = np.full(len(flight.windows), np.nan)
+    every[seen.windows] = values
+    return every
