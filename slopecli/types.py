@@ -234,6 +234,13 @@ class AmbiguityReport:
     resolve_with: str | None = None
     alternative: Alternative | None = None
 
+    @property
+    def other_slopes_deg(self) -> dict[int, float]:
+        """Slopes by plane id in the second answer, where the images do not tell which of the two is true."""
+        if self.status != "unresolved" or self.alternative is None:
+            return {}
+        return {plane.id: plane.slope_deg for plane in self.alternative.planes}
+
 
 @dataclass(frozen=True, eq=False)
 class Plane:

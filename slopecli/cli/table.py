@@ -25,7 +25,7 @@ def result_table(report: Report) -> str:
 
 
 def _window_table(report: Report) -> Iterator[str]:
-    others = _other_slopes(report)
+    others = report.ambiguity.other_slopes_deg
     rows = [(plane.id, _plane_cells(plane, report.scale.unit, others.get(plane.id))) for plane in report.planes]
     rows += [(window.id, _rejected_cells(window, len(HEADER))) for window in report.rejected]
     return aligned(HEADER, [cells for _, cells in sorted(rows)])
@@ -34,20 +34,13 @@ def _window_table(report: Report) -> Iterator[str]:
 def _found_table(report: Report) -> Iterator[str]:
     from slopecli.kinds import plane_kinds, plane_shares
 
-    kinds, shares, others = plane_kinds(report), plane_shares(report), _other_slopes(report)
+    kinds, shares, others = plane_kinds(report), plane_shares(report), report.ambiguity.other_slopes_deg
     rows = [
         (plane.id, _found_cells(plane, kinds[plane.id] or "-", shares[plane.id], others.get(plane.id)))
         for plane in report.planes
     ]
     rows += [(region.id, _rejected_cells(region, len(FOUND_HEADER))) for region in report.rejected]
     return aligned(FOUND_HEADER, [cells for _, cells in sorted(rows)])
-
-
-def _other_slopes(report: Report) -> dict[int, float]:
-    """Slopes in degrees by plane id in the second answer, where the images do not tell which of the two is true."""
-    if report.ambiguity.status != "unresolved" or report.ambiguity.alternative is None:
-        return {}
-    return {plane.id: plane.slope_deg for plane in report.ambiguity.alternative.planes}
 
 
 def _plane_cells(plane: Plane, unit: str, other_slope_deg: float | None) -> tuple[str, ...]:

@@ -149,13 +149,6 @@ def _largest_first(footprints: Iterable[Footprint]) -> list[Footprint]:
     return sorted(footprints, key=lambda footprint: -cv2.countNonZero(footprint.mask))
 
 
-def _other_slopes(report: Report) -> dict[int, float]:
-    """Slopes of the second answer by plane id, while it is not known which answer holds."""
-    if report.ambiguity.status != "unresolved" or report.ambiguity.alternative is None:
-        return {}
-    return {plane.id: plane.slope_deg for plane in report.ambiguity.alternative.planes}
-
-
 def _labels_at(report: Report, shape: tuple[int, int]) -> NDArray[np.uint16]:
     if report.labels.shape == shape:
         return report.labels
@@ -166,7 +159,7 @@ def _of_polygons(
     report: Report, items: Sequence[Plane | Rejected], scale: float, labels: NDArray[np.uint16]
 ) -> Iterator[Footprint]:
     """Patches given by an outline, less what is labelled as a plane found."""
-    others = _other_slopes(report)
+    others = report.ambiguity.other_slopes_deg
     for item in items:
         polygon = (np.asarray(item.polygon_px, float) + 0.5) * scale - 0.5
         low = np.clip(np.floor(polygon.min(axis=0)).astype(int), 0, None)
@@ -195,7 +188,7 @@ def _of_regions(
     report: Report, planes: Sequence[Plane], scale: float, labels: NDArray[np.uint16], text_px: int
 ) -> Iterator[Footprint]:
     """Patches given by their pixels in the labels of the picture."""
-    others, boxes = _other_slopes(report), boxes_of(labels)
+    others, boxes = report.ambiguity.other_slopes_deg, boxes_of(labels)
     for plane in planes:
         if plane.id not in boxes:
             continue
