@@ -6,7 +6,7 @@ from typing import Literal
 
 import numpy as np
 
-from slopecli.geometry.camera import rays_from_pixels
+from slopecli.geometry.camera import points_on_plane
 from slopecli.types import FloatArray, Plane, Report
 
 Kind = Literal["ground", "wall", "roof", "ceiling"]
@@ -17,7 +17,6 @@ KNOWN_DEG = 5.0  # 1-sigma of a slope beyond which it does not tell that a plane
 LARGE = 0.1  # of the largest level plane: a smaller one below it may be a mistake, or a pit
 AT_GROUND = 0.02  # height over the distance to the camera up to which a plane counts as lying on the ground
 LOW_END = 0.1  # of a plane's outline: the share that may be lower, as outlines are ragged
-LEAST_INCIDENCE = 0.01  # sine of the angle at which a ray meets its plane; below it the point is anywhere
 
 
 def plane_shares(report: Report) -> dict[int, float]:
@@ -54,11 +53,8 @@ def _upright_kind(plane: Plane) -> Kind | None:
 
 def _outline(plane: Plane, report: Report) -> FloatArray:
     """(n, 3) points of a plane's outline in camera-1 axes, without those towards its horizon."""
-    rays = rays_from_pixels(report.cameras[0], plane.polygon_px)
-    rays = np.column_stack([rays, np.ones(len(rays))])
-    steep = -rays @ plane.normal_cam1
-    met = steep > LEAST_INCIDENCE * np.linalg.norm(rays, axis=1)
-    return np.asarray(rays[met] * (plane.distance / steep[met])[:, None])
+    points, met = points_on_plane(report.cameras[0], plane.polygon_px, plane.normal_cam1, plane.distance)
+    return points[met]
 
 
 def _ground(report: Report, outlines: dict[int, FloatArray]) -> Plane | None:

@@ -9,6 +9,7 @@ from slopecli.geometry.camera import (
     OUTSIDE_PX,
     pinhole_of,
     pixels_from_rays,
+    points_on_plane,
     rays_from_pixels,
     scale_camera,
     undistortion_maps,
@@ -121,6 +122,24 @@ def test_nan_pixels_stay_nan_and_harm_no_others() -> None:
     x = rays_from_pixels(EUROC, np.array([[np.nan, 1.0], [100.0, 100.0]]))
     assert np.isnan(x[0]).all()
     assert np.isfinite(x[1]).all()
+
+
+@camera_cases
+def test_pixels_are_laid_onto_a_plane_under_their_rays(camera: Camera) -> None:
+    uv, normal = pixels_of(camera), np.array([0.0, -0.6, -0.8])
+    points, met = points_on_plane(camera, uv, normal, 3.0)
+    assert met.mean() > 0.3
+    np.testing.assert_allclose(points[met] @ normal, -3.0, atol=1e-9)
+    np.testing.assert_allclose(pixels_from_rays(camera, points[met, :2] / points[met, 2:]), uv[met], atol=1e-6)
+    assert (points[met, 2] > 0).all()
+    assert not points_on_plane(camera, uv, -normal, 3.0)[1][met].any()  # its back is not seen
+
+
+def test_rays_along_a_plane_do_not_meet_it() -> None:
+    """Ground under a level camera: met below the horizon, from 0.6 degrees on."""
+    below = np.array([-5.0, 0.0, 0.5, 0.7, 5.0])
+    uv = np.column_stack([np.full(5, PINHOLE.cx), PINHOLE.cy + PINHOLE.fy * np.tan(np.radians(below))])
+    assert points_on_plane(PINHOLE, uv, np.array([0.0, -1.0, 0.0]), 1.0)[1].tolist() == [False] * 3 + [True] * 2
 
 
 @camera_cases

@@ -17,7 +17,8 @@ from functools import lru_cache
 import numpy as np
 
 from slopecli.errors import InputError
-from slopecli.types import Camera, CameraModel, FloatArray
+from slopecli.geometry.epipolar import homogeneous
+from slopecli.types import BoolArray, Camera, CameraModel, FloatArray
 
 MAX_ANGLE = np.radians(89.9)  # tan = 573: a pixel of such a view spans its whole neighbourhood
 MAX_COEFFICIENTS = {"pinhole": 0, "brown": 8, "fisheye": 4}
@@ -25,6 +26,7 @@ OUTSIDE_PX = -1.0e4  # what a remap reads as "not in the image", yet within the 
 ROWS_AT_ONCE = 64  # keeps the temporaries of `undistortion_maps` in cache
 TABLE_SIZE = 1025  # starts Newton within 1e-6 of the root in any usable field of view
 NEWTON_ITERATIONS = 20
+LEAST_INCIDENCE = 0.01  # sine of the angle, 0.6 deg, at which a ray meets a plane; below it the point is anywhere
 LAST_STEP = 1e-8  # Newton squares the error: after a step this small only rounding is left
 
 
@@ -74,6 +76,30 @@ def pixels_from_rays(camera: Camera, x: FloatArray) -> FloatArray:
     """
     x = np.asarray(x, dtype=np.float64)
     return np.stack(_project(camera, x[:, 0], x[:, 1]), axis=1)
+
+
+def points_on_plane(
+    camera: Camera, uv: FloatArray, normal: FloatArray, distance: float
+) -> tuple[FloatArray, BoolArray]:
+    """Lay pixels onto a plane, each along its ray.
+
+    Parameters
+    ----------
+    camera : intrinsics and lens.
+    uv : (n, 2) float array, px, as stored (distorted).
+    normal, distance : (3,) unit vector towards the camera and a length, with `normal . P = -distance`.
+
+    Returns
+    -------
+    points : (n, 3) float array, camera axes, in the unit of the distance; of no meaning where not met.
+    met : (n,) bool, which rays meet the front of the plane, `LEAST_INCIDENCE` or more off its own direction. False
+        where the lens has no ray.
+    """
+    rays = homogeneous(rays_from_pixels(camera, uv))
+    incidence = -(rays @ normal)
+    with np.errstate(invalid="ignore"):  # a lens has no ray for some pixels: NaN compares false
+        met = incidence > LEAST_INCIDENCE * np.linalg.norm(rays, axis=1)
+        return rays * (distance / np.where(met, incidence, 1.0))[:, None], met
 
 
 def pinhole_of(camera: Camera) -> Camera:

@@ -6,10 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from slopecli.geometry.camera import rays_from_pixels
+from slopecli.geometry.camera import points_on_plane
 from slopecli.types import BoolArray, Camera, FloatArray, IntArray, Plane
-
-LEAST_INCIDENCE = 0.01  # cosine: rays closer than 0.6 deg to the plane's own direction meet it too far away to draw
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,12 +34,8 @@ def lay_on_plane(plane: Plane, camera: Camera, uv: FloatArray, triangles: IntArr
     -------
     The part that meets the plane in front of the camera and not at a grazing angle, None where nothing does.
     """
-    rays = np.column_stack([rays_from_pixels(camera, uv), np.ones(len(uv))])
-    incidence = -(rays @ plane.normal_cam1)
-    with np.errstate(invalid="ignore"):  # a lens has no ray for some pixels: NaN, which is dropped here too
-        seen = incidence > LEAST_INCIDENCE * np.linalg.norm(rays, axis=1)
-        points = rays * (plane.distance / np.where(seen, incidence, 1.0))[:, None]
-    return trimmed(Surface(plane, uv, points, triangles), seen)
+    points, met = points_on_plane(camera, uv, plane.normal_cam1, plane.distance)
+    return trimmed(Surface(plane, uv, points, triangles), met)
 
 
 def trimmed(surface: Surface, keep: BoolArray) -> Surface | None:
