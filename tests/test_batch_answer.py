@@ -18,7 +18,7 @@ from slopecli.batch import answer as room
 from slopecli.batch.answer import answer, answer_jobs, load_inputs
 from slopecli.batch.jobs import Answer, CameraChoice, Job, Keep, Pair, Shipped
 from slopecli.batch.ledger import store
-from slopecli.errors import DiskFull
+from slopecli.errors import DiskFull, InputError
 from slopecli.io.cameras import camera_for
 from slopecli.io.images import load_image
 from slopecli.io.outputs import write_outputs
@@ -220,6 +220,22 @@ def test_of_two_bad_images_both_are_named(tmp_path: Path) -> None:
         assert all(str(path) in str(outcome.message) for path in paths)
 
 
+def test_a_file_that_is_missing_for_a_moment_is_named(
+    pairs: list[Pair], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    real, calls = room.read_image_file, list[str]()
+
+    def late(path: str, base: str) -> bytes:
+        calls.append(path)
+        if len(calls) == 1:
+            raise InputError(f"{path}: no such file")
+        return real(path, base)
+
+    monkeypatch.setattr(room, "read_image_file", late)
+    outcome = answer(make_job(pairs[0], tmp_path)).outcome
+    assert (outcome.code, outcome.message) == ("unreadable", f"{pairs[0].image1}: no such file")
+
+
 def test_a_pair_that_cannot_tell_has_the_reason_and_the_remedy(tmp_path: Path) -> None:
     paths = make_images(tmp_path / "views", 2)
     cv2.imwrite(str(paths[1]), np.full((240, 240), 128, np.uint8))
@@ -271,6 +287,19 @@ def test_what_goes_wrong_inside_is_an_outcome_and_is_tried_again(
     assert (outcome.exit_status, outcome.code) == (1, code)
     assert "\n" not in str(outcome.message)
     assert outcome.remedy
+    assert answer(job).outcome.exit_status == 0
+
+
+@pytest.mark.parametrize(("error", "code"), [(MemoryError(), "memory"), (IndexError("odd"), "unexpected")])
+@pytest.mark.parametrize("place", ["read_image_file", "fingerprint_of", "finished"])
+def test_what_goes_wrong_around_the_estimate_is_an_outcome_too(
+    pairs: list[Pair], tmp_path: Path, error: Exception, code: str, place: str
+) -> None:
+    job = make_job(pairs[0], tmp_path)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(room, place, lambda *_, **__: (_ for _ in ()).throw(error))
+        outcome = answer(job).outcome
+    assert (outcome.exit_status, outcome.code) == (1, code)
     assert answer(job).outcome.exit_status == 0
 
 

@@ -36,6 +36,15 @@ def answer_jobs(jobs: Sequence[Job]) -> list[Answer]:
 
 def answer(job: Job) -> Answer:
     """Answer one pair, or look it up where an earlier run has finished it."""
+    try:
+        return _answer(job)
+    except SlopemapError:
+        raise
+    except Exception as error:  # while reading or storing; the estimate answers for itself
+        return Answer(store(job, _fault(job, error), {}))
+
+
+def _answer(job: Job) -> Answer:
     if job.shipped is not None:
         outcome, contents = _solve(job, job.shipped)
         return Answer(outcome, contents=contents)
@@ -54,8 +63,8 @@ def load_inputs(job: Job) -> Shipped | Answer:
     try:
         for path, choice in _sides(job):
             files |= _read(path, choice, job.base)
-    except InputError:
-        return _unreadable(job, "; ".join(_complaints(job)))
+    except InputError as error:  # that may be over when it is looked for again
+        return _unreadable(job, "; ".join(_complaints(job)) or str(error))
     digests = {path: hashlib.sha256(content).hexdigest() for path, content in files.items()}
     fingerprint = fingerprint_of(job, digests)
     known = finished(job, fingerprint)
@@ -102,26 +111,24 @@ def _solve(job: Job, inputs: Shipped) -> tuple[Outcome, dict[str, bytes]]:
         outcome = failure(job, error.exit_code, error.code, error.reason, error.remedy)
     except SlopemapError as error:
         outcome = failure(job, error.exit_code, "input" if error.exit_code == 1 else "degenerate", str(error))
-    except MemoryError:
-        outcome = _out_of_memory(job)
     except Exception as error:
-        if _is_out_of_memory(error):
-            outcome = _out_of_memory(job)
-        else:
-            found = f"unexpected {type(error).__name__}: {' '.join(str(error).split())}"
-            outcome = failure(job, 1, "unexpected", found, "this is a fault of slopemap")
+        outcome = _fault(job, error)
     return replace(outcome, fingerprint=inputs.fingerprint), {}
+
+
+def _fault(job: Job, error: Exception) -> Outcome:
+    """The outcome of a pair that met what nobody foresaw, or too little memory."""
+    if _is_out_of_memory(error):
+        _memory().clear()
+        remedy = "raise --memory or lower --jobs, or try smaller images"
+        return failure(job, 1, "memory", "not enough memory for images of this size", remedy)
+    found = f"unexpected {type(error).__name__}: {' '.join(str(error).split())}"
+    return failure(job, 1, "unexpected", found, "this is a fault of slopemap")
 
 
 def _is_out_of_memory(error: Exception) -> bool:
     """OpenCV has an exception of its own for that."""
-    return getattr(error, "code", None) == OUT_OF_MEMORY or "bad_alloc" in str(error)
-
-
-def _out_of_memory(job: Job) -> Outcome:
-    _memory().clear()
-    remedy = "raise --memory or lower --jobs, or try smaller images"
-    return failure(job, 1, "memory", "not enough memory for images of this size", remedy)
+    return isinstance(error, MemoryError) or getattr(error, "code", None) == OUT_OF_MEMORY or "bad_alloc" in str(error)
 
 
 def _estimate(job: Job, inputs: Shipped) -> tuple[Outcome, dict[str, bytes]]:
