@@ -16,6 +16,7 @@ from slopecli.batch.jobs import Keep, Pair, Progress
 from slopecli.batch.remote import answer_here
 from slopecli.batch.worker import Worker
 from slopecli.errors import InputError
+from slopecli.io import atomic
 from slopecli.options import Options
 
 SUMMARY = {"summary.csv", "results.jsonl", "index.html"}
@@ -60,6 +61,24 @@ def test_progress_counts_what_is_done_failed_and_kept(pairs: list[Pair], tmp_pat
 
 def test_how_many_processes_work_does_not_show(pairs: list[Pair], alone: dict[str, bytes], tmp_path: Path) -> None:
     run(pairs, OPTIONS, KEEP, tmp_path, jobs=3)
+    assert tree(tmp_path) == alone
+
+
+def test_ctrl_c_while_the_summary_is_written_leaves_a_whole_one(
+    pairs: list[Pair], alone: dict[str, bytes], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    run(pairs[:2], OPTIONS, KEEP, tmp_path, jobs=1)
+    real, calls = atomic.write_atomically, list[Path]()
+
+    def interrupted(path: Path, content: bytes) -> None:
+        calls.append(path)
+        if len(calls) == 2:
+            raise KeyboardInterrupt
+        real(path, content)
+
+    monkeypatch.setattr(atomic, "write_atomically", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        run(pairs, OPTIONS, KEEP, tmp_path, jobs=1)
     assert tree(tmp_path) == alone
 
 

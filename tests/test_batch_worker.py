@@ -145,6 +145,14 @@ def test_a_call_that_wants_too_much_memory_fails_alone() -> None:
 
 
 @on_linux
+def test_a_crash_where_memory_is_limited_says_what_it_may_lack() -> None:
+    worker = Worker(Limits(memory_gb=2.0))
+    with pytest.raises(WorkerCrashed, match=r"SIGSEGV.*--memory 2 may be too little"):
+        worker.submit(end_like, signal.SIGSEGV).result(PATIENCE_S)
+    worker.shutdown()
+
+
+@on_linux
 def test_too_little_memory_to_begin_with_is_said() -> None:
     worker = Worker(Limits(memory_gb=1e-4))
     with pytest.raises(BrokenExecutor, match=r"--memory 0\.0001 may be too little"):

@@ -107,7 +107,7 @@ class _Run:
         if self._disk_full is not None:
             raise self._disk_full
         if self._left():
-            raise InputError(f"no worker is left ({_line(self._loss)}); start workers and run the same command again")
+            raise InputError(f"no worker is left ({_line(self._loss)}); mend that and run the same command again")
 
     def _left(self) -> int:
         return len(self._again) + sum(map(len, self._lanes))

@@ -92,8 +92,12 @@ def run(
             with suppress(SlopemapError):
                 _write_summary(folder, book.outcomes)
             raise
-        _clear(folder, pairs)  # workers may have been lost
-        _write_summary(folder, book.outcomes)
+        try:
+            _clear(folder, pairs)  # workers may have been lost
+            _write_summary(folder, book.outcomes)
+        except KeyboardInterrupt:
+            _write_summary(folder, book.outcomes)  # its files belong together
+            raise
         return book.outcomes
 
 

@@ -150,7 +150,12 @@ class Worker(Executor):
     def _reason(self, status: int, expired: bool) -> WorkerFailed:
         if expired:
             return WorkerTimeout(f"no answer within {self._limits.timeout_s:g} s")
-        return WorkerCrashed(f"the process that worked on it was lost ({_how(status)})")
+        return WorkerCrashed(f"the process that worked on it was lost ({_how(status)}){self._hint()}")
+
+    def _hint(self) -> str:
+        """Libraries that find no memory may end their process without a word."""
+        limit = self._limits.memory_gb
+        return "" if limit is None else f"; --memory {limit:g} may be too little"
 
     def _ready(self) -> subprocess.Popen[bytes]:
         """The process, waiting for a call; started anew if it was lost."""
@@ -162,8 +167,7 @@ class Worker(Executor):
                 _receive(process.stdout)
                 return process
             self._kill()
-        hint = "" if self._limits.memory_gb is None else f"; --memory {self._limits.memory_gb:g} may be too little"
-        raise BrokenExecutor(f"a worker process ends before it is ready{hint}")
+        raise BrokenExecutor(f"a worker process ends before it is ready{self._hint()}")
 
     def _start(self) -> subprocess.Popen[bytes]:
         with self._starting:
