@@ -23,6 +23,7 @@ from report_factory import (
 from slopecli.errors import InputError
 from slopecli.io.outputs import OUTPUT_NAMES, check_directory, write_outputs
 from slopecli.io.result import report_to_json
+from slopecli.io.steps import draw_steps
 
 ALL = {"slopes.json", "overlay.png", "patches.ply", "labels.png"}
 STEPS = {"step1_gradient.png", "step2_components.png", "step3_merged.png"}
@@ -110,8 +111,8 @@ def test_regions_come_with_a_textured_model(earlier: Path, declined: set[str]) -
 def test_steps_are_written_when_asked_for_and_there_are_any(tmp_path: Path) -> None:
     write_outputs(REGIONS, SMALL_IMAGE, tmp_path, debug_images=True)
     assert set(contents(tmp_path)) == ALL | STEPS | {"patches.glb"}
-    for name in STEPS:
-        assert cv2.imread(str(tmp_path / name)).std() > 5
+    for name, picture in zip(sorted(STEPS), draw_steps(REGIONS, SMALL_IMAGE).values(), strict=True):
+        assert np.array_equal(cv2.imread(str(tmp_path / name)), picture)
     write_outputs(make_region_report(make_camera(320, 240)), SMALL_IMAGE, tmp_path, debug_images=True)
     assert set(contents(tmp_path)) == ALL | {"patches.glb"}  # found without a segmentation
     write_outputs(REPORT, IMAGE, tmp_path, debug_images=True)

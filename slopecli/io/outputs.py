@@ -13,8 +13,10 @@ from slopecli.io.atomic import DISK_FULL, TEMPORARY, write_through
 from slopecli.types import Image, Report
 
 RESULT, OVERLAY, PLY, GLB, LABELS = "slopes.json", "overlay.png", "patches.ply", "patches.glb", "labels.png"
-STEPS = ("step1_gradient.png", "step2_components.png", "step3_merged.png")
-OUTPUT_NAMES = (*STEPS, OVERLAY, PLY, GLB, LABELS, RESULT)  # the result comes last: where it is, the others are
+# of the pictures that `draw_steps` gives
+STEPS = {"gradient": "step1_gradient.png", "components": "step2_components.png", "merged": "step3_merged.png"}
+# the result comes last: where it is, the others are
+OUTPUT_NAMES = (*STEPS.values(), OVERLAY, PLY, GLB, LABELS, RESULT)
 
 
 def write_outputs(
@@ -126,7 +128,7 @@ def _encode_pictures(report: Report, image: Image, overlay: bool, steps: bool) -
 
     pictures = {OVERLAY: draw_overlay(report, image)} if overlay else {}
     if steps:
-        pictures |= dict(zip(STEPS, draw_steps(report, image).values(), strict=False))
+        pictures |= {STEPS[step]: picture for step, picture in draw_steps(report, image).items()}
     return {name: encode_picture(picture) for name, picture in pictures.items()}
 
 
