@@ -2,27 +2,25 @@
 
 What the paper leaves open, and what is chosen here: the distribution of terrain slopes (uniform in 0..40 deg, any
 downhill azimuth), the height of the patches (their centres within 5 % of the nominal ground), the rotation between the
-images (5 deg about a random axis), the direction of horizontal flight (image x) and where in its window a point lies
-(uniform in the image). The nominal camera looks straight down, so `up` is (0, 0, -1).
+images (5 deg about a random axis), the direction of horizontal flight (image x, from window 3 towards window 5) and
+where in its window a point lies (uniform in the image). The nominal camera looks straight down, so `up` is (0, 0, -1).
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
-from slopecli.errors import InputError, SlopemapError
+from slopecli.errors import InputError
+from slopecli.geometry.camera import pixels_from_rays, rays_from_pixels
 from slopecli.geometry.epipolar import homogeneous, rotation_from_vector
-from slopecli.geometry.metrics import direction_angle, normal_angle, rotation_angle
-from slopecli.geometry.solve import solve_planes
+from slopecli.geometry.metrics import normal_angle
 from slopecli.types import BoolArray, Camera, FloatArray, IntArray
 
 UP = np.array([0.0, 0.0, -1.0])
-PAPER_TRAJECTORIES_DEG = (0.0, 45.0, 90.0)
-PAPER_NOISES_PX = tuple(round(0.1 * i, 1) for i in range(11))
-PAPER_TERRAINS = 40
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,18 +53,13 @@ class Scene:
 
     @property
     def uv1(self) -> FloatArray:
-        """(n, 2) pixels of image 1."""
-        return to_pixels(self.camera, self.x1)
+        """(n, 2) pixels of image 1, as the lens distorts them."""
+        return pixels_from_rays(self.camera, self.x1)
 
     @property
     def uv2(self) -> FloatArray:
-        """(n, 2) pixels of image 2."""
-        return to_pixels(self.camera, self.x2)
-
-
-def to_pixels(camera: Camera, x: FloatArray) -> FloatArray:
-    """Normalised coordinates (n, 2) to pixels of a camera without distortion."""
-    return np.asarray(x * [camera.fx, camera.fy] + [camera.cx, camera.cy])
+        """(n, 2) pixels of image 2, as the lens distorts them."""
+        return pixels_from_rays(self.camera, self.x2)
 
 
 def field_of_view_camera(width: int = 1024, height: int = 1024, fov_deg: float = 60.0) -> Camera:
@@ -88,13 +81,98 @@ def paper_scene(
     return make_scene(rng, trajectory_deg=trajectory_deg, noise_px=noise_px, noise_rng=noise_rng)
 
 
+@dataclass(frozen=True, eq=False)
+class Ground:
+    """What camera 1 sees: planes, one in each cell of a grid over image 1, and points on them; lengths in heights.
+
+    x1 (n, 2); inverse_depth (n,), 1/height; patch (n,), -1 = on no plane; normals (m, 3) scaled, 1/height; relief: RMS
+    height of the points off their planes over the distance.
+    """
+
+    camera: Camera
+    x1: FloatArray
+    inverse_depth: FloatArray
+    patch: IntArray
+    normals: FloatArray
+    relief: float
+
+
 def make_scene(
     rng: np.random.Generator,
     *,
-    camera: Camera | None = None,
     trajectory_deg: float = 45.0,
+    heading_deg: float = 0.0,
     baseline_over_height: float = 0.2,
     rotation_deg: float = 5.0,
+    noise_px: float = 0.3,
+    noise1_px: float = 0.0,
+    outliers: float = 0.0,
+    outlier_px: float = 40.0,
+    noise_rng: np.random.Generator | None = None,
+    **ground: Any,
+) -> Scene:
+    """A downward-looking scene: one plane in each cell of a grid over image 1, seen again after a known motion.
+
+    Parameters
+    ----------
+    rng : source of every random choice; the same generator state gives the same scene.
+    trajectory_deg : angle of the flight from the vertical, 0 descends.  heading_deg : of its horizontal part, from
+        image x towards image y.
+    rotation_deg : between the images, about a random axis.
+    noise_px, noise1_px : 1-sigma of a coordinate in images 2 and 1, px of the image without distortion.
+    outliers : share of patch and free points moved by up to outlier_px in each image-2 coordinate.
+    noise_rng : source of noise and outliers, to see one terrain under many noises; None goes on with `rng`.
+    ground : options of `make_ground`.
+
+    Raises
+    ------
+    InputError : a plane is too steep to be seen everywhere in its cell, or camera 2 does not see a point.
+    """
+    R = _random_rotation(rng, rotation_deg)
+    seen = make_ground(rng, **ground)
+    position = baseline_over_height * flight_direction(trajectory_deg, heading_deg)
+    rng = noise_rng or rng
+    return _observe(seen, R, position, rng, noise_px, noise1_px, outliers, outlier_px)
+
+
+def make_sequence(
+    rng: np.random.Generator,
+    positions: FloatArray,
+    *,
+    rotation_deg: float = 5.0,
+    noise_px: float = 0.3,
+    noise1_px: float = 0.0,
+    **ground: Any,
+) -> list[Scene]:
+    """One ground seen by several cameras: a scene for image 1 with each of the others, which share image 1.
+
+    Parameters
+    ----------
+    positions : (k, 3) of cameras 2, 3, ... in camera-1 axes, heights above the ground; each turned by rotation_deg
+        about an axis of its own. Normals are in 1/baseline of their own pair, so they differ by a factor only.
+    ground : options of `make_ground`.
+
+    Raises
+    ------
+    InputError : as `make_scene`, or a camera stands where camera 1 does.
+    """
+    seen = make_ground(rng, **ground)
+    x1 = _with_noise(rng, seen.x1, noise1_px / seen.camera.focal_px)
+    turned = [(np.asarray(place, float), _random_rotation(rng, rotation_deg)) for place in positions]
+    scenes = [_observe(seen, R, place, rng, noise_px, noise1_px) for place, R in turned]
+    return [replace(scene, x1=x1) for scene in scenes]
+
+
+def flight_direction(trajectory_deg: float, heading_deg: float = 0.0) -> FloatArray:
+    """(3,) unit vector of a flight at an angle from the vertical, heading from image x towards image y."""
+    tilt, heading = np.radians(trajectory_deg), np.radians(heading_deg)
+    return np.array([np.sin(tilt) * np.cos(heading), np.sin(tilt) * np.sin(heading), np.cos(tilt)])
+
+
+def make_ground(
+    rng: np.random.Generator,
+    *,
+    camera: Camera | None = None,
     grid: tuple[int, int] = (3, 3),
     points: int = 30,
     slopes_deg: Sequence[float] | None = None,
@@ -102,62 +180,79 @@ def make_scene(
     height_spread: float = 0.05,
     relief: float = 0.0,
     free_points: int = 0,
-    noise_px: float = 0.3,
-    noise1_px: float = 0.0,
-    outliers: float = 0.0,
-    outlier_px: float = 40.0,
-    noise_rng: np.random.Generator | None = None,
-) -> Scene:
-    """A downward-looking scene: one plane in each cell of a grid over image 1, seen again after a known motion.
+) -> Ground:
+    """Planes and points as camera 1 sees them.
 
     Parameters
     ----------
-    rng : source of every random choice; the same generator state gives the same scene.
+    camera : of both images, distorted or not; None takes the paper's.
     grid : (columns, rows) of patches.  points : of each patch.
     slopes_deg : slope of each patch, row by row; None draws them uniformly from 0..max_slope_deg.
     height_spread : patch centres lie this part of the height above or below the nominal ground, uniformly.
     relief : RMS height of the points off their plane over the distance of the plane.
     free_points : points on no plane, depths within 20 % of the nominal.
-    outliers : share of patch and free points moved by up to outlier_px in each image-2 coordinate.
-    noise_rng : source of noise and outliers, to see one terrain under many noises; None goes on with `rng`.
 
     Raises
     ------
-    InputError : a plane is too steep to be seen everywhere in its cell.
+    InputError : a plane is too steep to be seen everywhere in its cell, or the lens does not reach the image's corners.
     """
     camera = camera or field_of_view_camera()
     m = grid[0] * grid[1]
-    T_unit = np.array([np.sin(np.radians(trajectory_deg)), 0.0, np.cos(np.radians(trajectory_deg))])
-    R = _random_rotation(rng, rotation_deg)
     cells = _cells(camera, grid)
     uv = np.concatenate([rng.uniform(low, high, (points, 2)) for low, high in cells])
     patch = np.repeat(np.arange(m), points)
     slopes = rng.uniform(0.0, max_slope_deg, m) if slopes_deg is None else np.asarray(slopes_deg, dtype=float)
     if len(slopes) != m:
         raise InputError(f"{len(slopes)} slopes given for {m} patches; give one for each, row by row")
-    centres = _normalised(camera, np.array([(low + high) / 2.0 for low, high in cells]))
+    centres = _rays(camera, np.array([(low + high) / 2.0 for low, high in cells]))
     heights = 1.0 + rng.uniform(-height_spread, height_spread, m)
-    normals = _terrain(rng, centres, np.radians(slopes), heights) * baseline_over_height
-    x1 = _normalised(camera, uv)
+    normals = _terrain(rng, centres, np.radians(slopes), heights)
+    x1 = _rays(camera, uv)
     # eq. (1): N.P = 1
     inverse_depth = np.sum(normals[patch] * homogeneous(x1), axis=1) / (1.0 + relief * rng.standard_normal(len(x1)))
     if free_points:
         uv_free = rng.uniform([0.0, 0.0], [camera.width - 1.0, camera.height - 1.0], (free_points, 2))
-        x1 = np.concatenate([x1, _normalised(camera, uv_free)])
-        inverse_depth = np.append(inverse_depth, baseline_over_height / rng.uniform(0.8, 1.2, free_points))
+        x1 = np.concatenate([x1, _rays(camera, uv_free)])
+        inverse_depth = np.append(inverse_depth, 1.0 / rng.uniform(0.8, 1.2, free_points))
         patch = np.append(patch, np.full(free_points, -1))
     if (inverse_depth <= 0.0).any():
         raise InputError(
             "a plane is too steep to be seen everywhere in its cell; lower the slopes or the field of view"
         )
-    x2 = project(R, T_unit, x1, inverse_depth)
-    noise, noise1 = noise_px / camera.focal_px, noise1_px / camera.focal_px
-    rng = noise_rng or rng
+    return Ground(camera, x1, inverse_depth, patch, normals, relief)
+
+
+def _observe(
+    ground: Ground,
+    R: FloatArray,
+    position: FloatArray,
+    rng: np.random.Generator,
+    noise_px: float,
+    noise1_px: float,
+    outliers: float = 0.0,
+    outlier_px: float = 0.0,
+) -> Scene:
+    """The ground seen again by a camera at `position` (3,), heights, turned by R."""
+    baseline, focal = float(np.linalg.norm(position)), ground.camera.focal_px
+    if baseline == 0.0:
+        raise InputError("camera 2 is where camera 1 is; give it another position")
+    T = position / baseline
+    x1, normals, inverse_depth = ground.x1, ground.normals * baseline, ground.inverse_depth * baseline
+    if ((homogeneous(x1) - inverse_depth[:, None] * T) @ R[2] <= 0.0).any():
+        raise InputError("camera 2 is below the ground or turned away from it; lower the baseline or the rotation")
+    x2 = project(R, T, x1, inverse_depth)
+    noise, noise1 = noise_px / focal, noise1_px / focal
     outlier = rng.random(len(x1)) < outliers
-    jumps = outlier[:, None] * rng.uniform(-outlier_px, outlier_px, x2.shape) / camera.focal_px
-    found1 = x1 + noise1 * rng.standard_normal(x1.shape)
-    found2 = x2 + noise * rng.standard_normal(x2.shape) + jumps
-    return Scene(camera, R, T_unit, normals, found1, found2, x1, x2, patch, noise, noise1, relief, outlier)
+    jumps = outlier[:, None] * rng.uniform(-outlier_px, outlier_px, x2.shape) / focal
+    found1 = _with_noise(rng, x1, noise1)
+    found2 = _with_noise(rng, x2, noise) + jumps
+    return Scene(
+        ground.camera, R, T, normals, found1, found2, x1, x2, ground.patch, noise, noise1, ground.relief, outlier
+    )
+
+
+def _with_noise(rng: np.random.Generator, x: FloatArray, sigma: float) -> FloatArray:
+    return np.asarray(x + sigma * rng.standard_normal(x.shape))
 
 
 def project(R: FloatArray, T: FloatArray, x1: FloatArray, inverse_depth: FloatArray) -> FloatArray:
@@ -166,8 +261,11 @@ def project(R: FloatArray, T: FloatArray, x1: FloatArray, inverse_depth: FloatAr
     return np.asarray(y[:, :2] / y[:, 2:])
 
 
-def _normalised(camera: Camera, uv: FloatArray) -> FloatArray:
-    return np.asarray((uv - [camera.cx, camera.cy]) / [camera.fx, camera.fy])
+def _rays(camera: Camera, uv: FloatArray) -> FloatArray:
+    x = rays_from_pixels(camera, uv)
+    if not np.isfinite(x).all():
+        raise InputError("the lens model does not reach the corners of the image; give a smaller image or another lens")
+    return x
 
 
 def _random_rotation(rng: np.random.Generator, angle_deg: float) -> FloatArray:
@@ -187,58 +285,3 @@ def _terrain(rng: np.random.Generator, centres: FloatArray, slopes: FloatArray, 
     azimuth = rng.uniform(0.0, 2.0 * np.pi, len(slopes))
     unit = np.column_stack([np.sin(slopes) * np.cos(azimuth), np.sin(slopes) * np.sin(azimuth), np.cos(slopes)])
     return np.asarray(unit / np.sum(unit * homogeneous(centres), axis=1, keepdims=True) / heights[:, None])
-
-
-@dataclass(frozen=True, eq=False)
-class Trial:
-    """Errors of one solver on one scene, rad; NaN and the reason when it gave no answer."""
-
-    solver: str
-    trajectory_deg: float
-    noise_px: float
-    terrain: int
-    rotation_error: float
-    direction_error: float
-    normal_errors: FloatArray
-    iterations: int
-    converged: bool
-    reason: str | None = None
-
-
-def paper_study(
-    solvers: Sequence[str] = ("mle", "ha", "lh"),
-    trajectories_deg: Sequence[float] = PAPER_TRAJECTORIES_DEG,
-    noises_px: Sequence[float] = PAPER_NOISES_PX,
-    terrains: int = PAPER_TERRAINS,
-    seed: int = 0,
-) -> Iterator[Trial]:
-    """Run the simulation study of section 4.1: every solver on the same scenes; 1320 scenes by default.
-
-    The terrain of one number is the same for every trajectory and noise level, the noise is drawn anew.
-    """
-    for i, trajectory in enumerate(trajectories_deg):
-        for k, noise in enumerate(noises_px):
-            for terrain in range(terrains):
-                noise_rng = np.random.default_rng([seed, terrain, i, k])
-                scene = paper_scene(np.random.default_rng([seed, terrain]), trajectory, noise, noise_rng)
-                yield from (run_trial(scene, solver, trajectory, noise, terrain) for solver in solvers)
-
-
-def run_trial(scene: Scene, solver: str, trajectory_deg: float, noise_px: float, terrain: int) -> Trial:
-    """Solve one scene and compare with its truth (the paper's three error measures)."""
-    try:
-        solution = solve_planes(scene.x1, scene.x2, scene.patch, solver)  # type: ignore[arg-type]
-    except SlopemapError as error:
-        nothing = np.full(len(scene.normals), np.nan)
-        return Trial(solver, trajectory_deg, noise_px, terrain, np.nan, np.nan, nothing, 0, False, str(error))
-    return Trial(
-        solver,
-        trajectory_deg,
-        noise_px,
-        terrain,
-        float(rotation_angle(solution.R, scene.R)),
-        float(direction_angle(solution.T, scene.T)),
-        normal_angle(solution.scaled_normals, scene.normals),
-        solution.iterations,
-        solution.converged,
-    )

@@ -17,13 +17,13 @@ PACKAGE = ROOT / "slopecli"
 MODULES = sorted(PACKAGE.rglob("*.py"))
 FLOORS = (
     "__init__",
-    "errors types options orders",
+    "errors types options orders study_options",
     "geometry",
     "vision",
     "planes",
     "simulate",
-    "diagnosis measure kinds known_motion",
-    "report plan",
+    "diagnosis measure kinds known_motion study timing",
+    "report plan claims",
     "pipeline",
     "io",
     "batch",
