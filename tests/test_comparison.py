@@ -21,8 +21,10 @@ POINTS = INNER[0], INNER[1]
 LENS = make_camera(model="brown", distortion=(-0.15, 0.05, 0.001, -0.001))
 
 
-def comparison_of(camera: Camera | None = None, noise: float = 0.0, pixels: float = 1e9) -> Comparison:
-    pair = render(R, T, [TRUE], noise=noise, camera1=camera, camera2=camera)
+def comparison_of(
+    camera: Camera | None = None, noise: float = 0.0, pixels: float = 1e9, camera2: Camera | None = None
+) -> Comparison:
+    pair = render(R, T, [TRUE], noise=noise, camera1=camera, camera2=camera2 or camera)
     grey, scale = shrink(pair.grey1, pixels)
     return Comparison(
         Grid(grey, 0.0, 0.0, scale),
@@ -32,7 +34,7 @@ def comparison_of(camera: Camera | None = None, noise: float = 0.0, pixels: floa
         T,
         Pyramid(pair.grey2),
         pair.grey2.shape,
-        pair.camera2.focal_px,
+        (pair.camera1.focal_px, pair.camera2.focal_px),
     )
 
 
@@ -66,6 +68,18 @@ def test_a_fit_finds_the_plane_from_half_a_pixel_off(camera: Camera | None) -> N
     assert 0.3 < comparison.apart_px(POINTS, start, TRUE[None])[0] < 1.5
     found = comparison.fit(POINTS, start)
     assert comparison.apart_px(POINTS, found, TRUE[None])[0] < 0.05
+    assert np.degrees(normal_angle(found, TRUE)) < 0.3
+
+
+@pytest.mark.parametrize("size", [0.5, 2.0, 3.0])
+def test_image_2_of_another_size_is_compared_as_well(size: float) -> None:
+    other = comparison_of(noise=1.0, camera2=make_camera(int(320 * size), int(240 * size)))
+    assert other.cost_at(POINTS, TRUE).mean() < 1.0
+    assert other.cost_at(POINTS, TRUE * 1.1).mean() > 3.0
+    # what counts is px of image 1, whatever image 2 has
+    alike = comparison_of().apart_px(POINTS, TRUE, TRUE[None] * 1.03)
+    assert other.apart_px(POINTS, TRUE, TRUE[None] * 1.03) == pytest.approx(alike, rel=0.01)
+    found = other.fit(POINTS, TRUE + np.array([0.004, -0.003, 0.002]))
     assert np.degrees(normal_angle(found, TRUE)) < 0.3
 
 

@@ -34,7 +34,7 @@ def seen() -> tuple[Comparison, np.ndarray]:
         T,
         Pyramid(pair.grey2),
         pair.grey2.shape,
-        camera.focal_px,
+        (camera.focal_px, camera.focal_px),
     )
     labels = 1 + pair.surface_at(pixel_grid(320, 240).reshape(-1, 2)).reshape(240, 320)
     labels[:, :60] = 0  # image 2 does not show it

@@ -161,6 +161,15 @@ def test_planes_through_a_lens_are_planes() -> None:
         assert off_deg(plane_in(report, x, y), normal) < 0.3
 
 
+@pytest.mark.parametrize("size", [0.5, 2.0])
+def test_an_image_2_of_another_size_shows_the_same_planes(size: float) -> None:
+    report = run(town(camera2=make_camera(int(480 * size), int(360 * size))))
+    assert len(report.planes) == 3
+    for x, y, normal in ((220, 320, GROUND), (120, 110, RAISED), (360, 100, WALL)):
+        assert off_deg(plane_in(report, x, y), normal) < 0.4
+    assert (report.labels == 0).mean() < (found().labels == 0).mean() + 0.03
+
+
 def test_windows_are_still_checked() -> None:
     pair = town()
     with pytest.raises(InputError):

@@ -96,7 +96,7 @@ def _comparison(scene: Scene, grid: Grid) -> Comparison:
         scene.T,
         scene.pyramid2,
         scene.shape2,
-        scene.camera2.focal_px,
+        (scene.camera1.focal_px, scene.camera2.focal_px),
     )
 
 

@@ -88,7 +88,8 @@ class Comparison:
     Parameters
     ----------
     rays1 : (n, 2) px of image 1 -> normalised.  pixels2 : (n, 2) normalised -> px of image 2.
-    R, T : (3, 3) and (3,) motion.  shape2 : (rows, columns) and focal2_px : focal length of image 2.
+    R, T : (3, 3) and (3,) motion.  shape2 : (rows, columns) of image 2.  focal_px : of image 1 and of image 2; their
+        ratio is by how much larger image 2 shows things, and to be compared it is shrunk by that.
     """
 
     def __init__(
@@ -100,9 +101,10 @@ class Comparison:
         T: FloatArray,
         pyramid2: Pyramid,
         shape2: tuple[int, int],
-        focal2_px: float,
+        focal_px: tuple[float, float],
     ) -> None:
-        self.grid, self.shape, self._shape2, self._focal2_px = grid, grid.shape, shape2, focal2_px
+        self.grid, self.shape, self._shape2, self._focal2_px = grid, grid.shape, shape2, focal_px[1]
+        self._working_per_px2 = grid.mean_scale / (focal_px[1] / focal_px[0])
         self._pixels2, self._epipole2 = pixels2, R @ T
         self._nodes = _Bundle.of(homogeneous(rays1(map_nodes(grid))), R)
         self._node_number = np.arange(len(self._nodes.rays)).reshape(node_shape(grid.shape))
@@ -110,9 +112,10 @@ class Comparison:
         ours = grid.grey.astype(np.float32)
         self._ours = detrend(ours, SHADING_PX)
         self._certainty = (1 / (NOISE_GREY**2 + MISPLACED_PX**2 * _squared_gradient(ours))).astype(np.float32)
-        layer = pyramid2.at(1.0 / grid.mean_scale)
+        layer = pyramid2.at(1.0 / self._working_per_px2)
         self._scale2 = layer.scale
-        self._theirs = detrend(layer.grey.astype(np.float32), SHADING_PX * float(layer.scale.mean()) / grid.mean_scale)
+        shading_px = SHADING_PX * float(layer.scale.mean()) / self._working_per_px2
+        self._theirs = detrend(layer.grey.astype(np.float32), shading_px)
         gx, gy = image_gradient(self._theirs)
         self._with_slopes = np.dstack([self._theirs, gx * layer.scale[0], gy * layer.scale[1]]).astype(np.float32)
         self._pixels = _Bundle.of(grid_rays(grid, rays1), R)
@@ -164,7 +167,7 @@ class Comparison:
             depth = np.where(moved[..., 2:] > 1e-9, moved[..., 2:], np.nan)
             return np.asarray(moved[..., :2] / depth)
 
-        offset = np.linalg.norm(sent(others) - sent(normal[None]), axis=2) * self._focal2_px * self.grid.mean_scale
+        offset = np.linalg.norm(sent(others) - sent(normal[None]), axis=2) * self._focal2_px * self._working_per_px2
         return np.asarray(np.median(np.nan_to_num(offset, nan=np.inf), axis=1))
 
     def fit(self, points: Points, normal: FloatArray, iterations: int = 8) -> FloatArray:
@@ -185,7 +188,7 @@ class Comparison:
             system = jacobian.T @ (jacobian * weight[:, None])
             damped = system + 1e-9 * max(float(np.trace(system)), 1e-30) * np.eye(3)
             step = -np.linalg.solve(damped, jacobian.T @ (weight * error))
-            moved = np.abs(rays @ step) * np.hypot(*shift.T) * self.grid.mean_scale
+            moved = np.abs(rays @ step) * np.hypot(*shift.T) * self._working_per_px2
             most = _quantile(moved[seen], 0.95)
             if not np.isfinite(most):
                 break
