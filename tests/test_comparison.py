@@ -106,6 +106,16 @@ def test_planes_are_as_far_apart_as_they_send_pixels(pixels: float, working_px: 
     assert comparison.apart_px((rows, columns), TRUE, others) == pytest.approx(expected, rel=1e-6, abs=1e-9)
 
 
+def test_pixels_the_lens_has_no_ray_for_do_not_stop_a_fit() -> None:
+    comparison = comparison_of(make_camera(model="brown", distortion=(-0.9,)), noise=1.0)
+    rows, columns = np.mgrid[100:140:2, 120:200:2].reshape(2, -1)
+    start = TRUE + np.array([0.004, -0.003, 0.002])
+    found = comparison.fit((rows, columns), start)
+    assert np.degrees(normal_angle(found, TRUE)) < 0.3
+    assert np.array_equal(comparison.fit((np.append(rows, 0), np.append(columns, 0)), start), found)
+    assert np.array_equal(comparison.fit((np.arange(9), np.arange(9)), start), start)  # none has a ray
+
+
 def test_a_fit_leaves_a_plane_alone_that_image_2_does_not_show() -> None:
     away = TRUE * 30
     assert np.array_equal(comparison_of().fit(POINTS, away), away)

@@ -172,12 +172,14 @@ class Comparison:
 
     def fit(self, points: Points, normal: FloatArray, iterations: int = 8) -> FloatArray:
         """Scaled normal (3,) that transfers the pixels best, by robust Gauss-Newton from `normal`."""
+        imaged = np.isfinite(self._bundle(points).rays[:, 0])  # a lens has no ray for some pixels
+        points = points[0][imaged], points[1][imaged]
         bundle, ours, certainty = self._bundle(points), self._ours[points], self._certainty[points]
         rays, most = bundle.rays, np.inf
         for _ in range(iterations):
             uv = self._sent(bundle, normal)
             seen = covered(uv, self._shape2)
-            if seen.mean() < MIN_SEEN:
+            if not seen.any() or seen.mean() < MIN_SEEN:
                 break
             if most > SAME_SHIFT_PX:
                 shift = self._shift(bundle, normal, uv)
