@@ -113,13 +113,14 @@ def diagnose(
     solution: Solution,
     epipole: tuple[float, float] | None,
     noise_px: float,
+    labels: NDArray[np.uint16],
 ) -> list[Diagnostic]:
     """What a user should know of an answer: weak windows, a second motion, a solution that did not settle.
 
     relief : RMS height off the plane over its distance, by plane id.  epipole : px of image 1, None when outside.
-    noise_px : 1-sigma of the median match, as measured.
+    noise_px : 1-sigma of the median match, as measured.  labels : (h, w) plane id per pixel of image 1, 0 for none.
     """
-    found = [_focus_in(plane) for plane in planes if epipole is not None and _holds(plane, epipole)]
+    found = [_focus_in(plane) for plane in planes if epipole is not None and _holds(plane, epipole, labels)]
     found += [_not_flat(plane, relief[plane.id]) for plane in planes if plane.reason == "non-planar-patch"]
     if solution.ambiguity.status == "unresolved":
         found.append(_second_motion(solution))
@@ -131,7 +132,11 @@ def diagnose(
     return found
 
 
-def _holds(plane: Plane, point: tuple[float, float]) -> bool:
+def _holds(plane: Plane, point: tuple[float, float], labels: NDArray[np.uint16]) -> bool:
+    """Whether a point of image 1 lies in a window, or on a pixel of a plane of any shape."""
+    if plane.found:
+        column, row = np.floor(np.array(point) + 0.5).astype(int)
+        return bool(labels[row, column] == plane.id)
     low, high = plane.polygon_px.min(0), plane.polygon_px.max(0)
     return bool((low < point).all() and (point < high).all())
 

@@ -90,7 +90,7 @@ def build_report(
         ambiguity=_ambiguity(solution, other, matched, ids, length),
         planes=planes,
         rejected=_rejected(matched, every),
-        diagnostics=(*diagnostics, *diagnose(planes, relief, solution, epipole, fit.noise_px)),
+        diagnostics=(*diagnostics, *diagnose(planes, relief, solution, epipole, fit.noise_px, labels)),
         labels=labels,
         epipole1_px=epipole,
         segmentation=matched.patches.segmentation,

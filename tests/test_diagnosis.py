@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from report_factory import grid_polygons, make_camera, make_image, make_planes
+from report_factory import grid_polygons, make_camera, make_image, make_labels, make_planes, make_region_report
 from solution_factory import make_report_of, make_solution, with_second_root
 
 from slopecli.diagnosis import (
@@ -154,10 +154,28 @@ def test_the_epipole_is_in_the_image_as_stored() -> None:
 def test_the_window_that_holds_the_epipole_is_named() -> None:
     planes = make_planes(CAMERA, grid_polygons(CAMERA.width, CAMERA.height, 3, 3))
     relief = {plane.id: 0.0 for plane in planes}
-    (found,) = diagnose(planes, relief, make_solution([10]), (600.0, 30.0), 0.1)
+    labels = make_labels(CAMERA, planes)
+    (found,) = diagnose(planes, relief, make_solution([10]), (600.0, 30.0), 0.1, labels)
     assert (found.code, found.severity, found.value) == ("foe-in-window", "info", 3)
     assert "window 3" in found.message
-    assert diagnose(planes, relief, make_solution([10]), None, 0.1) == []
+    assert diagnose(planes, relief, make_solution([10]), None, 0.1, labels) == []
+
+
+def test_of_regions_that_reach_around_one_another_the_one_that_holds_the_epipole_is_named() -> None:
+    labels = np.ones((CAMERA.height, CAMERA.width), np.uint16)
+    labels[100:200, 100:300] = 2
+    labels[150:160, 150:160] = 0
+    planes, relief = make_region_report(CAMERA, labels).planes, {1: 0.0, 2: 0.0}
+
+    def named(u: float, v: float) -> list[str]:
+        return [
+            d.message.partition(": ")[0] for d in diagnose(planes, relief, make_solution([10]), (u, v), 0.1, labels)
+        ]
+
+    said = "the camera moves along a line of sight through region"
+    assert named(200.0, 120.0) == [f"{said} 2"]
+    assert named(-0.4, CAMERA.height - 0.6) == [f"{said} 1"]
+    assert named(155.0, 155.0) == []
 
 
 def test_a_window_beside_the_epipole_is_not_named() -> None:

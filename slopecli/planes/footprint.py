@@ -18,8 +18,8 @@ OUTLINE_PX = 1.5  # a region's polygon keeps this close to its border
 
 @dataclass(frozen=True, eq=False)
 class Footprint:
-    """Pixels of image 1: `mask` (h, w) bool, its top left pixel at `corner` (x, y); `polygon_px` (k, 2) the outline of
-    the largest piece, pixel edges at half integers."""
+    """Pixels of image 1: `mask` (h, w) bool, its top left pixel at `corner` (x, y); `polygon_px` (k, 2) the outline,
+    of a window along the edges of its pixels, of a region through the outermost pixels of its largest piece."""
 
     corner: tuple[int, int]
     mask: BoolArray
