@@ -22,6 +22,7 @@ README = ROOT / "README.md"
 REFERENCE = ROOT / "docs" / "cli.md"
 SEGMENT = ROOT / "docs" / "segment.md"
 BATCH = ROOT / "docs" / "batch.md"
+PLAN = ROOT / "docs" / "plan.md"
 IMAGES = ROOT / "docs" / "images"
 EXAMPLE = re.compile(r"```console\n\$ (?P<command>slopemap (?:[^\n]*\\\n)*[^\n]*)\n(?P<output>.*?)```", re.DOTALL)
 
@@ -75,11 +76,13 @@ def main() -> None:
 
     REFERENCE.write_text(cli_reference(), encoding="utf-8")
     IMAGES.mkdir(exist_ok=True)
-    for document in (README, SEGMENT, BATCH):
+    for document in (README, SEGMENT, BATCH, PLAN):
         with tempfile.TemporaryDirectory() as folder:
             rewrite_example(document, Path(folder))
             if document == README:
                 (IMAGES / "overlay.png").write_bytes(next(Path(folder).glob("*/overlay.png")).read_bytes())
+            if document == PLAN:
+                (IMAGES / "plan.png").write_bytes(next(Path(folder).glob("*/plan.png")).read_bytes())
     with tempfile.TemporaryDirectory() as folder:
         make_pictures(Path(folder), IMAGES)
 

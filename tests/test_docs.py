@@ -18,6 +18,7 @@ from slopecli.batch.ledger import TRANSIENT
 from slopecli.cli.parameter_types import Pairing
 from slopecli.io.batch_files import COLUMNS
 from slopecli.orders import Outcome
+from slopecli.plan import Plan, PlannedWindow, baseline, prediction
 from slopecli.planes import regions
 from slopecli.vision import segmentation
 
@@ -27,6 +28,7 @@ GENERATE = runpy.run_path(str(ROOT / "docs" / "generate.py"))
 NUMBER = re.compile(r"[-+]?\d+(?:\.\d+)?")
 SEGMENT = (ROOT / "docs" / "segment.md").read_text(encoding="utf-8")
 BATCH = (ROOT / "docs" / "batch.md").read_text(encoding="utf-8")
+PLAN = (ROOT / "docs" / "plan.md").read_text(encoding="utf-8")
 LARGE_PERCENT = 2.0  # planes of the example that any build of OpenCV finds alike
 
 
@@ -164,3 +166,23 @@ def test_batch_code_calls_what_there_is(code: str) -> None:
         node for node in ast.walk(ast.parse(code)) if isinstance(node, ast.Call) and ast.unparse(node.func) == "run"
     )
     inspect.signature(run).bind(*call.args, **{str(keyword.arg): keyword.value for keyword in call.keywords})
+
+
+# ---- docs/plan.md ----
+
+
+def test_plan_example_is_what_the_command_prints(tmp_path: Path) -> None:
+    example = GENERATE["EXAMPLE"].search(PLAN)
+    output = GENERATE["run_example"](example["command"], tmp_path)
+    assert NUMBER.sub("#", " ".join(example["output"].split())) == NUMBER.sub("#", " ".join(output.split()))
+    shown, now = (list(map(float, NUMBER.findall(text))) for text in (example["output"], output))
+    assert now == pytest.approx(shown, rel=0.02, abs=0.011)
+
+
+def test_plan_page_has_every_key_and_the_limits_of_the_code() -> None:
+    keys = [field.name for kind in (Plan, PlannedWindow) for field in fields(kind)]
+    assert [key for key in keys if f"`{key}`" not in PLAN and key != "id"] == []
+    assert "Twenty pairs are simulated" in PLAN
+    assert prediction.TRIALS == 20
+    assert "at least half of themselves in image 2" in PLAN
+    assert pytest.approx(0.5) == baseline.HALF_SEEN

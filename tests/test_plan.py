@@ -225,11 +225,12 @@ def test_short_baseline_and_focus_of_expansion_are_said() -> None:
 def test_limits_are_those_of_estimate() -> None:
     from slopecli import report
     from slopecli.plan import prediction
-    from slopecli.planes import matching
+    from slopecli.planes import joint, matching
 
     assert prediction.UNKNOWN_DEG == report.UNKNOWN_DEG
     assert baseline_module.HALF_SEEN == report.LEAST_SEEN
     assert flight_module.LEAST_SHARE == matching.MIN_SHARE
+    assert prediction.SYSTEMATIC_PX == joint.SYSTEMATIC_PX
 
 
 # ---- ground, motion, options ----

@@ -7,6 +7,7 @@ import click
 from slopecli import __version__
 from slopecli.cli.batch import batch
 from slopecli.cli.estimate import estimate
+from slopecli.cli.plan import plan
 from slopecli.cli.segment import segment
 
 EPILOG = """\b
@@ -32,3 +33,4 @@ def slopemap() -> None:
 slopemap.add_command(estimate)
 slopemap.add_command(segment)
 slopemap.add_command(batch)
+slopemap.add_command(plan)

@@ -27,7 +27,7 @@ Sign = Callable[[Picture, np.ndarray, float], None]  # draws into a picture, at 
 
 
 @dataclass
-class _Strip:
+class Strip:
     """A sheet of paper that is filled from left to right, line by line."""
 
     width: int
@@ -42,6 +42,7 @@ class _Strip:
         return 2.1 * self.size
 
     def start(self, v: float) -> None:
+        """Begin a line at a height."""
         self.u, self.v = self.size, v
 
     def add(self, text: str, sign: Sign) -> None:
@@ -54,15 +55,17 @@ class _Strip:
         self.u += length + 1.3 * self.size
 
     def note(self, text: str, u: float) -> None:
+        """Write on the current line."""
         self.texts.append(Text((u, self.v), text, self.size, "lm", marks.INK, halo=None))
 
     def sheet(self, bottom: float) -> Picture:
+        """An empty sheet down to a height."""
         return np.full((round(bottom), self.width, 3), marks.PAPER, np.uint8)
 
 
 def draw_legend(report: Report, width: int, text_px: int, with_focus: bool) -> Picture:
     """Draw the legend, (h, width, 3) uint8 RGB: the colour bar with the tolerance, the signs, what up means."""
-    strip = _Strip(width, max(11, round(0.87 * text_px)))
+    strip = Strip(width, max(11, round(0.87 * text_px)))
     bar_v, bar_height = 2.3 * strip.size, 1.1 * strip.size
     strip.start(bar_v + bar_height + 3.1 * strip.size)
     for text, sign in _entries(report, with_focus):
@@ -82,15 +85,16 @@ def draw_banner(report: Report, width: int, text_px: int) -> list[Picture]:
     """Draw the warning that a second answer fits too: one (h, width, 3) uint8 RGB strip, or none."""
     if report.ambiguity.status != "unresolved":
         return []
-    lines = wrapped(_ambiguity_sentence(report), text_px, width - 2 * text_px)
+    return [banner(_ambiguity_sentence(report), width, text_px)]
+
+
+def banner(sentence: str, width: int, text_px: int) -> Picture:
+    """Draw a warning, (h, width, 3) uint8 RGB."""
+    lines = wrapped(sentence, text_px, width - 2 * text_px)
     sheet = np.full((round((len(lines) * LEADING + 0.8) * text_px), width, 3), WARNING, np.uint8)
     rows = (np.arange(len(lines)) + 0.5) * LEADING * text_px + 0.4 * text_px
-    return [
-        write(
-            sheet,
-            [Text((text_px, float(v)), s, text_px, "lm", marks.INK, None) for v, s in zip(rows, lines, strict=True)],
-        )
-    ]
+    texts = [Text((text_px, float(v)), s, text_px, "lm", marks.INK, None) for v, s in zip(rows, lines, strict=True)]
+    return write(sheet, texts)
 
 
 def tolerance_deg(report: Report) -> float:
@@ -115,18 +119,18 @@ def _caption(report: Report) -> str:
 
 def _entries(report: Report, with_focus: bool) -> list[tuple[str, Sign]]:
     verdicts = ("safe", "undecided", "unsafe")
-    entries: list[tuple[str, Sign]] = [(name, partial(_swatch, name)) for name in verdicts]
+    entries: list[tuple[str, Sign]] = [(name, partial(swatch, name)) for name in verdicts]
     if report.rejected:
-        entries.append(("no answer", partial(_swatch, "rejected")))
+        entries.append(("no answer", partial(swatch, "rejected")))
     if any(plane.aspect_deg is not None for plane in report.planes):
         entries.append(("downhill", _arrow))
     if with_focus:
-        entries.append(("focus of expansion", _focus))
+        entries.append(("focus of expansion", focus_sign))
     return entries
 
 
-def _swatch(verdict: str, picture: Picture, centre: np.ndarray, radius: float) -> None:
-    """A small patch with border, hatch and badge of its verdict."""
+def swatch(verdict: str, picture: Picture, centre: np.ndarray, radius: float) -> None:
+    """Draw a small patch with border, hatch and badge of its verdict."""
     half = np.rint([3.0 * radius, 1.6 * radius]).astype(int)
     low = np.rint(centre).astype(int) - half
     patch = np.full((2 * half[1], 2 * half[0], 3), marks.NO_ANSWER, np.uint8)
@@ -140,11 +144,12 @@ def _arrow(picture: Picture, centre: np.ndarray, radius: float) -> None:
     marks.arrow(picture, centre - [1.8 * radius, 0], np.array([1.0, 0.0]), 3.6 * radius, 0.55 * radius)
 
 
-def _focus(picture: Picture, centre: np.ndarray, radius: float) -> None:
+def focus_sign(picture: Picture, centre: np.ndarray, radius: float) -> None:
+    """Draw the sign of the focus of expansion."""
     marks.focus_mark(picture, centre, 1.1 * radius)
 
 
-def _draw_bar(sheet: Picture, strip: _Strip, top: float, height: float, tolerance: float) -> None:
+def _draw_bar(sheet: Picture, strip: Strip, top: float, height: float, tolerance: float) -> None:
     """Colour bar over the fixed range with ticks every 5 degrees and the tolerance marked across it."""
     low, high = SLOPE_RANGE_DEG
     left, right = 1.6 * strip.size, min(strip.width - 1.6 * strip.size, 36.0 * strip.size)
@@ -161,7 +166,7 @@ def _draw_bar(sheet: Picture, strip: _Strip, top: float, height: float, toleranc
         _mark_tolerance(sheet, strip, left + (tolerance - low) / (high - low) * (right - left), top, height, tolerance)
 
 
-def _mark_tolerance(sheet: Picture, strip: _Strip, u: float, top: float, height: float, tolerance: float) -> None:
+def _mark_tolerance(sheet: Picture, strip: Strip, u: float, top: float, height: float, tolerance: float) -> None:
     marks.cased_stroke(sheet, np.array([[u, top - 2], [u, top + height + 2]]), marks.PAPER, 2)
     half = 0.4 * strip.size
     marks.fill(sheet, np.array([[u - half, top - 1.6 * half], [u + half, top - 1.6 * half], [u, top]]), marks.HAZARD)
@@ -171,5 +176,5 @@ def _mark_tolerance(sheet: Picture, strip: _Strip, u: float, top: float, height:
     strip.texts.append(_bar_text(text, u, top - 1.4 * strip.size, strip))
 
 
-def _bar_text(text: str, u: float, v: float, strip: _Strip) -> Text:
+def _bar_text(text: str, u: float, v: float, strip: Strip) -> Text:
     return Text((u, v), text, strip.size, "mm", marks.INK, halo=None)

@@ -74,11 +74,15 @@ def encode_outputs(
     return {name: contents[name] for name in reversed(OUTPUT_NAMES) if name in contents}
 
 
-def store_outputs(contents: dict[str, bytes], directory: str | Path) -> list[Path]:
-    """Write the files of a report to a folder, made if missing: all of them or none.
+def store_outputs(contents: dict[str, bytes], directory: str | Path, names: Sequence[str] = OUTPUT_NAMES) -> list[Path]:
+    """Write the files of an answer to a folder, made if missing: all of them or none.
 
     Everything is stored beside before the first file appears under its name. After a failure the folder is as it was.
     Files of an earlier run that are not among `contents` are removed, as they would not belong to this result.
+
+    Parameters
+    ----------
+    names : all that files of such an answer may be called, the last one last to appear.
 
     Returns
     -------
@@ -90,9 +94,9 @@ def store_outputs(contents: dict[str, bytes], directory: str | Path) -> list[Pat
     DiskFull : there is no space left.
     """
     folder = Path(directory)
-    check_directory(folder)
+    check_directory(folder, names)
     try:
-        _store(contents, folder)
+        _store(contents, folder, names)
     except OSError as error:
         kind = DiskFull if error.errno in DISK_FULL else InputError
         raise kind(_complaint(folder, error.strerror or str(error))) from error
@@ -144,7 +148,7 @@ def _encode_meshes(report: Report, image: Image, ply: bool, glb: bool) -> dict[s
     return contents
 
 
-def _store(contents: dict[str, bytes], folder: Path) -> None:
+def _store(contents: dict[str, bytes], folder: Path, names: Sequence[str]) -> None:
     missing = [place for place in (folder, *folder.parents) if not place.exists()]
     try:
         folder.mkdir(parents=True, exist_ok=True)
@@ -152,7 +156,7 @@ def _store(contents: dict[str, bytes], folder: Path) -> None:
         with tempfile.TemporaryDirectory(prefix=TEMPORARY, dir=folder) as beside:
             for name, content in contents.items():
                 write_through(Path(beside, name), content)
-            _exchange(folder, Path(beside), list(contents))
+            _exchange(folder, Path(beside), [name for name in names if name in contents], names)
     except BaseException:
         for place in missing:
             with suppress(OSError):
@@ -160,12 +164,12 @@ def _store(contents: dict[str, bytes], folder: Path) -> None:
         raise
 
 
-def _exchange(folder: Path, beside: Path, names: list[str]) -> None:
-    """Move the old files out and the new ones in; puts everything back if a move fails."""
+def _exchange(folder: Path, beside: Path, new: Sequence[str], names: Sequence[str]) -> None:
+    """Move the old files of these names out and the new ones in; puts everything back if a move fails."""
     old = beside / "old"
     old.mkdir()
-    moves = [(folder / name, old / name) for name in OUTPUT_NAMES if os.path.lexists(folder / name)]
-    moves += [(beside / name, folder / name) for name in OUTPUT_NAMES if name in names]
+    moves = [(folder / name, old / name) for name in names if os.path.lexists(folder / name)]
+    moves += [(beside / name, folder / name) for name in new]
     done: list[tuple[Path, Path]] = []
     try:
         for source, target in moves:

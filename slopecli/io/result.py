@@ -37,8 +37,12 @@ def report_to_json(report: Report) -> str:
     TypeError : the options hold an object that has no JSON form.
     """
     body = {f.name: _plain(getattr(report, f.name)) for f in fields(report) if f.name not in _NOT_IN_JSON}
-    document = {"schema_version": SCHEMA_VERSION, "slopemap_version": __version__, **body}
-    return _layout(document)
+    return to_json({"schema_version": SCHEMA_VERSION, "slopemap_version": __version__, **body})
+
+
+def to_json(document: dict[str, Any]) -> str:
+    """Serialise dataclasses, arrays and numbers in a document as `report_to_json` does those of a report."""
+    return _layout(_plain(document))
 
 
 def load_schema() -> dict[str, Any]:

@@ -5,9 +5,9 @@ the true motion and planes. A few simulated pairs, solved, say whether geometry 
 """
 
 from slopecli.plan.baseline import needed_baseline
-from slopecli.plan.flight import Flight, ground_normals, horizontal
+from slopecli.plan.flight import Flight, Window, ground_normals, horizontal
 from slopecli.plan.prediction import Forecast, forecast
-from slopecli.plan.result import Plan, PlannedWindow, PlanOptions, make_plan
+from slopecli.plan.result import Plan, PlannedWindow, PlanOptions, make_plan, sigma_text
 
 __all__ = [
     "Flight",
@@ -15,9 +15,11 @@ __all__ = [
     "Plan",
     "PlanOptions",
     "PlannedWindow",
+    "Window",
     "forecast",
     "ground_normals",
     "horizontal",
     "make_plan",
     "needed_baseline",
+    "sigma_text",
 ]

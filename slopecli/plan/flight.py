@@ -26,7 +26,8 @@ ROUGHNESS = 0.002  # of natural ground; estimate reports 0.001 to 0.005, more am
 LEAST_SHARE = 0.04  # of a window that image 2 must show for an answer, as estimate needs
 LEAST_MATCHES = 6  # of a window in image 2: fewer, scattered at random, hardly fix a plane
 SCATTER = 3.0  # matches lost to it: n at random places tell as much as n - 3 that are spread evenly
-LATTICE = 256  # points that stand for the matches of a window
+LATTICE = 256  # points that stand for the matches of a window, fewer where there are many windows
+MOST_POINTS, LEAST_LATTICE = 60_000, 32
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,14 +61,19 @@ class Flight:
 
     @cached_property
     def rays(self) -> FloatArray:
-        """(m, LATTICE, 2) normalised coordinates of points in every window; NaN where there is no ray."""
-        uv = np.concatenate([_lattice(window) for window in self.windows])
+        """(m, lattice, 2) normalised coordinates of points in every window; NaN where there is no ray."""
+        uv = np.concatenate([_lattice(window, self.lattice) for window in self.windows])
         return rays_from_pixels(self.camera, uv).reshape(len(self.windows), -1, 2)
+
+    @property
+    def lattice(self) -> int:
+        """How many points stand for the matches of a window."""
+        return int(np.clip(MOST_POINTS // len(self.windows), LEAST_LATTICE, LATTICE))
 
     @property
     def more(self) -> float:
         """How much more a point of the lattice errs than a match, so that all of them tell as much as the matches."""
-        return float(np.sqrt(LATTICE / self.points))
+        return float(np.sqrt(self.lattice / self.points))
 
 
 class Seen(NamedTuple):
@@ -161,13 +167,13 @@ def _predict(flight: Flight, x1: FloatArray, patch: IntArray, normals: FloatArra
     return predict(blank, np.eye(3)[None], flight.T[None], normals[None])
 
 
-def _lattice(window: Window) -> FloatArray:
-    """(LATTICE, 2) px, evenly over a window and in no rows, so that what an image border cuts off counts right.
+def _lattice(window: Window, size: int) -> FloatArray:
+    """(size, 2) px, evenly over a window and in no rows, so that what an image border cuts off counts right.
 
     Source: Roberts, "The unreasonable effectiveness of quasirandom sequences", 2018; steps of the plastic number.
     """
     x, y, w, h = window
-    steps = (0.5 + np.arange(1, LATTICE + 1)[:, None] * [0.7548776662466927, 0.5698402909980532]) % 1.0
+    steps = (0.5 + np.arange(1, size + 1)[:, None] * [0.7548776662466927, 0.5698402909980532]) % 1.0
     return np.asarray([x - 0.5, y - 0.5] + steps * [w, h])
 
 

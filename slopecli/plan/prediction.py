@@ -20,6 +20,8 @@ from slopecli.types import Diagnostic, FloatArray, Solution
 
 UNKNOWN_DEG = 60.0  # sigma beyond which estimate gives no answer
 TRIALS = 20  # simulated pairs that show whether there are two answers
+SYSTEMATIC_PX = 0.02  # misfit that lens models and interpolation feign: a root must fit worse by more to be ruled out
+SHARING = 4  # matches that share their errors, for which one point stands
 JOINED = 0.5  # error of simulated pairs over the predicted one below which the roots limit each other
 
 
@@ -138,7 +140,7 @@ def simulate(flight: Flight, seen: Seen) -> Trials:
         except SlopemapError as error:
             trouble = error
             continue
-        rival = solution.ambiguity.alternative if solution.ambiguity.status == "unresolved" else None
+        rival = None if _ruled_out(flight, seen, solution) else solution.ambiguity.alternative
         unresolved += rival is not None
         roots = [solution] if rival is None else [solution, rival]
         errors = [(normal_angle(-root.scaled_normals, flight.up) - true) ** 2 for root in roots]
@@ -146,6 +148,15 @@ def simulate(flight: Flight, seen: Seen) -> Trials:
     if not squares and trouble is not None:
         raise trouble
     return Trials(unresolved / len(squares), np.sqrt(np.mean(squares, axis=0) + flight.up_sigma_rad**2))
+
+
+def _ruled_out(flight: Flight, seen: Seen, solution: Solution) -> bool:
+    """Whether estimate would hold the second root, if there is one, to be wrong."""
+    found = solution.ambiguity
+    if found.status == "unresolved" or found.delta_chi2 is None:
+        return found.status != "unresolved"
+    matches = SHARING * flight.points * float(seen.share[seen.windows].sum())
+    return flight.noise_px * float(np.sqrt(found.delta_chi2 / matches)) > SYSTEMATIC_PX
 
 
 def _solved(flight: Flight, seen: Seen, rng: np.random.Generator) -> Solution:

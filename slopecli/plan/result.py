@@ -28,6 +28,7 @@ from slopecli.types import Camera, Diagnostic, FloatArray, Up
 CAMERA_UP = (0.0, 0.0, -1.0)  # the camera looks straight down
 LIKELY = 0.5  # share of simulated pairs with two answers from which they are called likely
 LARGEST_ZOOM = 2.0  # scale between the images beyond which features are matched badly
+ROUNDING = 1e-12  # what is left of sines and cosines that are zero
 Vector = tuple[float, float, float]
 
 
@@ -160,6 +161,14 @@ def make_plan(camera: Camera, windows: Sequence[Window], options: PlanOptions) -
     )
 
 
+def sigma_text(sigma_deg: float | None) -> str:
+    """Two figures of a sigma: "0.034°", "1.2°", "14°"; "-" for none."""
+    if sigma_deg is None:
+        return "-"
+    digits = 3 if sigma_deg < 0.0995 else 2 if sigma_deg < 0.995 else 1 if sigma_deg < 9.95 else 0
+    return f"{sigma_deg:.{digits}f}°"
+
+
 def _flight(camera: Camera, windows: Sequence[Window], options: PlanOptions) -> Flight:
     up = _up(options)
     downhill = horizontal(up, float(np.radians(options.aspect_deg)), _north(options))
@@ -196,7 +205,8 @@ def _direction(options: PlanOptions, up: FloatArray) -> FloatArray:
     if options.trajectory_deg is None:
         return np.array(options.direction, float)
     angle = np.radians(options.trajectory_deg)
-    return np.asarray(np.sin(angle) * horizontal(up, np.pi / 2) - np.cos(angle) * up)
+    direction = np.sin(angle) * horizontal(up, np.pi / 2) - np.cos(angle) * up
+    return np.where(np.abs(direction) < ROUNDING, 0.0, direction)
 
 
 def _lengths(options: PlanOptions) -> tuple[Literal["m", "baseline", "height"], float, float]:

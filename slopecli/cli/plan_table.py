@@ -1,0 +1,43 @@
+"""A plan as the table on stdout."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from slopecli.cli.table import aligned
+from slopecli.plan import Plan, PlannedWindow, sigma_text
+
+HEADER = ("id", "sigma", "parallax", "in image 2", "note")
+
+
+def plan_table(plan: Plan) -> str:
+    """One line per window, what holds for all of them below; angles in degrees."""
+    return "\n".join([*aligned(HEADER, [_cells(one) for one in plan.windows]), *_summary(plan)])
+
+
+def _cells(one: PlannedWindow) -> tuple[str, ...]:
+    return (
+        str(one.id),
+        sigma_text(one.slope_sigma_deg),
+        "-" if one.parallax_px is None else f"{one.parallax_px:.1f} px",
+        f"{100 * one.share_in_image2:.0f} %",
+        f"{'no answer' if one.status == 'refused' else one.status}: {one.reason}" if one.reason else "",
+    )
+
+
+def _summary(plan: Plan) -> Iterator[str]:
+    yield f"baseline: {_baseline(plan)}"
+    worst, median = sigma_text(plan.worst_sigma_deg), sigma_text(plan.median_sigma_deg)
+    yield f"sigma: {worst} in the worst window, {median} in the median"
+    yield f"parallax: {plan.parallax_px:.1f} px in the median"
+    said = "likely" if plan.second_answer.likely else "possible" if plan.second_answer.share else "unlikely"
+    yield f"two answers: {said} ({100 * plan.second_answer.share:.0f} % of simulated pairs)"
+
+
+def _baseline(plan: Plan) -> str:
+    share = f"{plan.baseline / plan.height:.3g} of the height"
+    if plan.unit == "height":
+        return share
+    if plan.unit == "baseline":
+        return f"{share}, which is {plan.height:.4g} baselines"
+    return f"{plan.baseline:.4g} m, {share} of {plan.height:.4g} m"
