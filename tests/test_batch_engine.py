@@ -286,3 +286,27 @@ def test_ctrl_c_is_passed_on_and_nothing_more_is_handed_out() -> None:
     with pytest.raises(KeyboardInterrupt):
         run_batch(make_jobs(20), [one], on_answer=enter, answer_jobs=answer_all)
     assert flat(one.chunks) == [0, 1, 2]
+
+
+def test_what_waits_when_a_batch_is_interrupted_is_called_off() -> None:
+    class Slow(Direct):
+        """Answers the first job, and then never."""
+
+        def __init__(self) -> None:
+            super().__init__()
+            self.waiting: list[Future] = []  # type: ignore[type-arg]
+
+        def submit(self, fn: Callable[..., object], /, *args: object, **kwargs: object) -> Future:  # type: ignore[type-arg]
+            if not self.chunks:
+                return super().submit(fn, *args, **kwargs)
+            self.waiting.append(Future())
+            return self.waiting[-1]
+
+    def enter(index: int, answer: Answer) -> None:
+        raise KeyboardInterrupt
+
+    one = Slow()
+    with pytest.raises(KeyboardInterrupt):
+        run_batch(make_jobs(9), [one] * 3, on_answer=enter, answer_jobs=answer_all)
+    assert len(one.waiting) == 2
+    assert all(future.cancelled() for future in one.waiting)

@@ -169,25 +169,28 @@ def is_whole(job: Job, name: str, files: tuple[str, ...]) -> bool:
     return there == contents_of(name, *files)
 
 
+@pytest.mark.parametrize("files", [B_FILES, A_FILES], ids=["other files", "files of the same names and sizes"])
 @pytest.mark.parametrize("step", range(1, 25))
-def test_wherever_the_writer_is_killed_no_mixture_counts_as_finished(job: Job, step: int) -> None:
+def test_wherever_the_writer_is_killed_no_mixture_counts_as_finished(
+    job: Job, step: int, files: tuple[str, ...]
+) -> None:
     store(job, answered(A, *A_FILES), contents_of(A, *A_FILES))
     with pytest.MonkeyPatch.context() as patch:
         kill_at(patch, step)
         try:
-            store(job, answered(B, *B_FILES), contents_of(B, *B_FILES))
+            store(job, answered(B, *files), contents_of(B, *files))
         except Killed:
             pass
         else:
             assert finished(job, B), "the writer came to its end"
     assert finished(job, A) is None or is_whole(job, A, A_FILES)
-    assert finished(job, B) is None or is_whole(job, B, B_FILES)
+    assert finished(job, B) is None or is_whole(job, B, files)
 
     # the next run
     remove_temporary(Path(job.folder))
-    store(job, answered(B, *B_FILES), contents_of(B, *B_FILES))
-    assert is_whole(job, B, B_FILES)
-    assert {path.name for path in Path(job.folder).iterdir()} == {*B_FILES, "pair.json"}
+    store(job, answered(B, *files), contents_of(B, *files))
+    assert is_whole(job, B, files)
+    assert {path.name for path in Path(job.folder).iterdir()} == {*files, "pair.json"}
 
 
 @pytest.mark.parametrize("number", [errno.ENOSPC, errno.EDQUOT])
@@ -225,3 +228,11 @@ def test_a_file_is_the_old_or_the_new_one_wherever_its_writer_is_killed(tmp_path
         assert list(tmp_path.iterdir()) == [path]
     write_atomically(path, b"new")
     assert path.read_bytes() == b"new"
+
+
+def test_a_file_is_replaced_and_not_written_over(tmp_path: Path) -> None:
+    path, opened_before = tmp_path / "summary.csv", tmp_path / "as a reader has it"
+    path.write_bytes(b"old")
+    os.link(path, opened_before)
+    write_atomically(path, b"new")
+    assert (path.read_bytes(), opened_before.read_bytes()) == (b"new", b"old")
