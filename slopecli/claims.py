@@ -20,7 +20,7 @@ from slopecli.types import BoolArray, FloatArray
 USUAL_PX = 0.3
 MOTION = QUANTITIES[:2]
 FEW = 10  # iterations
-TOGETHER = 0.9  # correlation of what goes together
+TOGETHER = 0.85  # correlation that eleven noises have by chance once in a thousand times
 BOUND_MARGIN = 0.1
 LINEAR, LINEAR_FROM = 1.05, 64  # exponent of the time, and windows from which on it is fitted
 ONE_LINE = 1e-6  # px
@@ -39,7 +39,7 @@ class Claim:
     reason: str | None = None
 
 
-class _CannotTell(Exception):
+class CannotTell(Exception):
     """The study has not what a claim is about."""
 
 
@@ -58,7 +58,7 @@ class _Rule:
         limit = f"< {self.below:g}" if self.below is not None else f"> {self.above:g}"
         try:
             value = self.measure(study)
-        except _CannotTell as reason:
+        except CannotTell as reason:
             return Claim(self.name, self.source, self.statement, None, limit, None, str(reason))
         held = value < self.below if self.below is not None else value > (self.above or 0.0)
         return Claim(self.name, self.source, self.statement, value, limit, bool(held))
@@ -116,14 +116,14 @@ def rms(errors: FloatArray, axis: int | tuple[int, ...] = -1) -> FloatArray:
 
 def _errors(study: Study, solver: str, quantity: str) -> FloatArray:
     if solver not in study.options.solvers:
-        raise _CannotTell(f"solver {solver} was not run")
+        raise CannotTell(f"solver {solver} was not run")
     return study.errors(solver, quantity)
 
 
 def _noises(study: Study) -> FloatArray:
     noises = np.array(study.options.noises_px)
     if not (noises > 0.0).any():
-        raise _CannotTell("there is no noise in this study")
+        raise CannotTell("there is no noise in this study")
     return noises
 
 
@@ -131,15 +131,15 @@ def _usual(study: Study) -> BoolArray:
     noises = _noises(study)
     usual = (noises > 0.0) & (noises <= USUAL_PX + 1e-9)
     if not usual.any():
-        raise _CannotTell(f"no noise up to {USUAL_PX:g} px is in this study")
+        raise CannotTell(f"no noise up to {USUAL_PX:g} px is in this study")
     return np.asarray(usual)
 
 
 def _trajectory(study: Study, angle: float) -> int:
     if angle not in study.options.trajectories_deg:
-        raise _CannotTell(f"the {angle:g} deg trajectory is not in this study")
+        raise CannotTell(f"the {angle:g} deg trajectory is not in this study")
     if len(study.options.trajectories_deg) < 2:
-        raise _CannotTell("there is only one trajectory in this study")
+        raise CannotTell("there is only one trajectory in this study")
     return study.options.trajectories_deg.index(angle)
 
 
@@ -181,7 +181,7 @@ def _usual_window(study: Study, window: int) -> float:
 
 def _nine(study: Study) -> None:
     if study.options.grid != (3, 3):
-        raise _CannotTell("the windows are not those of the paper, 3 x 3")
+        raise CannotTell("the windows are not those of the paper, 3 x 3")
 
 
 def _against_others(study: Study, angle: float, best: bool) -> float:
@@ -208,14 +208,14 @@ def _worst_window(study: Study) -> float:
 def _correlation_with_noise(study: Study) -> float:
     noises = _noises(study)
     if len(noises) < 3:
-        raise _CannotTell("there are fewer than three noises in this study")
+        raise CannotTell("there are fewer than three noises in this study")
     errors = mean(_errors(study, "ha", "rotation_error"))
     return float(min(np.corrcoef(noises, row)[0, 1] for row in errors))
 
 
 def _correlation_of_motion(study: Study) -> float:
     if len(_noises(study)) < 3:
-        raise _CannotTell("there are fewer than three noises in this study")
+        raise CannotTell("there are fewer than three noises in this study")
     rotation, translation = (mean(_errors(study, "ha", quantity)) for quantity in MOTION)
     return float(min(np.corrcoef(a, b)[0, 1] for a, b in zip(rotation, translation, strict=True)))
 
@@ -223,7 +223,7 @@ def _correlation_of_motion(study: Study) -> float:
 def _iterations(study: Study, solver: str) -> float:
     found = [trial.iterations for trial in study.trials if trial.solver == solver and trial.reason is None]
     if not found:
-        raise _CannotTell(f"solver {solver} was not run")
+        raise CannotTell(f"solver {solver} was not run")
     return float(np.median(found))
 
 
@@ -231,7 +231,7 @@ def _off_bound(study: Study) -> float:
     """Largest departure from 1 of RMS error over bound, for every trajectory, of rotation, translation and normals."""
     o = study.options
     if o.relief or o.outliers or o.noise1_px:
-        raise _CannotTell("the bound is for noise in image 2 alone, on planes, without mismatches")
+        raise CannotTell("the bound is for noise in image 2 alone, on planes, without mismatches")
     ratios = [bound_ratios(study, "mle", quantity).ravel() for quantity in QUANTITIES]
     return float(np.abs(np.concatenate(ratios) - 1.0).max())
 

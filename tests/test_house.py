@@ -133,7 +133,9 @@ def loaded_by(*arguments: str) -> set[str]:
 
 
 @pytest.mark.parametrize(
-    "arguments", [["--help"], ["--version"], ["estimate", "--help"], ["segment", "--help"]], ids=" ".join
+    "arguments",
+    [["--help"], ["--version"], ["estimate", "--help"], ["segment", "--help"], ["simulate", "--help"]],
+    ids=" ".join,
 )
 def test_help_loads_nothing_heavy(arguments: list[str]) -> None:
     loaded = loaded_by("-m", "slopecli", *arguments)

@@ -9,6 +9,7 @@ from slopecli.cli.batch import batch
 from slopecli.cli.estimate import estimate
 from slopecli.cli.plan import plan
 from slopecli.cli.segment import segment
+from slopecli.cli.simulate import simulate
 
 EPILOG = """\b
 Exit status:
@@ -34,3 +35,4 @@ slopemap.add_command(estimate)
 slopemap.add_command(segment)
 slopemap.add_command(batch)
 slopemap.add_command(plan)
+slopemap.add_command(simulate)
