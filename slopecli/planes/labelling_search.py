@@ -16,7 +16,8 @@ PATIENCE = 1  # rounds without a lower energy before the search ends
 EAGER = 0.3  # of a plane's price: planes that save this much are tried, as two may be worth what neither is alone
 MOST_NEW = 12  # planes tried at once
 FINER = 0.7  # by which the scale is made smaller after a round in vain: what is one plane may be two close ones
-MERGES_TRIED = 6  # pairs of planes, those that lose least by the other's equation
+MERGES_TRIED = 2  # pairs for every plane, those that lose least by the other's equation
+WIDE = 10.0  # scales: so that a plane for two is drawn to the points of both
 LADDER = 2.0  # ratio of the scales of noise that are tried first
 
 
@@ -111,13 +112,14 @@ def search(model: PlaneModel, energy: Energy, pool: Pool, extra: FloatArray | No
 def _first_guess(model: PlaneModel, energy: Energy, pool: Pool) -> tuple[FloatArray, float]:
     """Planes that cover the sample most cheaply, and the scale of noise at which that is so."""
     factor = len(energy.graph) / max(len(pool.sample), 1)
+    current = np.full(len(pool.sample), energy.none * factor)
     guesses = []
     for scale in ladder(model.bounds):
         cost = pool.cost(model, float(scale), energy.none) * factor
-        current = np.full(len(pool.sample), energy.none * factor)
-        chosen = cover(cost, current, energy.plane)
-        paid = np.min(cost[:, chosen], axis=1, initial=energy.none * factor).sum() + energy.plane * len(chosen)
-        guesses.append((float(paid), float(scale), cover(cost, current, energy.plane * EAGER)))
+        chosen = cover(cost, current, energy.plane * EAGER)
+        # with the first plane, the first two, ...: they are in order of what they save
+        paid = np.minimum.accumulate(cost[:, chosen], axis=1).sum(axis=0) + energy.plane * np.arange(1, len(chosen) + 1)
+        guesses.append((float(np.min(paid, initial=current.sum())), float(scale), chosen))
     _, scale, chosen = min(guesses, key=lambda guess: guess[0])
     return pool.planes[chosen], scale
 
@@ -168,21 +170,27 @@ def _refitted(model: PlaneModel, energy: Energy, state: State) -> State:
 def _thinned(model: PlaneModel, energy: Energy, state: State) -> State:
     """Planes given up, the dearest first, as long as that lowers the energy."""
     columns, labels = _columns(model, energy, state.planes, state.scale), state.labels
-    left = list(range(1, len(state.planes) + 1))
-    while left:
-        trials = [energy.price_of_absence(columns, labels, k) for k in left]
-        worst = int(np.argmin([growth for growth, _ in trials]))
-        if trials[worst][0] >= 0:
-            break
-        labels = trials[worst][1]
-        columns[:, left.pop(worst)] = np.inf
+    growth = np.full(len(state.planes) + 1, -np.inf)
+    growth[0] = np.inf
+    while (dearest := int(np.argmin(growth))) > 0 and growth[dearest] < 0:
+        # giving up one plane makes the others harder to spare: a growth counted before is a lower bound
+        fresh, without = energy.price_of_absence(columns, labels, dearest)
+        if fresh < 0 and fresh <= np.min(np.delete(growth, dearest)):
+            labels, columns[:, dearest], fresh = without, np.inf, np.inf
+        growth[dearest] = fresh
     labels = energy.settle(columns, labels)
-    used, labels = in_use(labels, len(state.planes))
+    return _kept(replace(state, labels=labels))
+
+
+def _kept(state: State) -> State:
+    """Without the planes that have no points."""
+    used, labels = in_use(state.labels, len(state.planes))
     return replace(state, planes=state.planes[used], labels=labels)
 
 
 def _merged(model: PlaneModel, energy: Energy, state: State) -> State:
     """Pairs of planes replaced by one through the points of both, as long as that lowers the energy."""
+    state = _kept(state)
     while len(state.planes) > 1:
         columns = _columns(model, energy, state.planes, state.scale)
         trials = [_merger(model, energy, state, columns, i, j) for i, j in _likely_mergers(columns, state.labels)]
@@ -194,20 +202,19 @@ def _merged(model: PlaneModel, energy: Energy, state: State) -> State:
         columns = _columns(model, energy, planes, state.scale)
         columns[:, j] = np.inf
         labels = energy.settle(columns, np.where(state.labels == j, i, state.labels))
-        used, labels = in_use(labels, len(planes))
-        state = State(planes[used], state.scale, labels, np.inf)
+        state = _kept(State(planes, state.scale, labels, np.inf))
     return state
 
 
 def _likely_mergers(columns: FloatArray, labels: IntArray) -> list[tuple[int, int]]:
-    """Pairs (i, j) of labels such that plane j's points lose least when plane i has to explain them too."""
+    """Pairs (i, j) of labels such that plane j's points lose least, each, when plane i has to explain them too."""
     k = columns.shape[1] - 1
     loss = np.full((k, k), np.inf)
     for j in range(k):
         own = columns[labels == j + 1]
-        loss[:, j] = np.minimum(own[:, 1:], own[:, :1]).sum(axis=0) - own[:, j + 1].sum()
+        loss[:, j] = np.median(own[:, 1:], axis=0) - np.median(own[:, j + 1])
         loss[j, j] = np.inf
-    order = np.argsort(loss, axis=None, kind="stable")[: min(MERGES_TRIED, k * (k - 1))]
+    order = np.argsort(loss, axis=None, kind="stable")[: min(MERGES_TRIED * k, k * (k - 1))]
     return [(int(at) // k + 1, int(at) % k + 1) for at in order]
 
 
@@ -217,8 +224,8 @@ def _merger(
     """What one plane for the points of i and j would save, nats, and that plane."""
     both = (state.labels == i) | (state.labels == j)
     plane = state.planes[i - 1]
-    for _ in range(2):
-        plane = model.fit(plane, both, state.scale)
+    for scale in (WIDE * state.scale, state.scale):
+        plane = model.fit(plane, both, scale)
     cost = model.base[both] + cost_of(model.squares(plane[None])[both, 0], state.scale, model.dim)
     grows = np.minimum(cost, energy.none).sum() - _point_cost(columns, state.labels)[both].sum()
     apart = (state.labels == i)[:, None] & (state.labels[energy.graph.neighbour] == j)
