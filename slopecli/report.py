@@ -43,6 +43,7 @@ UNKNOWN_DEG, UNKNOWN_OF_FOUND_DEG = 60.0, 10.0
 LEAST_SEEN = 0.5  # share of a window that must be matched to speak for all of it
 ROUGH = 0.025  # RMS height off the plane over distance beyond which a window is not one plane
 MOST_LEFT_OUT = 0.25  # share of a window's matches off its plane beyond which it is not one plane
+LEAST_WHOLE = 0.5  # of a plane found must lie in one piece: what cuts through many things at one height is no surface
 LEVEL_LOOK = 0.05  # mean drop to the ground over its distance below which an altitude gives no scale
 
 
@@ -177,6 +178,9 @@ def _plane(
     aspect = None if np.isnan(slope.aspect_rad[0]) else float(np.degrees(slope.aspect_rad[0]))
     inlier_share = float(kept.sum() / max(member.sum(), 1))
     status, reason = _status(match, matched.patches.noun, float(solution.relief[k]), inlier_share)
+    whole = matched.footprints[number].largest_share
+    if status == "ok" and whole < LEAST_WHOLE:
+        status, reason = "poor", f"scattered: its largest piece is {100 * whole:.0f} % of it"
     rival = other if solution.ambiguity.status == "unresolved" else None
     p_safe, p_other = float(main.p_safe[k]), None if rival is None else float(rival.p_safe[k])
     H = homography_of_plane(solution.R, solution.T, solution.scaled_normals[k])

@@ -9,7 +9,7 @@ from report_factory import make_camera, make_image, normal_of
 
 from slopecli.geometry.epipolar import homogeneous, tangent_basis
 from slopecli.options import Options
-from slopecli.planes.footprint import window_footprint
+from slopecli.planes.footprint import Footprint, window_footprint
 from slopecli.planes.joint import Matched
 from slopecli.planes.patches import Patches
 from slopecli.planes.window_match import WindowMatch, no_match
@@ -96,6 +96,7 @@ def make_report_of(
     refused: Sequence[int] = (),
     match_changes: dict[int, dict[str, object]] | None = None,
     source: Source = "window",
+    footprints: dict[int, Footprint] | None = None,
 ) -> Report:
     """The report of a solution whose planes lie in these windows; `refused` ones (by index) have no matches."""
     chosen = list(windows)[: len(solution.scaled_normals) + len(refused)]
@@ -108,7 +109,8 @@ def make_report_of(
     parts = [matches[i] for i in answered]
     uv1, uv2, x1, x2 = (np.vstack([getattr(p, name) for p in parts]) for name in ("uv1", "uv2", "x1", "x2"))
     correspondences = Correspondences(uv1, uv2, x1, x2, np.repeat(np.arange(len(parts)), POINTS))
-    patches = Patches(source, [window_footprint(window) for window in chosen], matches)
+    covered = [(footprints or {}).get(i, window_footprint(window)) for i, window in enumerate(chosen)]
+    patches = Patches(source, covered, matches)
     matched = Matched(patches, answered, correspondences, np.ones(len(uv1)))
     image = make_image()
     return build_report((image, image), (CAMERA, CAMERA), options or Options(), matched, solution, [])

@@ -56,3 +56,12 @@ def test_a_label_map_of_a_smaller_copy_is_enlarged() -> None:
     footprints = region_footprints(LABELS, (120, 180))
     assert footprints[0].area_px == 9 * (LABELS == 1).sum()
     assert footprints[0].covers(np.array([[3 * 20.0 + 1, 3 * 20.0 + 1]])).all()
+
+
+def test_the_largest_piece_of_a_scattered_region() -> None:
+    labels = np.zeros((60, 80), np.int32)
+    labels[:10, :10], labels[20:40, 20:40], labels[50:60, 70:80] = 1, 1, 1
+    labels[:30, 60:] = 2
+    scattered, whole = region_footprints(labels, labels.shape)
+    assert scattered.largest_share == pytest.approx(400 / 600)
+    assert whole.largest_share == 1

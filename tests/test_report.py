@@ -20,7 +20,7 @@ from solution_factory import (
 from slopecli.errors import InputError, NoAnswer
 from slopecli.io.result import report_to_json
 from slopecli.options import Options
-from slopecli.planes.footprint import window_footprint
+from slopecli.planes.footprint import Footprint, window_footprint
 from slopecli.planes.joint import join_patches
 from slopecli.planes.patches import Patches
 from slopecli.planes.window_match import no_match
@@ -234,6 +234,17 @@ def test_doubt_about_the_plane_taken_as_level_is_doubt_about_every_slope_but_its
     assert doubtful.planes[2].slope_sigma_deg == sure.planes[2].slope_sigma_deg == 0
     for plain, plane in zip(sure.planes[:2], doubtful.planes, strict=False):
         assert plane.slope_sigma_deg == pytest.approx(np.hypot(plain.slope_sigma_deg, 3), rel=0.05)
+
+
+def test_what_is_scattered_over_the_image_is_poor_and_never_safe() -> None:
+    mask = np.zeros((120, 160), bool)
+    mask[::40, :40], mask[20::40, 60:100] = True, True
+    scattered = Footprint((60, 40), mask, np.zeros((4, 2)))
+    plane = only_plane(make_report_of(make_solution([2]), footprints={0: scattered}))
+    assert plane.status == "poor"
+    assert plane.reason == "scattered: its largest piece is 17 % of it"
+    assert plane.verdict != "safe"
+    assert only_plane(make_report_of(make_solution([2]))).verdict == "safe"
 
 
 def test_doubt_takes_the_aspect_of_a_gentle_slope() -> None:

@@ -31,6 +31,12 @@ class Footprint:
         return int(np.count_nonzero(self.mask))
 
     @property
+    def largest_share(self) -> float:
+        """Share of the pixels that the largest connected piece holds; 1 for a patch in one piece."""
+        _, _, stats, _ = cv2.connectedComponentsWithStats(self.mask.astype(np.uint8), connectivity=8)
+        return float(stats[1:, cv2.CC_STAT_AREA].max(initial=0) / max(self.area_px, 1))
+
+    @property
     def bounds(self) -> Window:
         """The rectangle around it."""
         return (*self.corner, int(self.mask.shape[1]), int(self.mask.shape[0]))
