@@ -10,6 +10,7 @@ from scenery import Pair, Surface, make_camera, pixel_grid, render, tilted, turn
 
 from slopecli.pipeline import FEATURE_MATCHERS
 from slopecli.planes.footprint import region_footprints
+from slopecli.planes.region_cells import region_cells
 from slopecli.planes.region_match import CELL, match_labelled, match_regions
 from slopecli.planes.scene import Scene
 from slopecli.planes.survey import survey
@@ -78,6 +79,18 @@ def test_a_region_a_cell_wide_leaves_its_tilt_open() -> None:
     (match,) = matches(strip, [GROUND])
     assert match.origin == "none"
     assert "line" in match.reason
+
+
+@pytest.mark.parametrize("size", [1.0, 2.0, 3.0])
+def test_cells_are_no_worse_than_their_sigmas_say_whatever_the_size_of_image_2(size: float) -> None:
+    other = make_camera(int(320 * size), int(240 * size))
+    pair = render(R, T, [GROUND], camera1=make_camera(), camera2=other, noise=1.0)
+    sparse = find_motions(pair.grey1, pair.grey2, pair.camera1, pair.camera2, FEATURE_MATCHERS["sift"], 0)
+    scene, _ = survey(pair.grey1, pair.grey2, pair.camera1, pair.camera2, sparse)
+    cells, _ = region_cells(scene.cells, scene)
+    assert len(cells) > 500
+    off = cells.rows @ GROUND - cells.target
+    assert 1.4826 * np.median(np.abs(off)) < 1.0
 
 
 def test_labels_of_a_smaller_copy_serve_as_well() -> None:

@@ -57,7 +57,7 @@ class RegionCells:
 
 def region_cells(cells: Cells, scene: Scene) -> tuple[RegionCells, IntArray]:
     """Cells that obey the motion, those of faint texture with the sigma that goes with it, and which (m,) they are."""
-    focal = scene.camera2.focal_px
+    focal = scene.camera1.focal_px  # flow errs in px of the grid over image 1, however many image 2 has
     variance = axis_variance(cells.information, cells.uv1, scene, FLOOR_PX, NOISE_GREY) / cells.pixel_scale**2
     x1, x2, seen = pair_rays(scene.camera1, scene.camera2, cells.uv1, cells.uv2)
     residual = np.abs(epipolar_residual(scene.R, scene.T, x1, x2)) * focal
