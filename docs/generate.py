@@ -73,6 +73,7 @@ def rewrite_example(document: Path, folder: Path) -> None:
 
 def main() -> None:
     from pictures import make_pictures  # beside this script; the tests run the rest of it without that
+    from study_figures import make_study_figures
 
     REFERENCE.write_text(cli_reference(), encoding="utf-8")
     IMAGES.mkdir(exist_ok=True)
@@ -85,6 +86,7 @@ def main() -> None:
                 (IMAGES / "plan.png").write_bytes(next(Path(folder).glob("*/plan.png")).read_bytes())
     with tempfile.TemporaryDirectory() as folder:
         make_pictures(Path(folder), IMAGES)
+    make_study_figures(IMAGES)
 
 
 if __name__ == "__main__":

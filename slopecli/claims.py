@@ -318,7 +318,11 @@ RULES = (
         below=1.0,
     ),
     _Rule(
-        "few-iterations", "section 4.1", "a few iterations: median of ha", partial(_iterations, solver="ha"), below=FEW
+        "few-iterations",
+        "section 4.1",
+        "a few iterations: median sweeps of ha, the slower of its two starts",
+        partial(_iterations, solver="ha"),
+        below=FEW,
     ),
     _Rule(
         "few-iterations-mle",

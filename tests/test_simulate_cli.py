@@ -15,6 +15,7 @@ from slopecli.cli.app import slopemap
 from slopecli.cli.boundary import run as run_command
 from slopecli.io.study_files import FIGURES, STUDY_NAMES, TIMED
 
+ROOT = Path(__file__).resolve().parent.parent
 QUICK = ["--terrains", "2", "--noise", "0,0.3", "--solvers", "mle,ha", "--most-windows", "0"]
 
 
@@ -157,3 +158,32 @@ def test_folder_that_cannot_be_written_is_said_before_the_work(
     (tmp_path / "file").write_text("")
     assert run("-o", str(tmp_path / "file" / "out")) == 1  # the whole study would take a minute
     assert "is not a folder" in capsys.readouterr().err
+
+
+# ---- docs/simulate.md ----
+
+PAGE = (ROOT / "docs" / "simulate.md").read_text(encoding="utf-8")
+
+
+def test_page_shows_the_verdicts_there_are(folder: Path) -> None:
+    shown = PAGE.split("<!-- study: begin -->")[1].split("<!-- study: end -->")[0]
+    for claim in json.loads((folder / "summary.json").read_text("ascii"))["claims"]:
+        assert re.search(rf"^(yes|no) +{re.escape(claim['statement'])} +\S+ +{claim['limit']}", shown, re.MULTILINE)
+
+
+def test_pictures_of_the_page_are_small() -> None:
+    pictures = [ROOT / "docs" / name for name in re.findall(r"\((images/simulate_\w+\.png)\)", PAGE)]
+    assert len(pictures) == 4
+    assert all(picture.stat().st_size < 150_000 for picture in pictures)
+
+
+def test_page_names_every_file(folder: Path) -> None:
+    for name in STUDY_NAMES:
+        assert name in PAGE or name.rpartition(".")[0] in PAGE
+
+
+def test_code_of_the_page_runs() -> None:
+    (code,) = re.findall(r"```python\n(.*?)```", PAGE, re.DOTALL)
+    names: dict[str, object] = {}
+    exec(code, names)
+    assert len(names["flight"]) == 2  # type: ignore[arg-type]

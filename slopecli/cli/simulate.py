@@ -31,6 +31,7 @@ if TYPE_CHECKING:
 MOST_NUMBERS = 100
 BAR = 30  # characters
 LOG_S = 10.0
+ROUNDING = 1e-12  # what is left of an exact zero
 HEADER = ("held", "claim", "measured", "limit", "source")
 
 
@@ -231,4 +232,6 @@ def _verdict(claim: Claim) -> str:
 
 
 def _measured(claim: Claim) -> str:
-    return "-" if claim.measured is None else f"{claim.measured:.3g}"
+    if claim.measured is None:
+        return "-"
+    return f"{claim.measured:.3g}" if abs(claim.measured) > ROUNDING else "0"
