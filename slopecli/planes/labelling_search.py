@@ -149,7 +149,8 @@ def settled(model: PlaneModel, energy: Energy, planes: FloatArray, scale: float)
     state = _refitted(model, energy, _thinned(model, energy, state))
     state = _refitted(model, energy, _merged(model, energy, state))
     state = _thinned(model, energy, _refitted(model, energy, state))
-    return _weighed(model, energy, state)
+    columns = _columns(model, energy, state.planes, state.scale)
+    return replace(state, energy=energy.of(columns, state.labels))
 
 
 def _refitted(model: PlaneModel, energy: Energy, state: State) -> State:
@@ -189,31 +190,20 @@ def _kept(state: State) -> State:
 
 def _merged(model: PlaneModel, energy: Energy, state: State) -> State:
     """Pairs of planes replaced by one through the points of both, as long as that lowers the energy."""
-    state = _weighed(model, energy, _kept(state))
+    state = _kept(state)
     while len(state.planes) > 1:
         columns = _columns(model, energy, state.planes, state.scale)
         trials = [_merger(model, energy, state, columns, i, j) for i, j in _likely_mergers(columns, state.labels)]
-        hopeful = sorted((trial for trial in trials if trial[0] > 0), key=lambda trial: -trial[0])
-        mergers = (_with_merger(model, energy, state, i, j, plane) for _, i, j, plane in hopeful)
-        better = next((merger for merger in mergers if merger.energy < state.energy), None)
-        if better is None:
+        saving, i, j, plane = max(trials, key=lambda trial: trial[0])
+        if saving <= 0:
             break
-        state = better
+        planes = state.planes.copy()
+        planes[i - 1] = plane
+        columns = _columns(model, energy, planes, state.scale)
+        columns[:, j] = np.inf
+        labels = energy.settle(columns, np.where(state.labels == j, i, state.labels))
+        state = _kept(State(planes, state.scale, labels, np.inf))
     return state
-
-
-def _weighed(model: PlaneModel, energy: Energy, state: State) -> State:
-    return replace(state, energy=energy.of(_columns(model, energy, state.planes, state.scale), state.labels))
-
-
-def _with_merger(model: PlaneModel, energy: Energy, state: State, i: int, j: int, plane: FloatArray) -> State:
-    """The state with `plane` in place of planes i and j, and the points settled anew."""
-    planes = state.planes.copy()
-    planes[i - 1] = plane
-    columns = _columns(model, energy, planes, state.scale)
-    columns[:, j] = np.inf
-    labels = energy.settle(columns, np.where(state.labels == j, i, state.labels))
-    return _weighed(model, energy, _kept(State(planes, state.scale, labels, np.inf)))
 
 
 def _likely_mergers(columns: FloatArray, labels: IntArray) -> list[tuple[int, int]]:
@@ -231,10 +221,7 @@ def _likely_mergers(columns: FloatArray, labels: IntArray) -> list[tuple[int, in
 def _merger(
     model: PlaneModel, energy: Energy, state: State, columns: FloatArray, i: int, j: int
 ) -> tuple[float, int, int, FloatArray]:
-    """What one plane for the points of i and j may save, nats, and that plane.
-
-    A hope, not the answer: of the points that would be left on no plane, the border with their neighbours is not paid.
-    """
+    """What one plane for the points of i and j would save, nats, and that plane."""
     both = (state.labels == i) | (state.labels == j)
     plane = state.planes[i - 1]
     for scale in (WIDE * state.scale, state.scale):
