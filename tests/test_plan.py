@@ -259,6 +259,12 @@ def test_trajectories_are_the_papers() -> None:
         assert found == pytest.approx(along(angle))
 
 
+@pytest.mark.parametrize("length", [1e-300, 1.0, 1e300])
+def test_a_direction_has_any_length(length: float) -> None:
+    found = make_plan(CAMERA, NINE, replace(PAPER, trajectory_deg=None, direction=(length, 0.0, length)))
+    assert found.direction_cam1 == pytest.approx(along(45.0))
+
+
 def test_options_that_contradict_are_refused() -> None:
     wrong = {
         "either the direction": {"direction": (1.0, 0.0, 0.0)},

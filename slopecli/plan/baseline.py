@@ -2,21 +2,23 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Literal
 
 import numpy as np
 
 from slopecli.diagnosis import check_parallax, parallax_px
 from slopecli.errors import NoAnswer
-from slopecli.plan.flight import Flight, Seen, see
+from slopecli.plan.flight import Flight, Seen, see, shares
 from slopecli.plan.prediction import UNKNOWN_DEG, slope_sigmas
 from slopecli.types import FloatArray
 
 Of = Literal["worst", "median"]
 
 HALF_SEEN = 0.5  # share of a window in image 2 below which estimate calls its answer poor
-SHORTEST, LONGEST, STEP = 1e-3, 10.0, 1.04  # baselines tried, in heights, and their ratio
-BISECTIONS = 30
+SHORTEST, LONGEST = 1e-3, 10.0  # baselines tried, in heights
+TRIED = 60  # how many between them: what they miss is found by halving
+BISECTIONS = 20  # to a millionth
 
 
 def sigma_of(sigma_rad: FloatArray, of: Of) -> float:
@@ -34,16 +36,30 @@ def needed_baseline(flight: Flight, sigma_rad: float, of: Of = "worst") -> float
     ------
     NoAnswer : none does; says what the longest baseline allowed gives.
     """
+    longest = _longest(flight)
+    tried = np.geomspace(SHORTEST, longest, TRIED) if longest >= SHORTEST else np.empty(0)
     too_short, best = 0.0, (np.inf, 0.0)
-    for baseline in SHORTEST * STEP ** np.arange(np.log(LONGEST / SHORTEST) / np.log(STEP)):
+    for baseline in map(float, tried):
         seen = see(flight, baseline)
-        if (seen.share < HALF_SEEN).any():
-            break
         if _reaches(flight, seen, sigma_rad, of):
-            return _bisected(flight, sigma_rad, of, too_short, float(baseline))
-        best = min(best, (sigma_of(slope_sigmas(flight, seen), of), float(baseline)))
-        too_short = float(baseline)
+            return _bisected(too_short, baseline, lambda b: _reaches(flight, see(flight, b), sigma_rad, of))[1]
+        best = min(best, (sigma_of(slope_sigmas(flight, seen), of), baseline))
+        too_short = baseline
     raise _unreachable(flight, sigma_rad, of, best)
+
+
+def _longest(flight: Flight) -> float:
+    """The baseline, in heights, from which on some window has less than half of it in image 2."""
+
+    def lost(baseline: float) -> bool:
+        return bool((shares(flight, baseline) < HALF_SEEN).any())
+
+    kept = 0.0
+    for baseline in map(float, np.geomspace(SHORTEST, LONGEST, TRIED)):
+        if lost(baseline):
+            return _bisected(kept, baseline, lost)[0]
+        kept = baseline
+    return kept
 
 
 def _reaches(flight: Flight, seen: Seen, sigma_rad: float, of: Of) -> bool:
@@ -56,17 +72,18 @@ def _reaches(flight: Flight, seen: Seen, sigma_rad: float, of: Of) -> bool:
     return True
 
 
-def _bisected(flight: Flight, sigma_rad: float, of: Of, low: float, high: float) -> float:
+def _bisected(low: float, high: float, holds: Callable[[float], bool]) -> tuple[float, float]:
+    """Where something begins to hold: a length at which it does not yet, like `low`, and one at which it does."""
     for _ in range(BISECTIONS):
         middle = 0.5 * (low + high)
-        low, high = (low, middle) if _reaches(flight, see(flight, middle), sigma_rad, of) else (middle, high)
-    return high
+        low, high = (low, middle) if holds(middle) else (middle, high)
+    return low, high
 
 
 def _unreachable(flight: Flight, sigma_rad: float, of: Of, best: tuple[float, float]) -> NoAnswer:
     wanted = f"{np.degrees(sigma_rad):.3g} deg in the {of} window"
     if not np.isfinite(best[0]):
-        lost = 1 + int(np.argmin(see(flight, SHORTEST).share))
+        lost = 1 + int(np.argmin(shares(flight, SHORTEST)))
         return NoAnswer(
             "no-overlap",
             f"no baseline reaches {wanted}: window {lost} does not see the ground, or not from both places",

@@ -57,7 +57,10 @@ class Flight:
     @cached_property
     def T(self) -> FloatArray:
         """(3,) unit vector from camera 1 to camera 2."""
-        return np.asarray(self.direction, float) / np.linalg.norm(self.direction)
+        direction = (
+            np.asarray(self.direction, float) / np.abs(self.direction).max()
+        )  # no square of it over- or underflows
+        return np.asarray(direction / np.linalg.norm(direction))
 
     @cached_property
     def rays(self) -> FloatArray:
@@ -133,14 +136,18 @@ def horizontal(up: FloatArray, azimuth_rad: float, north: FloatArray | None = No
     raise InputError("north is vertical, so it gives no horizontal direction; give another north")
 
 
+def shares(flight: Flight, baseline: float) -> FloatArray:
+    """(m,) share of every window that image 2 shows."""
+    m, n = flight.rays.shape[:2]
+    return np.asarray(_inside(flight, baseline).reshape(m, n).mean(axis=1))
+
+
 def see(flight: Flight, baseline: float) -> Seen:
     """Which points of the lattice both images see, and where."""
     m, n = flight.rays.shape[:2]
     rays, patch = flight.rays.reshape(-1, 2), np.repeat(np.arange(m), n)
-    normals = flight.normals * baseline
-    inside = np.asarray(np.isfinite(rays).all(axis=1))
-    inside[inside] = _in_both(flight, rays[inside], patch[inside], normals)
-    share = np.bincount(patch[inside], minlength=m) / n
+    normals, inside = flight.normals * baseline, _inside(flight, baseline)
+    share = inside.reshape(m, n).mean(axis=1)
     windows = np.flatnonzero((share >= LEAST_SHARE) & (share * flight.points >= LEAST_MATCHES))
     used = inside & np.isin(patch, windows)
     x1, patch = rays[used], np.searchsorted(windows, patch[used])
@@ -152,13 +159,15 @@ def see(flight: Flight, baseline: float) -> Seen:
 _NOTHING = Prediction(*(np.zeros((1, 2, 0)) for _ in Prediction._fields))
 
 
-def _in_both(flight: Flight, x1: FloatArray, patch: IntArray, normals: FloatArray) -> BoolArray:
-    """(n,) whether points on planes in front of camera 1 lie within image 2."""
-    camera, p = flight.camera, homogeneous(x1)
-    inverse_depth = np.sum(normals[patch] * p, axis=1)
+def _inside(flight: Flight, baseline: float) -> BoolArray:
+    """(m * lattice,) whether points lie on ground in front of camera 1 and within image 2."""
+    camera, p = flight.camera, homogeneous(flight.rays.reshape(-1, 2))
+    normals = np.repeat(flight.normals * baseline, flight.lattice, axis=0)
+    inverse_depth = np.sum(normals * p, axis=1)
     y = p - inverse_depth[:, None] * flight.T
-    ahead = (inverse_depth > 0.0) & (y[:, 2] > 1e-6)
-    u, v = pixels_from_rays(camera, y[:, :2] / np.where(ahead, y[:, 2], 1.0)[:, None]).T
+    ahead = (inverse_depth > 0.0) & (y[:, 2] > 1e-6)  # False for NaN, too
+    x2 = np.where(ahead[:, None], y[:, :2] / np.where(ahead, y[:, 2], 1.0)[:, None], 0.0)
+    u, v = pixels_from_rays(camera, x2).T
     return ahead & (u >= -0.5) & (u < camera.width - 0.5) & (v >= -0.5) & (v < camera.height - 0.5)
 
 

@@ -165,7 +165,9 @@ def sigma_text(sigma_deg: float | None) -> str:
     """Two figures of a sigma: "0.034°", "1.2°", "14°"; "-" for none."""
     if sigma_deg is None:
         return "-"
-    digits = 3 if sigma_deg < 0.0995 else 2 if sigma_deg < 0.995 else 1 if sigma_deg < 9.95 else 0
+    if sigma_deg < 0.0995:
+        return f"{sigma_deg:.2g}°"
+    digits = 2 if sigma_deg < 0.995 else 1 if sigma_deg < 9.95 else 0
     return f"{sigma_deg:.{digits}f}°"
 
 
