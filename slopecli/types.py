@@ -112,7 +112,8 @@ class Solution:
     motion_covariance : (5, 5) of (rotation vector w in R <- exp([w]x) R, rad; two coordinates of T, rad, in `tangent`).
     tangent : (3, 2) orthonormal basis of the plane perpendicular to T that the last two coordinates refer to.
     normal_gain : (m, 3, 5) d N_i / d motion at the optimum, so that cov(N_i, N_j) = G_i C G_j^T for i != j.
-    noise : 1-sigma of a normalised coordinate in image 2, given or estimated from the residuals.
+    noise : 1-sigma of a normalised coordinate in image 2, given, or estimated from the residuals where none was given
+        or they exceed it.
     relief : (m,) RMS height of the points off their plane over its distance, 0 where points are held coplanar.
     rms : RMS residual of the inliers in image 2, normalised coordinates.
     joint_normals : (3m, 3m) covariance of all normals, where they share more than the motion; None where they do not.

@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 from slopecli.geometry import measure_slopes, solve_planes
-from slopecli.geometry.coplanarity import AT, merge_coplanar, quantile
+from slopecli.geometry.coplanarity import AT, merge_coplanar
 from slopecli.geometry.priors import MotionPrior
+from slopecli.geometry.robust import chi2_quantile
 from slopecli.simulate import Scene, make_scene, project
 from slopecli.types import FloatArray, Solution
 
@@ -135,4 +136,4 @@ def test_the_quantile_is_that_of_chi_square() -> None:
     scipy_stats = pytest.importorskip("scipy.stats")
     for dof in (2, 3, 6, 24, 200):
         for share, at in ((0.999, AT["plane"]), (0.95, AT["normal"])):
-            assert quantile(dof, at) == pytest.approx(scipy_stats.chi2.ppf(share, dof), rel=0.03)
+            assert chi2_quantile(dof, at) == pytest.approx(scipy_stats.chi2.ppf(share, dof), rel=0.03)

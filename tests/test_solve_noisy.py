@@ -96,6 +96,20 @@ def test_alternative_is_a_whole_solution_that_fits() -> None:
     assert min(abs(s - scene.slopes[0]) for s in truth) < np.radians(0.5)
 
 
+@pytest.mark.parametrize("relief", [False, True])
+def test_noise_given_too_small_does_not_make_the_answer_too_sure(relief: bool) -> None:
+    """Residuals of 0.3 px against a noise given as 0.1 px: the sigmas are those of 0.3 px; given right, it stays."""
+    for seed in range(5):
+        scene = make_scene(np.random.default_rng([6, seed]), noise_px=0.3)
+        known, told = (
+            solve_planes(scene.x1, scene.x2, scene.patch, noise=noise, relief=relief)
+            for noise in (scene.noise, scene.noise / 3)
+        )
+        assert known.noise == scene.noise
+        assert told.noise == pytest.approx(scene.noise, rel=0.15)
+        assert measure_slopes(told, UP).sigma_rad == pytest.approx(measure_slopes(known, UP).sigma_rad, rel=0.3)
+
+
 def test_noise_in_both_images_is_absorbed() -> None:
     ratios = []
     for seed in range(20):

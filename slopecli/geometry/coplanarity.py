@@ -11,6 +11,7 @@ from typing import Literal, NamedTuple
 import numpy as np
 
 from slopecli.geometry.epipolar import rotation_from_vector, tangent_basis
+from slopecli.geometry.robust import chi2_quantile
 from slopecli.types import FloatArray, IntArray, Solution
 
 # standard normal quantiles. 0.999: of many patches of one plane, hardly one is taken for another. 0.95: that planes
@@ -120,17 +121,11 @@ def _agglomerated(
 def _excess(members: tuple[int, ...], normals: FloatArray, joint: FloatArray, shares: Shared) -> float:
     """Chi-square of one plane (or normal) beyond what chance makes of it, per degree of freedom; it is one below 0."""
     chi2, dof = _misfit(members, normals, joint, shares)
-    return (chi2 - quantile(dof, AT[shares])) / dof
+    return (chi2 - chi2_quantile(dof, AT[shares])) / dof
 
 
 def _group(members: tuple[int, ...], normals: FloatArray, joint: FloatArray, shares: Shared) -> Group:
     return Group(members, shares, *_misfit(members, normals, joint, shares))
-
-
-def quantile(dof: int, at: float) -> float:
-    """Chi-square at the probability of a standard normal quantile `at` (Wilson and Hilferty 1931)."""
-    third = 2.0 / (9.0 * dof)
-    return float(dof * (1.0 - third + at * np.sqrt(third)) ** 3)
 
 
 def _misfit(members: tuple[int, ...], normals: FloatArray, joint: FloatArray, shares: Shared) -> tuple[float, int]:

@@ -30,6 +30,11 @@ class WeighedPrior(NamedTuple):
     prior: MotionPrior
     noise: float
 
+    def favour(self, state: State) -> float:
+        """By how much of chi-square what is known speaks for the first root against the second."""
+        of = self.prior.terms(state.R[:2], state.T[:2], 1.0)[:, 6, 6]
+        return float(of[1] - of[0])
+
 
 @dataclass(frozen=True, eq=False)
 class Fit:

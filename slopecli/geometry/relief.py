@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from slopecli.geometry.observations import Observations, Prediction
-from slopecli.geometry.robust import gate_squared, residual_scale
+from slopecli.geometry.robust import gate_squared, noise_at_least, residual_scale
 from slopecli.types import BoolArray, FloatArray
 
 _STAND_OFF = 4.0  # robust standard deviations beyond which a point of a minority counts as standing off
@@ -38,7 +38,8 @@ def estimate_relief(
     """Noise and relief from the residuals of motion number `index`, and the weights that follow from them.
 
     noise : known 1-sigma of a normalised coordinate of image 2, or None to estimate it from the residuals across the
-    epipolar lines. robust : leave out mismatches, and minorities that stand off their plane.
+        epipolar lines, as is done where those exceed what is known.
+    robust : leave out mismatches, and minorities that stand off their plane.
     """
     residual, slide = prediction.residual[index], prediction.slide[index]
     gain = np.hypot(slide[0], slide[1])
@@ -50,9 +51,9 @@ def estimate_relief(
     keep, keep_free = weight > 0.0, observations.free_weight > 0.0
     if robust:
         keep, keep_free = _match_gate(across, free, keep, keep_free)
-    if noise is None:
-        total = (across[keep] ** 2).sum() + (free[keep_free] ** 2).sum()
-        noise = float(np.sqrt(total / max(int(keep.sum()) + int(keep_free.sum()) - 5, 1)))
+    total = float((across[keep] ** 2).sum() + (free[keep_free] ** 2).sum())
+    freedom = max(int(keep.sum()) + int(keep_free.sum()) - 5, 1)
+    noise = float(np.sqrt(total / freedom)) if noise is None else noise_at_least(noise, total, freedom)
     noise = max(noise, 1e-12)
     # one unit of relative height moves the point by this much in image 2
     lever = gain * prediction.inverse_depth[index]

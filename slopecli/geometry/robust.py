@@ -17,6 +17,7 @@ _FALSE_ALARMS = 100.0
 _FINEST = 1e-9
 # free points may be this much noisier than patch points and still be judged by their own scale
 _ONE_SCALE = 1.25
+_BEYOND_CHANCE = 3.09  # standard normal quantile at 0.999
 _SAMPLES = 64  # four-point samples a patch: finds a clean one in 20 % outliers for sure, in 40 % with p = 0.9999
 
 
@@ -38,6 +39,21 @@ class Kept(NamedTuple):
 def gate_squared(n: int) -> float:
     """Squared residual, in sigma, that one of n clean two-dimensional residuals exceeds in 1 of 100 data sets."""
     return 2.0 * float(np.log(max(n, 1) * _FALSE_ALARMS))
+
+
+def chi2_quantile(dof: float, at: float) -> float:
+    """Chi-square at the probability of a standard normal quantile `at` (Wilson and Hilferty 1931)."""
+    third = 2.0 / (9.0 * dof)
+    return float(dof * (1.0 - third + at * np.sqrt(third)) ** 3)
+
+
+def noise_at_least(given: float, squares: float, freedom: int) -> float:
+    """The noise given, or what the residuals show where they exceed it by more than chance.
+
+    squares : weighted sum of squared residuals.  freedom : how many of them are left to vary.
+    """
+    shown = squares > given**2 * chi2_quantile(max(freedom, 1), _BEYOND_CHANCE)
+    return float(np.sqrt(squares / max(freedom, 1))) if shown else given
 
 
 def residual_scale(squared: FloatArray, kept: BoolArray, dimensions: int, lost: float) -> float:

@@ -9,18 +9,16 @@ import numpy as np
 
 from slopecli.errors import DegenerateConfiguration, InputError, NoAnswer
 from slopecli.geometry.alignment import closed_form
-from slopecli.geometry.ambiguity import reaching_across, roots_are_joined
+from slopecli.geometry.ambiguity import by_chance, reaching_across, roots_are_joined, rules_out, separate_freedom
 from slopecli.geometry.epipolar import fit_rotation
 from slopecli.geometry.fitting import Fit, Motion, degrees_of_freedom, maximum_likelihood, with_prior
 from slopecli.geometry.metrics import rotation_angle
 from slopecli.geometry.observations import Observations, observe
 from slopecli.geometry.priors import MotionPrior
+from slopecli.geometry.robust import noise_at_least
 from slopecli.geometry.uncertainty import covariance_of
 from slopecli.types import Ambiguity, FloatArray, IntArray, Solution
 
-# chi-square with 2 degrees of freedom (the direction of the baseline) at 0.999: a root that fits worse than this is
-# ruled out. Noise that is estimated, or shared between matches, is what `noise_gain` is for.
-RESOLVED_AT = 13.8
 # normalised units (a billionth of a pixel) below which residuals are rounding
 _ROUNDING = 1e-12
 
@@ -49,7 +47,8 @@ def solve_planes(
     ----------
     x1, x2 : (n, 2) normalised (undistorted) coordinates in images 1 and 2.
     patch : (n,) int labels 0..m-1; -1 = on no plane, constrains the motion only.
-    noise : 1-sigma of a normalised coordinate in image 2; None estimates it from the residuals.
+    noise : 1-sigma of a normalised coordinate in image 2; None estimates it from the residuals, and so do residuals
+        that exceed it by more than chance: a sigma is never smaller than what is seen.
     weights : (n,) inverse relative variances of the correspondences, None for equal ones.
     relief : points of a patch lie near a plane, not on it (terrain): the best-fit plane is found and
         `Solution.relief` says how rough it is. Used by "mle" only.
@@ -64,7 +63,7 @@ def solve_planes(
     -------
     solution : `Solution`. `converged` is False when the iteration did not settle or a plane is not in front of both
         cameras at every point kept. `ambiguity` holds the other root when it is visible too: "resolved" when its
-        chi-square is larger by more than 13.8, else "unresolved".
+        chi-square is larger by more than chance makes it (`ambiguity.by_chance`), else "unresolved".
 
     Raises
     ------
@@ -87,10 +86,10 @@ def solve_planes(
     if solver == "mle":  # a poor closed form may lose to a rotation where there is parallax
         _check_parallax(fit, sigma, *rotation)
     if prior is None:
-        return _with_ambiguity(fit, solver, sigma, noise_gain)
+        return _with_ambiguity(fit, solver, sigma, noise_gain, noise is not None)
     known = with_prior(fit, prior, max(sigma * noise_gain, _ROUNDING))
     grown = float(known.cost[0] - fit.cost[0]) / max(sigma * noise_gain, _ROUNDING) ** 2
-    return replace(_with_ambiguity(known, solver, sigma, noise_gain), prior_chi2=max(grown, 0.0))
+    return replace(_with_ambiguity(known, solver, sigma, noise_gain, noise is not None), prior_chi2=max(grown, 0.0))
 
 
 def _check_options(solver: str, noise: float | None, noise_gain: float, prior: MotionPrior | None) -> None:
@@ -162,19 +161,20 @@ def _pure_rotation(R: FloatArray, how_well: str) -> NoAnswer:
 
 def _noise(fit: Fit, noise: float | None) -> float:
     """Given, or from the residuals across epipolar lines, or from all residuals over their degrees of freedom."""
-    if noise is not None:
-        return noise
     if fit.relief:
         return fit.relief[0].noise
-    return float(np.sqrt(max(fit.system.chi2[0], 0.0) / degrees_of_freedom(fit.observations)))
+    squares, freedom = max(float(fit.system.chi2[0]), 0.0), degrees_of_freedom(fit.observations)
+    return float(np.sqrt(squares / freedom)) if noise is None else noise_at_least(noise, squares, freedom)
 
 
-def _with_ambiguity(fit: Fit, solver: str, noise: float, noise_gain: float) -> Solution:
+def _with_ambiguity(fit: Fit, solver: str, noise: float, noise_gain: float, noise_given: bool) -> Solution:
     """The best root, with the second one attached when there is one."""
     if len(fit.cost) == 1:
         return _solution(fit, 0, solver, noise, noise_gain)
     worse_by = float(fit.cost[1] - fit.cost[0]) / max(noise * noise_gain, _ROUNDING) ** 2
-    status: Literal["resolved", "unresolved"] = "resolved" if worse_by > RESOLVED_AT else "unresolved"
+    by_prior = 0.0 if fit.prior is None else fit.prior.favour(fit.state)
+    chance = by_chance(separate_freedom(fit), np.inf if noise_given else degrees_of_freedom(fit.observations))
+    status: Literal["resolved", "unresolved"] = "resolved" if rules_out(worse_by, by_prior, chance) else "unresolved"
     joined = status == "unresolved" and roots_are_joined(fit, noise * noise_gain)
     best, alternative = (_solution(fit, i, solver, noise, noise_gain, joined) for i in (0, 1))
     return replace(best, ambiguity=Ambiguity(status, worse_by, alternative))

@@ -8,10 +8,11 @@ from typing import Literal
 import numpy as np
 
 from slopecli.errors import NoAnswer
+from slopecli.geometry.ambiguity import rules_out
 from slopecli.geometry.camera import pixels_from_rays
 from slopecli.geometry.motion import MotionEstimate, epipolar_residual
 from slopecli.geometry.priors import MotionPrior
-from slopecli.geometry.solve import RESOLVED_AT, solve_planes
+from slopecli.geometry.solve import solve_planes
 from slopecli.planes.evidence import Evidence
 from slopecli.planes.footprint import Footprint
 from slopecli.planes.patches import Patches
@@ -143,8 +144,7 @@ def _beyond_systematics(solution: Solution, focal_px: float, prior: MotionPrior 
     if found.status != "resolved" or found.delta_chi2 is None or found.alternative is None:
         return solution
     known = 0.0 if prior is None else prior.chi2(found.alternative) - prior.chi2(solution)
-    if known > RESOLVED_AT:
-        return solution
-    if excess_px(solution, found.delta_chi2 - known, focal_px) > SYSTEMATIC_PX:
+    feigned = int(solution.inlier.sum()) * (SYSTEMATIC_PX / (solution.noise * focal_px)) ** 2
+    if rules_out(found.delta_chi2, known, feigned):
         return solution
     return replace(solution, ambiguity=replace(found, status="unresolved"))
