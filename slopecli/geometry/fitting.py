@@ -175,7 +175,10 @@ def _with_relief(fit: Fit, noise: float | None, robust: bool) -> Fit:
         best = estimate_relief(matched, prediction, 0, noise, robust)
         observations = Kept(best.keep, best.keep_free).applied_to(matched)
         # roots are compared on the same points and the same noise
-        others = [estimate_relief(observations, prediction, i, best.noise, False) for i in range(1, len(fit.cost))]
+        others = [
+            estimate_relief(observations, prediction, i, best.noise, False, settled=True)
+            for i in range(1, len(fit.cost))
+        ]
         fit = _refit(observations, fit.state, (best, *others))
         now = np.append(best.relative, best.noise)
         if before is not None and np.abs(now - before).max() <= _RELIEF_SETTLED * now.max():

@@ -33,12 +33,18 @@ class Relief(NamedTuple):
 
 
 def estimate_relief(
-    observations: Observations, prediction: Prediction, index: int, noise: float | None, robust: bool
+    observations: Observations,
+    prediction: Prediction,
+    index: int,
+    noise: float | None,
+    robust: bool,
+    settled: bool = False,
 ) -> Relief:
     """Noise and relief from the residuals of motion number `index`, and the weights that follow from them.
 
     noise : known 1-sigma of a normalised coordinate of image 2, or None to estimate it from the residuals across the
         epipolar lines, as is done where those exceed what is known.
+    settled : take the noise as it is, as for a root that is compared with the one it was estimated from.
     robust : leave out mismatches, and minorities that stand off their plane.
     """
     residual, slide = prediction.residual[index], prediction.slide[index]
@@ -53,7 +59,10 @@ def estimate_relief(
         keep, keep_free = _match_gate(across, free, keep, keep_free)
     total = float((across[keep] ** 2).sum() + (free[keep_free] ** 2).sum())
     freedom = max(int(keep.sum()) + int(keep_free.sum()) - 5, 1)
-    noise = float(np.sqrt(total / freedom)) if noise is None else noise_at_least(noise, total, freedom)
+    if noise is None:
+        noise = float(np.sqrt(total / freedom))
+    elif not settled:
+        noise = noise_at_least(noise, total, freedom)
     noise = max(noise, 1e-12)
     # one unit of relative height moves the point by this much in image 2
     lever = gain * prediction.inverse_depth[index]
