@@ -16,6 +16,7 @@ FEW_FEATURES = 60  # tentative features in an image with hardly any texture
 POOR_FIT_PX = 0.5  # noise of matches beyond which the cameras are in doubt, or the images
 STRANGE_SHARE, UNEXPLAINED_SHARE = 0.15, 0.5  # of the dense matches: said, and refused, when they defy the motion
 LOW_PARALLAX_PX = 3.0  # median parallax below which slopes are governed by matching noise
+NON_PLANAR = "non-planar-patch"  # as a diagnostic, and as the reason of a plane
 ROTATION_SIGMAS = 2.0  # a rotation that fits this well leaves no parallax to measure
 
 
@@ -121,7 +122,7 @@ def diagnose(
     noise_px : 1-sigma of the median match, as measured.  labels : (h, w) plane id per pixel of image 1, 0 for none.
     """
     found = [_focus_in(plane) for plane in planes if epipole is not None and _holds(plane, epipole, labels)]
-    found += [_not_flat(plane, relief[plane.id]) for plane in planes if plane.reason == "non-planar-patch"]
+    found += [_not_flat(plane, relief[plane.id]) for plane in planes if NON_PLANAR in (plane.reason or "")]
     if solution.ambiguity.status == "unresolved":
         found.append(_second_motion(solution))
     if noise_px > POOR_FIT_PX:
@@ -153,7 +154,7 @@ def _focus_in(plane: Plane) -> Diagnostic:
 
 def _not_flat(plane: Plane, relief: float) -> Diagnostic:
     return Diagnostic(
-        "non-planar-patch",
+        NON_PLANAR,
         "warning",
         f"{plane.noun} {plane.id} is not one plane: relief {100 * relief:.1f} % of its distance, or a step in it",
         float(plane.id),

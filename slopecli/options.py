@@ -5,6 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal
 
+MOST_SIGMA_DEG = 60.0  # a slope known no better could be any
+
 
 @dataclass(frozen=True)
 class Pose:
@@ -40,4 +42,5 @@ class Options:
     altitude_m: float | None = None
     tolerance_deg: float = 15.0  # what landers bear (paper, section I)
     confidence: float = 0.99
+    max_sigma_deg: float = 10.0  # a slope known no better than this is not told: "12 +- 24" reads like twelve
     seed: int = 0  # of the random draws in the search for motions and planes; the answer hardly depends on it

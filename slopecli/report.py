@@ -3,18 +3,17 @@
 from __future__ import annotations
 
 from dataclasses import asdict, replace
-from typing import Literal
 
 import numpy as np
 
-from slopecli.diagnosis import diagnose, epipole1_px, unexplained
+from slopecli.diagnosis import NON_PLANAR, diagnose, epipole1_px, unexplained
 from slopecli.errors import InputError, NoAnswer
 from slopecli.geometry.epipolar import homogeneous
 from slopecli.geometry.homography import homography_in_pixels, homography_of_plane
 from slopecli.geometry.metrics import rotation_angle
 from slopecli.geometry.slope import slope_interval, surface_normals
 from slopecli.measure import Measured, judge, measure
-from slopecli.options import Options
+from slopecli.options import MOST_SIGMA_DEG, Options
 from slopecli.planes.footprint import paint_labels
 from slopecli.planes.joint import Matched
 from slopecli.planes.window_match import WindowMatch
@@ -38,8 +37,6 @@ from slopecli.types import (
     Up,
 )
 
-# a slope whose 1-sigma is larger than this is no answer: where a window was asked about, and where a plane is claimed
-UNKNOWN_DEG, UNKNOWN_OF_FOUND_DEG = 60.0, 10.0
 LEAST_SEEN = 0.5  # share of a window that must be matched to speak for all of it
 ROUGH = 0.025  # RMS height off the plane over distance beyond which a window is not one plane
 MOST_LEFT_OUT = 0.25  # share of a window's matches off its plane beyond which it is not one plane
@@ -66,7 +63,7 @@ def build_report(
     other = _second_root(solution, matched, options)
     scale, length = _scale(solution, matched, main.up, options)
     every = [_plane(k, main, other, matched, cameras, options) for k in range(len(matched.answered))]
-    planes = tuple(_scaled(plane, scale, length) for plane in every if _known(plane))
+    planes = tuple(_scaled(plane, scale, length) for plane in every if _answered(plane))
     if not planes:
         raise NoAnswer(
             "low-texture",
@@ -177,12 +174,17 @@ def _plane(
     low, high = np.degrees(slope_interval(slope)[0])
     aspect = None if np.isnan(slope.aspect_rad[0]) else float(np.degrees(slope.aspect_rad[0]))
     inlier_share = float(kept.sum() / max(member.sum(), 1))
-    status, reason = _status(match, matched.patches.noun, float(solution.relief[k]), inlier_share)
+    doubts = _doubts(match, matched.patches.noun, float(solution.relief[k]), inlier_share)
     whole = matched.footprints[number].largest_share
-    if status == "ok" and whole < LEAST_WHOLE:
-        status, reason = "poor", f"scattered: its largest piece is {100 * whole:.0f} % of it"
+    if not doubts and whole < LEAST_WHOLE:
+        doubts = [f"scattered: its largest piece is {100 * whole:.0f} % of it"]
+    sigma_deg = float(np.degrees(slope.sigma_rad[0]))
+    known = not sigma_deg > options.max_sigma_deg
+    if not known:
+        doubts.append(_too_vague(sigma_deg, options.max_sigma_deg))
     rival = other if solution.ambiguity.status == "unresolved" else None
     p_safe, p_other = float(main.p_safe[k]), None if rival is None else float(rival.p_safe[k])
+    both_known = known and (rival is None or np.degrees(rival.slopes.sigma_rad[k]) <= options.max_sigma_deg)
     H = homography_of_plane(solution.R, solution.T, solution.scaled_normals[k])
     return Plane(
         id=number + 1,
@@ -191,7 +193,7 @@ def _plane(
         normal_cam1=surface_normals(solution)[k],
         distance=_signed_distance(solution.scaled_normals[k], matched.correspondences.x1[member]),
         slope_deg=float(np.degrees(slope.slope_rad[0])),
-        slope_sigma_deg=float(np.degrees(slope.sigma_rad[0])),
+        slope_sigma_deg=sigma_deg,
         slope_ci95_deg=(float(low), float(high)),
         aspect_deg=aspect,
         dip_direction_deg=aspect,
@@ -200,11 +202,19 @@ def _plane(
         rms_px=_rms(H, matched, kept) * cameras[1].focal_px,
         roughness=float(solution.relief[k]),
         homography_px=homography_in_pixels(H, cameras[0].K, cameras[1].K),
-        verdict=judge(p_safe, p_other, status == "ok", options.confidence),
+        verdict=judge(p_safe, p_other, both_known and not doubts, options.confidence),
         p_safe=p_safe,
-        status=status,
-        reason=reason,
+        status="poor" if doubts else "ok",
+        reason="; ".join(doubts) or None,
+        slope_known=known,
     )
+
+
+def _too_vague(sigma_deg: float, limit_deg: float) -> str:
+    """In words, with as few digits of the sigma as show that it is above the limit."""
+    texts = (f"{sigma_deg:.{digits}f}" for digits in range(9))
+    shown = next((text for text in texts if float(text) > limit_deg), f"{sigma_deg:g}")
+    return f"sigma {shown}° is above --max-sigma {limit_deg:g}°"
 
 
 def _signed_distance(normal: FloatArray, x1: FloatArray) -> float:
@@ -222,22 +232,28 @@ def _rms(H: FloatArray, matched: Matched, kept: BoolArray) -> float:
     return float(np.sqrt((residual**2).mean()))
 
 
-def _status(
-    match: WindowMatch, noun: str, roughness: float, inlier_share: float
-) -> tuple[Literal["ok", "poor"], str | None]:
+def _doubts(match: WindowMatch, noun: str, roughness: float, inlier_share: float) -> list[str]:
+    """Why the plane of a patch should not be leaned on; empty when there is nothing against it."""
     if match.origin == "borrowed":
-        return "poor", match.reason
+        return [match.reason]
     if match.share < LEAST_SEEN:
-        return "poor", f"only {100 * match.share:.0f} % of the {noun} could be matched"
+        return [f"only {100 * match.share:.0f} % of the {noun} could be matched"]
     if roughness > ROUGH or match.left_out > MOST_LEFT_OUT or inlier_share < 1 - MOST_LEFT_OUT:
-        return "poor", "non-planar-patch"
-    return "ok", None
+        return [NON_PLANAR]
+    return []
 
 
-def _known(plane: Plane) -> bool:
-    """Whether the matches say where the plane faces, and that it lies before the camera (NaN compares false)."""
-    most = UNKNOWN_OF_FOUND_DEG if plane.found else UNKNOWN_DEG
-    return plane.slope_sigma_deg <= most and plane.distance > 0
+def _answered(plane: Plane) -> bool:
+    """Whether the matches say where the plane faces, and that it lies before the camera (NaN compares false).
+
+    A window was asked about, so it keeps what little is known of it; a plane that is only claimed must be known.
+    """
+    return plane.slope_sigma_deg <= MOST_SIGMA_DEG and plane.distance > 0 and (plane.slope_known or not plane.found)
+
+
+def _open(plane: Plane) -> str:
+    vague = "" if plane.slope_known else f": 1-sigma {plane.slope_sigma_deg:.0f}°"
+    return f"its matches leave the slope open{vague}"
 
 
 def _scaled(plane: Plane, scale: Scale, length: float) -> Plane:
@@ -276,8 +292,8 @@ def _rejected(matched: Matched, planes: list[Plane]) -> tuple[Rejected, ...]:
         if match.origin == "none"
     ]
     vague = [
-        Rejected(plane.id, plane.polygon_px, "low-texture", "too little texture: its matches leave the slope open")
+        Rejected(plane.id, plane.polygon_px, "low-texture", f"too little texture: {_open(plane)}")
         for plane in planes
-        if not _known(plane)
+        if not _answered(plane)
     ]
     return tuple(sorted(bare + vague, key=lambda rejected: rejected.id))

@@ -266,6 +266,7 @@ class Plane:
     p_safe: float
     status: Literal["ok", "poor"] = "ok"
     reason: str | None = None
+    slope_known: bool = True  # to `max_sigma_deg`; not in JSON, which has both numbers
 
     @property
     def found(self) -> bool:

@@ -47,6 +47,19 @@ def test_what_is_unknown_is_a_dash() -> None:
     assert "nan" not in row
 
 
+def test_a_slope_known_too_badly_is_not_printed() -> None:
+    report = make_report()
+    vague = replace(
+        report.planes[1], slope_sigma_deg=24.2, slope_known=False, status="poor",
+        reason="sigma 24° is above --max-sigma 10°", verdict="undecided",
+    )  # fmt: skip
+    row = rows_of(result_table(replace(report, planes=(report.planes[0], vague))))[1]
+    cells = re.split(r"\s{2,}", row.strip())
+    assert cells[:5] == ["2", "unknown (± 24°)", "-", "-", "undecided"]
+    assert cells[-1] == "poor: sigma 24° is above --max-sigma 10°"
+    assert "12.0" not in row
+
+
 def test_a_poor_plane_says_why() -> None:
     report = make_report()
     poor = replace(report.planes[0], status="poor", reason="non-planar-patch")

@@ -134,6 +134,41 @@ def test_refused_window_is_hatched_and_grey() -> None:
     assert picture.std() > 10
 
 
+def unknown_plane(**changes: object) -> Plane:
+    fields = {"slope_known": False, "status": "poor", "verdict": "undecided", **changes}
+    return make_plane(1, rectangle(20, 20, 400, 300), 24.0, 14.0, **fields)  # type: ignore[arg-type]
+
+
+def test_a_slope_that_is_not_known_has_no_colour_no_number_and_no_arrow() -> None:
+    plane = unknown_plane(aspect_deg=60.0)
+    report = make_report(planes=(plane,), rejected=(), epipole1_px=None)
+    picture = draw_overlay(report, flat_image())[:480].astype(int)
+    assert np.ptp(picture[40:120, 40:400], axis=2).max() <= 2
+    assert picture[40:120, 40:400].std() > 10
+    steeper = replace(report, planes=(replace(plane, slope_deg=3.0, aspect_deg=None),))
+    assert np.array_equal(draw_overlay(steeper, flat_image())[:480], picture)
+    (one,) = place_labels(footprints_of(report, 1.0, (480, 640), 15), [], (480, 640), 15)
+    assert one.label.rows == ("1 ?", "± 14°")
+    assert one.label.badge == "rejected"
+    assert one.footprint.downhill is None
+
+
+def test_too_steep_for_certain_has_its_badge_where_the_slope_is_not_known() -> None:
+    report = make_report(planes=(unknown_plane(verdict="unsafe"),), rejected=())
+    (one,) = place_labels(footprints_of(report, 1.0, (480, 640), 15), [], (480, 640), 15)
+    assert (one.footprint.verdict, one.label.badge) == ("rejected", "unsafe")
+
+
+def test_small_patches_of_unknown_slope_show_no_number_either() -> None:
+    planes = [replace(p, slope_known=False) for p in make_report(polygons=grid_polygons(640, 480, 24, 24)).planes]
+    report = make_report(planes=tuple(planes), rejected=())
+    placed = place_labels(footprints_of(report, 1.0, (480, 640), 15), [], (480, 640), 15)
+    assert {one.label.rows[1:] for one in placed} == {("?",)}
+    region = make_region_report()
+    region = replace(region, planes=tuple(replace(p, slope_known=False) for p in region.planes))
+    assert not any("°" in row.replace("± ", "") and "±" not in row for p in placed_on(region) for row in p.label.rows)
+
+
 # ---- pointers ----
 
 

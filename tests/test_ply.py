@@ -54,6 +54,16 @@ def parse(data: bytes) -> tuple[list[str], np.ndarray, np.ndarray]:
     return lines, columns, faces["i"]
 
 
+def test_a_slope_that_is_not_known_gives_no_colour_and_no_value() -> None:
+    report = make_report()
+    vague = replace(report.planes[1], slope_known=False, slope_sigma_deg=24.0)
+    _, columns, faces = parse(report_to_ply(replace(report, planes=(report.planes[0], vague))))
+    here, _ = of_patch(columns, faces, vague.id)
+    assert np.ptp(here[:, 6:9]) == 0  # grey
+    assert set(here[:, 9]) == set(here[:, 10]) == {-1.0}
+    assert set(here[:, 11]) == {24.0}
+
+
 def of_patch(columns: np.ndarray, triangles: np.ndarray, patch_id: int) -> tuple[np.ndarray, np.ndarray]:
     return columns[columns[:, 12] == patch_id], triangles[(columns[triangles[:, 0], 12] == patch_id)]
 

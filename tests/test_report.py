@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 
 import numpy as np
 import pytest
@@ -287,6 +288,61 @@ def test_a_slope_that_could_be_anything_is_refused_not_reported() -> None:
     assert [plane.id for plane in report.planes] == [1]
     assert [window.id for window in report.rejected] == [2]
     assert set(np.unique(report.labels)) == {0, 1}
+
+
+# ---- slopes known too badly to be told ----
+
+
+def test_a_slope_above_the_largest_sigma_keeps_its_numbers_but_is_poor_and_never_safe() -> None:
+    report = make_report_of(make_solution([2, 2], sigma_deg=[0.2, 24.0]), Options(tolerance_deg=85.0, confidence=0.9))
+    known, unknown = report.planes
+    assert (known.slope_known, known.status, known.verdict) == (True, "ok", "safe")
+    assert (unknown.slope_known, unknown.status) == (False, "poor")
+    assert unknown.reason is not None
+    assert re.fullmatch(r"sigma \d\d° is above --max-sigma 10°", unknown.reason)
+    assert unknown.p_safe > 0.95
+    assert unknown.verdict == "undecided"
+    assert unknown.slope_deg == pytest.approx(2, abs=1e-6)
+    written = json.loads(report_to_json(report))
+    # what a program tells it by
+    vague = [plane["slope_sigma_deg"] > written["options"]["max_sigma_deg"] for plane in written["planes"]]
+    assert vague == [False, True]
+
+
+def test_too_steep_may_be_certain_where_the_slope_is_not() -> None:
+    plane = only_plane(make_report_of(make_solution([80], sigma_deg=12)))
+    assert (plane.slope_known, plane.verdict) == (False, "unsafe")
+
+
+def test_the_largest_sigma_follows_the_option_and_says_both_numbers() -> None:
+    solution = make_solution([30], sigma_deg=5.2)
+    assert only_plane(make_report_of(solution)).slope_known
+    sigma = only_plane(make_report_of(solution)).slope_sigma_deg
+    at_the_limit = Options(max_sigma_deg=sigma)
+    assert only_plane(make_report_of(solution, at_the_limit)).slope_known
+    vague = only_plane(make_report_of(solution, Options(max_sigma_deg=5.1)))
+    assert vague.reason == "sigma 5.2° is above --max-sigma 5.1°"
+    borrowed = make_report_of(solution, Options(max_sigma_deg=2), match_changes={0: BORROWED})
+    assert only_plane(borrowed).reason == f"{BORROWED['reason']}; sigma 7° is above --max-sigma 2°"
+
+
+def test_relief_is_diagnosed_in_a_window_whose_slope_is_not_known_too() -> None:
+    report = make_report_of(make_solution([2], sigma_deg=20, relief=np.array([0.08])))
+    assert only_plane(report).reason == "non-planar-patch; sigma 27° is above --max-sigma 10°"
+    assert "non-planar-patch" in {d.code for d in report.diagnostics}
+
+
+def test_a_plane_found_is_dropped_above_the_largest_sigma() -> None:
+    solution = make_solution([2, 2], sigma_deg=[0.2, 14.0])
+    report = make_report_of(solution, source="region")
+    assert [plane.id for plane in report.planes] == [1]
+    assert "leave the slope open: 1-sigma" in report.rejected[0].message
+    assert len(make_report_of(solution, Options(max_sigma_deg=30), source="region").planes) == 2
+
+
+def test_never_safe_where_the_slope_of_the_other_root_is_not_known() -> None:
+    solution = with_second_root(make_solution([2]), [2], sigma_deg=20)
+    assert only_plane(make_report_of(solution, Options(tolerance_deg=85.0, confidence=0.9))).verdict == "undecided"
 
 
 @pytest.mark.parametrize(("source", "noun"), [("window", "window"), ("ransac", "plane"), ("region", "region")])

@@ -24,7 +24,7 @@ from slopecli.cli.parameter_types import (
     choices_of,
 )
 from slopecli.cli.talk import Talk
-from slopecli.options import Options
+from slopecli.options import MOST_SIGMA_DEG, Options
 
 Decorator = Callable[[Any], Any]
 
@@ -232,6 +232,15 @@ verdict_options = _group(
         default=Options.confidence,
         help="A window or plane is safe if its slope is below the tolerance with this probability, unsafe if it is "
         "above with this one, undecided in between.",
+    ),
+    _option(
+        "--max-sigma",
+        "max_sigma_deg",
+        metavar="DEG",
+        type=Between(0, MOST_SIGMA_DEG, min_open=True),
+        default=Options.max_sigma_deg,
+        help="No slope is told whose 1-sigma is larger: a window is then unknown and never safe, a plane found is "
+        "dropped.",
     ),
 )
 

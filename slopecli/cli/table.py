@@ -44,18 +44,25 @@ def _found_table(report: Report) -> Iterator[str]:
 
 
 def _plane_cells(plane: Plane, unit: str, other_slope_deg: float | None) -> tuple[str, ...]:
-    low, high = plane.slope_ci95_deg
     return (
         str(plane.id),
-        f"{_number(plane.slope_deg, 2)} ± {_number(plane.slope_sigma_deg, 2)}°",
-        f"{_number(low, 2)} to {_number(high, 2)}°",
-        "-" if plane.aspect_deg is None else f"{_number(plane.aspect_deg, 0)}°",
+        *_slope_cells(plane),
         plane.verdict,
         _number(plane.p_safe, 3),
         _number(plane.roughness, 4) + (" m" if unit == "m" else ""),
         f"{plane.n_inliers}/{plane.n_correspondences}",
         _note(plane, other_slope_deg),
     )
+
+
+def _slope_cells(plane: Plane) -> tuple[str, str, str]:
+    """Slope, interval and aspect; of a slope that is not known only how little is known of it."""
+    if not plane.slope_known:
+        return f"unknown (± {_number(plane.slope_sigma_deg, 0)}°)", "-", "-"
+    low, high = plane.slope_ci95_deg
+    aspect = "-" if plane.aspect_deg is None else f"{_number(plane.aspect_deg, 0)}°"
+    slope = f"{_number(plane.slope_deg, 2)} ± {_number(plane.slope_sigma_deg, 2)}°"
+    return slope, f"{_number(low, 2)} to {_number(high, 2)}°", aspect
 
 
 def _found_cells(plane: Plane, kind: str, share: float, other_slope_deg: float | None) -> tuple[str, ...]:

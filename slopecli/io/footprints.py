@@ -63,8 +63,20 @@ class Footprint:
     pieces: Pieces | None = None
 
     @property
+    def slope_deg(self) -> float | None:
+        """Slope that it is shown with, None where none is known."""
+        return self.item.slope_deg if isinstance(self.item, Plane) and self.item.slope_known else None
+
+    @property
     def verdict(self) -> str:
-        return self.item.verdict if isinstance(self.item, Plane) else "rejected"
+        """What its ground looks like."""
+        return self.item.verdict if isinstance(self.item, Plane) and self.item.slope_known else "rejected"
+
+    @property
+    def badge(self) -> str:
+        """What its badge says: too steep may be certain where the slope is not."""
+        unsafe = isinstance(self.item, Plane) and self.item.verdict == "unsafe"
+        return "unsafe" if unsafe else self.verdict
 
     @property
     def outlines(self) -> Sequence[FloatArray]:
@@ -125,9 +137,9 @@ def downhill_px(report: Report, plane: Plane, uv: FloatArray | None = None) -> F
 
     Returns
     -------
-    (2,) unit vector (right, down) in pixels, or None for a plane whose downhill direction is undefined.
+    (2,) unit vector (right, down) in pixels, or None for a plane whose downhill direction or slope is not known.
     """
-    if plane.aspect_deg is None:
+    if plane.aspect_deg is None or not plane.slope_known:
         return None
     up, normal = np.array(report.up.vector_cam1), np.asarray(plane.normal_cam1)
     fall = (up @ normal) * normal - up

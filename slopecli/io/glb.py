@@ -118,7 +118,8 @@ def _mesh(surface: Surface, rotation: FloatArray, image: Image, contents: _Conte
         "TEXCOORD_0": contents.add_array(texture, _FLOAT, _ARRAY),
     }
     indices = contents.add_array(surface.triangles.astype(kind).ravel(), component, _INDICES)
-    name = f"plane {surface.plane.id} ({surface.plane.slope_deg:.1f} deg)"
+    slope = f"{surface.plane.slope_deg:.1f} deg" if surface.plane.slope_known else "slope not known"
+    name = f"plane {surface.plane.id} ({slope})"
     return {"name": name, "primitives": [{"attributes": attributes, "indices": indices, "material": 0}]}
 
 
@@ -150,7 +151,8 @@ def _frame(report: Report, rotation: FloatArray) -> dict[str, Any]:
 
 
 def _facts(plane: Plane) -> dict[str, Any]:
-    numbers = {"slope_deg": plane.slope_deg, "slope_sigma_deg": plane.slope_sigma_deg, "aspect_deg": plane.aspect_deg}
+    slope_deg = plane.slope_deg if plane.slope_known else None
+    numbers = {"slope_deg": slope_deg, "slope_sigma_deg": plane.slope_sigma_deg, "aspect_deg": plane.aspect_deg}
     facts = {name: None if value is None else _rounded(value) for name, value in numbers.items()}
     return {"id": plane.id, **facts, "verdict": plane.verdict, "status": plane.status}
 

@@ -120,9 +120,11 @@ def _caption(report: Report) -> str:
 def _entries(report: Report, with_focus: bool) -> list[tuple[str, Sign]]:
     verdicts = ("safe", "undecided", "unsafe")
     entries: list[tuple[str, Sign]] = [(name, partial(swatch, name)) for name in verdicts]
-    if report.rejected:
-        entries.append(("no answer", partial(swatch, "rejected")))
-    if any(plane.aspect_deg is not None for plane in report.planes):
+    unknown = not all(plane.slope_known for plane in report.planes)
+    if report.rejected or unknown:
+        words = [*(["no answer"] if report.rejected else []), *(["slope not known"] if unknown else [])]
+        entries.append((" or ".join(words), partial(swatch, "rejected")))
+    if any(plane.aspect_deg is not None and plane.slope_known for plane in report.planes):
         entries.append(("downhill", _arrow))
     if with_focus:
         entries.append(("focus of expansion", focus_sign))

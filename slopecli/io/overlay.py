@@ -17,7 +17,7 @@ from slopecli.io.lettering import Text, badge_centre, box_around, label_texts, w
 from slopecli.io.marks import Picture
 from slopecli.io.placement import Placed, place_labels
 from slopecli.io.region_labels import place_region_labels
-from slopecli.types import FloatArray, Image, Plane, Report
+from slopecli.types import FloatArray, Image, Report
 
 TINT = 0.6  # share of the slope's colour; the rest keeps the ground recognisable
 
@@ -61,9 +61,9 @@ def _draw_patches(picture: Picture, grey: NDArray[np.uint8], footprints: Sequenc
 
 
 def _tinted(footprint: Footprint, grey: NDArray[np.uint8]) -> Picture:
-    """Ground under one patch in the colour of its slope; grey without colour where there is no answer."""
-    item = footprint.item
-    colour = slope_colours(item.slope_deg)[0] if isinstance(item, Plane) else np.array(marks.NO_ANSWER)
+    """Ground under one patch in the colour of its slope; grey without colour where it is not known."""
+    slope_deg = footprint.slope_deg
+    colour = np.array(marks.NO_ANSWER) if slope_deg is None else slope_colours(slope_deg)[0]
     levels = (1 - TINT) * np.arange(256.0)[:, None] + TINT * colour
     return np.asarray(cv2.LUT(converted(grey, cv2.COLOR_GRAY2RGB), levels.astype(np.uint8)[:, None]), np.uint8)
 

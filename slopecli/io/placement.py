@@ -15,6 +15,7 @@ from slopecli.types import FloatArray, Plane, Rejected
 
 LARGE, SMALL, TINY = 1.4, 0.8, 0.62  # text sizes over that of the overlay
 SMALLEST_TEXT_PX = 9
+UNKNOWN = "?"  # in place of a slope that is not known
 NARROW_FROM = 6.0  # side of a patch over the text size below which a label in three rows would crowd it
 
 
@@ -78,12 +79,18 @@ def place_labels(
 
 
 def slope_text(plane: Plane) -> tuple[str, str]:
-    """Return slope and sigma as a label says them, "12.3°" and "± 0.4°"; sigma "" when unknown."""
+    """Return slope and sigma as a label says them, "12.3°" and "± 0.4°"; "?" for a slope, "" for a sigma not known."""
     sigma = plane.slope_sigma_deg
     if not math.isfinite(sigma):
         return f"{plane.slope_deg:.1f}°", ""
     digits = 0 if sigma >= 9.95 else 1 if sigma >= 0.095 else 2
-    return f"{plane.slope_deg:.{min(digits, 1)}f}°", f"± {sigma:.{digits}f}°"
+    slope = f"{plane.slope_deg:.{min(digits, 1)}f}°" if plane.slope_known else UNKNOWN
+    return slope, f"± {sigma:.{digits}f}°"
+
+
+def whole_degrees(plane: Plane) -> str:
+    """Return the slope as a label without room says it."""
+    return f"{plane.slope_deg:.0f}°" if plane.slope_known else UNKNOWN
 
 
 def full_labels(footprint: Footprint, size: int, text_px: int) -> list[Label]:
@@ -93,9 +100,12 @@ def full_labels(footprint: Footprint, size: int, text_px: int) -> list[Label]:
         full = Label((name, footprint.item.reason), size, "rejected")
         return [full, replace(full, size=small)]
     slope, sigma = slope_text(footprint.item)
+    if slope == UNKNOWN:
+        full = Label((f"{name} {UNKNOWN}", sigma), size, footprint.badge)
+        return [full, replace(full, size=small)]
     notes = [] if footprint.other_slope_deg is None else [f"or {footprint.other_slope_deg:.1f}°"]
     notes += ["poor"] if footprint.item.status == "poor" else []
-    full = Label((name, f"{slope} {sigma}".strip(), *notes), size, footprint.verdict)
+    full = Label((name, f"{slope} {sigma}".strip(), *notes), size, footprint.badge)
     labels = [full, replace(full, size=small)]
     if sigma and footprint.size >= NARROW_FROM * text_px:
         labels.append(replace(full, rows=(name, slope, sigma, *notes), size=small))
@@ -164,8 +174,8 @@ def _place_beside(footprint: Footprint, free: NDArray[np.uint8], taken: Sequence
 def _place_tiny(footprint: Footprint, taken: Sequence[Box], text_px: int) -> Placed:
     """Id and whole degrees for a small patch among others, with the arrow only where it fits."""
     item = footprint.item
-    second = (f"{item.slope_deg:.0f}°",) if isinstance(item, Plane) else ()
-    label = Label((str(item.id), *second), max(SMALLEST_TEXT_PX, round(TINY * text_px)), footprint.verdict)
+    second = (whole_degrees(item),) if isinstance(item, Plane) else ()
+    label = Label((str(item.id), *second), max(SMALLEST_TEXT_PX, round(TINY * text_px)), footprint.badge)
     still = replace(footprint, downhill=None)
     placed = place_inside(footprint, [label], taken) or place_inside(still, [label], taken)
     return placed or Placed(still, label, footprint.centre, footprint.centre, 0.0)

@@ -1,6 +1,6 @@
 """patches.ply: every plane as a mesh, with both cameras, in camera-1 axes.
 
-Windows have the colour of their slope, planes found as regions that of image 1.
+Windows have the colour of their slope, grey where it is not known, planes found as regions that of image 1.
 
 Written here rather than by trimesh, which reads it back in the tests: trimesh writes no comments of ours, so unit and
 frame would be lost, and importing it takes longer than solving a pair. The layout is what common viewers agree on:
@@ -19,11 +19,13 @@ from numpy.typing import ArrayLike, NDArray
 
 from slopecli import __version__
 from slopecli.io.colormap import slope_colours
+from slopecli.io.marks import NO_ANSWER
 from slopecli.io.surface import Surface, lay_on_plane
 from slopecli.types import Camera, FloatArray, Image, IntArray, Plane, Report
 
 SUBDIVISIONS = 2  # of every edge by two: enough to follow the curve that a lens makes of a straight border
 CAMERA_SIZE = 0.06  # of the median distance of the planes
+UNKNOWN_SLOPE = -1.0  # no slope, and a number, as NaN upsets viewers
 CAMERA_COLOURS = ((40, 40, 40), (150, 150, 150))
 
 VERTEX = np.dtype(
@@ -65,6 +67,7 @@ def report_to_ply(report: Report, image: Image | None = None, surfaces: Sequence
         "frame camera 1: x right, y down, z forward",
         f"unit {report.scale.unit}",
         "scalars of the cameras are 0; scalar_patch_id is the id in slopes.json",
+        f"scalar_slope_deg and quality are {UNKNOWN_SLOPE:g} where the slope is not known",
     ]
     return _encode(_joined(meshes), comments)
 
@@ -83,14 +86,19 @@ def plane_mesh(plane: Plane, camera: Camera) -> Mesh | None:
     """
     uv, triangles = _subdivided(np.asarray(plane.polygon_px, float), triangulate(plane.polygon_px))
     surface = lay_on_plane(plane, camera, uv, triangles)
-    return None if surface is None else _surface_mesh(surface, slope_colours(plane.slope_deg)[0])
+    return None if surface is None else _surface_mesh(surface, _colour(plane))
+
+
+def _colour(plane: Plane) -> ArrayLike:
+    """RGB of a plane's slope, grey where it is not known."""
+    return slope_colours(plane.slope_deg)[0] if plane.slope_known else NO_ANSWER
 
 
 def _surface_mesh(surface: Surface, colours: ArrayLike) -> Mesh:
     """Mesh of a part of a plane, with what is known of the plane at every vertex."""
     plane = surface.plane
     vertices = _vertices(surface.points, plane.normal_cam1, colours)
-    vertices["quality"] = vertices["scalar_slope_deg"] = plane.slope_deg
+    vertices["quality"] = vertices["scalar_slope_deg"] = plane.slope_deg if plane.slope_known else UNKNOWN_SLOPE
     vertices["scalar_sigma_slope_deg"] = np.nan_to_num(plane.slope_sigma_deg)
     vertices["scalar_patch_id"] = plane.id
     return Mesh(vertices, _facing(surface.points, surface.triangles, plane.normal_cam1))
@@ -98,7 +106,7 @@ def _surface_mesh(surface: Surface, colours: ArrayLike) -> Mesh:
 
 def _surface_meshes(report: Report, image: Image | None, surfaces: Sequence[Surface]) -> list[Mesh]:
     if image is None:
-        return [_surface_mesh(each, slope_colours(each.plane.slope_deg)[0]) for each in surfaces]
+        return [_surface_mesh(each, _colour(each.plane)) for each in surfaces]
     # a vertex stands for the pixels nearest to it, and has their mean colour
     spacing = np.sqrt(np.count_nonzero(report.labels) / max(1, sum(len(each.uv) for each in surfaces)))
     pixels = cv2.cvtColor(image.grey, cv2.COLOR_GRAY2RGB) if image.colour is None else image.colour[:, :, ::-1]

@@ -19,7 +19,8 @@ SIGNIFICANT_DIGITS = 9  # 1e-9 of a rotation is 6e-8 deg; more digits would only
 NEGLIGIBLE = 1e-12  # what is left of an exact zero after arithmetic; its digits differ from machine to machine
 LINE_LENGTH = 110
 
-_NOT_IN_JSON = {"labels", "epipole1_px", "segmentation"}  # written as labels.png, drawn on overlay.png and the steps
+# written as labels.png, drawn on overlay.png and the steps; what follows from other keys
+_NOT_IN_JSON = {"labels", "epipole1_px", "segmentation", "slope_known"}
 
 
 def report_to_json(report: Report) -> str:
@@ -36,8 +37,7 @@ def report_to_json(report: Report) -> str:
     ------
     TypeError : the options hold an object that has no JSON form.
     """
-    body = {f.name: _plain(getattr(report, f.name)) for f in fields(report) if f.name not in _NOT_IN_JSON}
-    return to_json({"schema_version": SCHEMA_VERSION, "slopemap_version": __version__, **body})
+    return to_json({"schema_version": SCHEMA_VERSION, "slopemap_version": __version__, **_plain(report)})
 
 
 def to_json(document: dict[str, Any]) -> str:
@@ -55,7 +55,7 @@ def load_schema() -> dict[str, Any]:
 def _plain(value: Any) -> Any:
     """Reduce dataclasses, arrays and numpy scalars to what JSON knows."""
     if is_dataclass(value) and not isinstance(value, type):
-        return {f.name: _plain(getattr(value, f.name)) for f in fields(value)}
+        return {f.name: _plain(getattr(value, f.name)) for f in fields(value) if f.name not in _NOT_IN_JSON}
     if isinstance(value, dict):
         return {str(key): _plain(item) for key, item in value.items()}
     if isinstance(value, np.ndarray | np.generic):
