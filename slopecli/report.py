@@ -17,6 +17,7 @@ from slopecli.options import MOST_SIGMA_DEG, Options
 from slopecli.planes.footprint import paint_labels
 from slopecli.planes.joint import Matched
 from slopecli.planes.window_match import WindowMatch
+from slopecli.second_answer import what_decides
 from slopecli.types import (
     Alternative,
     AlternativePlane,
@@ -85,7 +86,7 @@ def build_report(
         scale=scale,
         motion=_motion(solution, length),
         fit=fit,
-        ambiguity=_ambiguity(solution, other, matched, ids, length),
+        ambiguity=_ambiguity(main, other, matched, ids, length, options.max_sigma_deg),
         planes=planes,
         rejected=_rejected(matched, every),
         diagnostics=(*diagnostics, *diagnose(planes, relief, solution, epipole, fit.noise_px, labels)),
@@ -264,22 +265,28 @@ def _scaled(plane: Plane, scale: Scale, length: float) -> Plane:
 
 
 def _ambiguity(
-    solution: Solution, other: Measured | None, matched: Matched, ids: list[int], length: float
+    main: Measured, other: Measured | None, matched: Matched, ids: list[int], length: float, max_sigma_deg: float
 ) -> AmbiguityReport:
-    found = solution.ambiguity
+    """Both answers, if there are two, and what would decide between them.
+
+    ids : of the planes reported.  length : of a baseline, in the unit of the report.
+    """
+    found = main.solution.ambiguity
     if other is None:
         return AmbiguityReport(found.status)
     normals = surface_normals(other.solution)
+    slopes, sigmas = np.degrees(other.slopes.slope_rad), np.degrees(other.slopes.sigma_rad)
+    chosen = [(k, i + 1) for k, i in enumerate(matched.answered) if i + 1 in ids]
     planes = tuple(
-        AlternativePlane(i + 1, normals[k], float(np.degrees(other.slopes.slope_rad[k])))
-        for k, i in enumerate(matched.answered)
-        if i + 1 in ids
+        AlternativePlane(number, normals[k], float(slopes[k]), float(sigmas[k]), bool(sigmas[k] <= max_sigma_deg))
+        for k, number in chosen
     )
-    remedy = "a third image, a known direction of motion, or more relief in view"
+    kept = [k for k, _ in chosen]
+    ways = what_decides(main.solution, np.degrees(main.slopes.slope_rad[kept]), slopes[kept])
     return AmbiguityReport(
         found.status,
         found.delta_chi2,
-        remedy if found.status == "unresolved" else None,
+        ways if found.status == "unresolved" else None,
         Alternative(_motion(other.solution, length), planes),
     )
 

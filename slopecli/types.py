@@ -220,6 +220,8 @@ class AlternativePlane:
     id: int
     normal_cam1: FloatArray
     slope_deg: float
+    slope_sigma_deg: float | None = None
+    slope_known: bool = True  # as of a `Plane`
 
 
 @dataclass(frozen=True, eq=False)
@@ -236,11 +238,11 @@ class AmbiguityReport:
     alternative: Alternative | None = None
 
     @property
-    def other_slopes_deg(self) -> dict[int, float]:
-        """Slopes by plane id in the second answer, where the images do not tell which of the two is true."""
+    def others(self) -> dict[int, AlternativePlane]:
+        """Planes by id in the second answer, where the images do not tell which of the two is true."""
         if self.status != "unresolved" or self.alternative is None:
             return {}
-        return {plane.id: plane.slope_deg for plane in self.alternative.planes}
+        return {plane.id: plane for plane in self.alternative.planes}
 
 
 @dataclass(frozen=True, eq=False)

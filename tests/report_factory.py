@@ -218,7 +218,7 @@ def make_segmentation(labels: np.ndarray, width: int, threshold: float = 3.0) ->
 def make_ambiguity(report: Report) -> AmbiguityReport:
     """A second answer that fits as well: every slope mirrored to 20 degrees steeper."""
     planes = tuple(
-        AlternativePlane(plane.id, normal_of(plane.slope_deg + 20, 10.0), plane.slope_deg + 20)
+        AlternativePlane(plane.id, normal_of(plane.slope_deg + 20, 10.0), plane.slope_deg + 20, 0.7)
         for plane in report.planes
     )
     return AmbiguityReport("unresolved", 1.3, "a third image, or a known altitude", Alternative(report.motion, planes))

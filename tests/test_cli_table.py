@@ -67,12 +67,12 @@ def test_a_poor_plane_says_why() -> None:
     assert row.endswith("poor: non-planar-patch")
 
 
-def test_an_unresolved_plane_has_its_second_slope_in_the_note() -> None:
+def test_an_unresolved_plane_has_both_slopes() -> None:
     report = make_report()
     doubtful = replace(report, ambiguity=make_ambiguity(report))
-    slopes = {plane.id: f"{plane.slope_deg:.1f}" for plane in doubtful.ambiguity.alternative.planes}
-    for row, plane in zip(rows_of(result_table(doubtful)), doubtful.planes, strict=False):
-        assert f"  or {slopes[plane.id]}°" in row
+    others = doubtful.ambiguity.alternative.planes
+    for row, plane, other in zip(rows_of(result_table(doubtful)), doubtful.planes, others, strict=False):
+        assert f"  {plane.slope_deg:.2f} ± {plane.slope_sigma_deg:.2f}° or {other.slope_deg:.2f} ± 0.70°  " in row
     resolved = replace(doubtful, ambiguity=replace(doubtful.ambiguity, status="resolved"))
     assert "  or " not in result_table(resolved)
 
@@ -111,6 +111,15 @@ def test_talk_warns_of_a_second_answer_only_if_there_is_one() -> None:
     assert not any("second motion" in line for line in talk_lines(report))
     (warning,) = (line for line in talk_lines(make_report(ambiguity=make_ambiguity(report))) if "second motion" in line)
     assert warning.endswith("resolve it with a third image, or a known altitude")
+    assert "chi-square larger by 1.3, of 1170 matches" in warning
+
+
+def test_only_a_curious_reader_hears_of_a_second_answer_that_is_ruled_out() -> None:
+    report = make_report()
+    resolved = replace(report, ambiguity=replace(make_ambiguity(report), status="resolved", delta_chi2=412.0))
+    assert not any("second motion" in line for line in talk_lines(resolved))
+    (line,) = (line for line in talk_lines(resolved, verbose=True) if "second motion" in line)
+    assert "ruled out: chi-square larger by 412" in line
 
 
 # ---- planes found in the image ----
@@ -128,6 +137,15 @@ def test_planes_found_have_a_kind_and_a_share_of_the_image() -> None:
                              f"{plane.slope_sigma_deg:.2f}°"]  # fmt: skip
         assert cells[1] in ("ground", "wall", "roof")
         assert plane.verdict in cells
+
+
+def test_a_second_slope_known_too_badly_is_not_printed_either() -> None:
+    report = make_report()
+    found = make_ambiguity(report)
+    vague = tuple(replace(plane, slope_sigma_deg=24.0, slope_known=False) for plane in found.alternative.planes)
+    found = replace(found, alternative=replace(found.alternative, planes=vague))
+    (row, *_) = rows_of(result_table(replace(report, ambiguity=found)))
+    assert "4.00 ± 0.30° or unknown (± 24°)  " in row
 
 
 def test_what_cannot_be_told_ground_from_roof_is_a_dash() -> None:

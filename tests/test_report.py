@@ -366,6 +366,7 @@ def test_both_answers_are_reported_with_what_would_decide() -> None:
         (1, pytest.approx(25)),
         (2, pytest.approx(30)),
     ]
+    assert [plane.slope_sigma_deg for plane in found.alternative.planes] == pytest.approx([0.2, 0.2], rel=0.01)
     resolved = make_report_of(with_second_root(make_solution([5]), [25], status="resolved")).ambiguity
     assert (resolved.status, resolved.resolve_with) == ("resolved", None)
 

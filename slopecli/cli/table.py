@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import click
 
 if TYPE_CHECKING:
-    from slopecli.types import Plane, Rejected, Report
+    from slopecli.types import AlternativePlane, Plane, Rejected, Report
 
 HEADER = ("id", "slope", "95 % interval", "aspect", "verdict", "P(safe)", "roughness", "points", "note")
 # of planes found in the image, of which it is asked what they are and how large
@@ -25,7 +25,7 @@ def result_table(report: Report) -> str:
 
 
 def _window_table(report: Report) -> Iterator[str]:
-    others = report.ambiguity.other_slopes_deg
+    others = report.ambiguity.others
     rows = [(plane.id, _plane_cells(plane, report.scale.unit, others.get(plane.id))) for plane in report.planes]
     rows += [(window.id, _rejected_cells(window, len(HEADER))) for window in report.rejected]
     return aligned(HEADER, [cells for _, cells in sorted(rows)])
@@ -34,7 +34,7 @@ def _window_table(report: Report) -> Iterator[str]:
 def _found_table(report: Report) -> Iterator[str]:
     from slopecli.kinds import plane_kinds, plane_shares
 
-    kinds, shares, others = plane_kinds(report), plane_shares(report), report.ambiguity.other_slopes_deg
+    kinds, shares, others = plane_kinds(report), plane_shares(report), report.ambiguity.others
     rows = [
         (plane.id, _found_cells(plane, kinds[plane.id] or "-", shares[plane.id], others.get(plane.id)))
         for plane in report.planes
@@ -43,37 +43,39 @@ def _found_table(report: Report) -> Iterator[str]:
     return aligned(FOUND_HEADER, [cells for _, cells in sorted(rows)])
 
 
-def _plane_cells(plane: Plane, unit: str, other_slope_deg: float | None) -> tuple[str, ...]:
+def _plane_cells(plane: Plane, unit: str, other: AlternativePlane | None) -> tuple[str, ...]:
     return (
         str(plane.id),
-        *_slope_cells(plane),
+        *_slope_cells(plane, other),
         plane.verdict,
         _number(plane.p_safe, 3),
         _number(plane.roughness, 4) + (" m" if unit == "m" else ""),
         f"{plane.n_inliers}/{plane.n_correspondences}",
-        _note(plane, other_slope_deg),
+        ": ".join(part for part in (plane.status, plane.reason) if part and part != "ok"),
     )
 
 
-def _slope_cells(plane: Plane) -> tuple[str, str, str]:
-    """Slope, interval and aspect; of a slope that is not known only how little is known of it."""
+def _slope_cells(plane: Plane, other: AlternativePlane | None) -> tuple[str, str, str]:
+    """Slope, of two that may be true both, interval and aspect; of one that is not known only how little is."""
+    slope = _slope(plane) if other is None else f"{_slope(plane)} or {_slope(other)}"
     if not plane.slope_known:
-        return f"unknown (± {_number(plane.slope_sigma_deg, 0)}°)", "-", "-"
+        return slope, "-", "-"
     low, high = plane.slope_ci95_deg
     aspect = "-" if plane.aspect_deg is None else f"{_number(plane.aspect_deg, 0)}°"
-    slope = f"{_number(plane.slope_deg, 2)} ± {_number(plane.slope_sigma_deg, 2)}°"
     return slope, f"{_number(low, 2)} to {_number(high, 2)}°", aspect
 
 
-def _found_cells(plane: Plane, kind: str, share: float, other_slope_deg: float | None) -> tuple[str, ...]:
-    number, slope, interval, aspect, verdict, safe, _, points, note = _plane_cells(plane, "", other_slope_deg)
+def _slope(plane: Plane | AlternativePlane) -> str:
+    if plane.slope_sigma_deg is None:
+        return f"{_number(plane.slope_deg, 2)}°"
+    if not plane.slope_known:
+        return f"unknown (± {_number(plane.slope_sigma_deg, 0)}°)"
+    return f"{_number(plane.slope_deg, 2)} ± {_number(plane.slope_sigma_deg, 2)}°"
+
+
+def _found_cells(plane: Plane, kind: str, share: float, other: AlternativePlane | None) -> tuple[str, ...]:
+    number, slope, interval, aspect, verdict, safe, _, points, note = _plane_cells(plane, "", other)
     return number, kind, f"{100 * share:.1f} %", slope, interval, aspect, verdict, safe, points, note
-
-
-def _note(plane: Plane, other_slope_deg: float | None) -> str:
-    other = "" if other_slope_deg is None else f"or {_number(other_slope_deg, 1)}°"
-    status = ": ".join(part for part in (plane.status, plane.reason) if part and part != "ok")
-    return "; ".join(filter(None, (other, status)))
 
 
 def _rejected_cells(rejected: Rejected, columns: int) -> tuple[str, ...]:
@@ -99,11 +101,14 @@ def _padded(column: str, cell: str, width: int) -> str:
     return click.style(padded, fg=VERDICT_COLOURS[cell]) if coloured else padded
 
 
-def talk_lines(report: Report) -> Iterator[str]:
+def talk_lines(report: Report, *, verbose: bool = False) -> Iterator[str]:
     """What a reader of the table should know besides: the reference of the slopes, ambiguity, refusals, diagnostics."""
     yield _up_line(report)
     if report.ambiguity.status == "unresolved":
         yield _ambiguity_line(report)
+    elif verbose and report.ambiguity.delta_chi2 is not None:
+        margin = f"chi-square larger by {report.ambiguity.delta_chi2:.4g}, of {report.fit.n_inliers} matches"
+        yield f"info: a second motion is ruled out: {margin}; slopes.json has it"
     for one in report.rejected:
         yield f"{report.noun} {one.id}: no answer: {one.reason}: {one.message}"
     for diagnostic in report.diagnostics:
@@ -123,6 +128,8 @@ def _up_line(report: Report) -> str:
 
 
 def _ambiguity_line(report: Report) -> str:
-    remedy = report.ambiguity.resolve_with
-    doubt = f"a second motion fits as well, with other slopes; no {report.noun} is called safe unless it is in both"
-    return f"warning: {doubt}" + (f"; resolve it with {remedy}" if remedy else "")
+    delta, remedy = report.ambiguity.delta_chi2, report.ambiguity.resolve_with
+    worse = "" if delta is None else f" (chi-square larger by {delta:.1f}, of {report.fit.n_inliers} matches)"
+    doubt = f'two answers: a second motion, with the slopes after "or", fits as well{worse}'
+    verdict = f"no {report.noun} is called safe unless it is in both; interval and aspect are the first answer's"
+    return f"warning: {doubt}; {verdict}" + (f"; resolve it with {remedy}" if remedy else "")

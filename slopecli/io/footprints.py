@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from slopecli.geometry.camera import rays_from_pixels
 from slopecli.io import marks
 from slopecli.io.label_map import Mask, boxes_of, inner_distance, largest_piece, mask_of, outlines_of
-from slopecli.types import BoolArray, Camera, FloatArray, Plane, Rejected, Report
+from slopecli.types import AlternativePlane, BoolArray, Camera, FloatArray, Plane, Rejected, Report
 
 Pixel = TypeVar("Pixel", bound=np.generic)
 DEEP = 0.95  # share of the greatest depth: a long region is deepest all along its middle line
@@ -50,7 +50,7 @@ class Footprint:
     polygon : (k, 2) picture px; of a patch in pieces the outline of the largest.
     mask : (h, w) uint8, 255 where the patch shows, of its bounding box, whose first pixel is `corner` (u, v).
     downhill : (2,) unit vector on the picture, None where undefined.
-    other_slope_deg : slope of the plane in the second answer, when the first is not known to be the right one.
+    other : the plane in the second answer, when the first is not known to be the right one.
     pieces : the true shape of a patch that is no polygon.
     """
 
@@ -59,7 +59,7 @@ class Footprint:
     mask: Mask
     corner: tuple[int, int]
     downhill: FloatArray | None = None
-    other_slope_deg: float | None = None
+    other: AlternativePlane | None = None
     pieces: Pieces | None = None
 
     @property
@@ -171,7 +171,7 @@ def _of_polygons(
     report: Report, items: Sequence[Plane | Rejected], scale: float, labels: NDArray[np.uint16]
 ) -> Iterator[Footprint]:
     """Patches given by an outline, less what is labelled as a plane found."""
-    others = report.ambiguity.other_slopes_deg
+    others = report.ambiguity.others
     for item in items:
         polygon = (np.asarray(item.polygon_px, float) + 0.5) * scale - 0.5
         low = np.clip(np.floor(polygon.min(axis=0)).astype(int), 0, None)
@@ -200,7 +200,7 @@ def _of_regions(
     report: Report, planes: Sequence[Plane], scale: float, labels: NDArray[np.uint16], text_px: int
 ) -> Iterator[Footprint]:
     """Patches given by their pixels in the labels of the picture."""
-    others, boxes = report.ambiguity.other_slopes_deg, boxes_of(labels)
+    others, boxes = report.ambiguity.others, boxes_of(labels)
     for plane in planes:
         if plane.id not in boxes:
             continue

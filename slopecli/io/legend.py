@@ -103,10 +103,12 @@ def tolerance_deg(report: Report) -> float:
 
 
 def _ambiguity_sentence(report: Report) -> str:
-    ambiguity = report.ambiguity
-    worse = "" if ambiguity.delta_chi2 is None else f" (chi-square larger by only {ambiguity.delta_chi2:.1f})"
+    ambiguity, n = report.ambiguity, report.fit.n_inliers
+    worse = (
+        "" if ambiguity.delta_chi2 is None else f" (chi-square larger by {ambiguity.delta_chi2:.1f}, of {n} matches)"
+    )
     advice = "" if ambiguity.resolve_with is None else f" Resolve it with {ambiguity.resolve_with}."
-    return f"Ambiguous: a second motion, with other slopes, fits these images as well{worse}.{advice}"
+    return f'Two answers: a second motion, with the slopes after "or", fits these images as well{worse}.{advice}'
 
 
 def _caption(report: Report) -> str:

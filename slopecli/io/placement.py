@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from slopecli.io.footprints import Footprint
 from slopecli.io.lettering import Box, Label, box_around, find_room
-from slopecli.types import FloatArray, Plane, Rejected
+from slopecli.types import AlternativePlane, FloatArray, Plane, Rejected
 
 LARGE, SMALL, TINY = 1.4, 0.8, 0.62  # text sizes over that of the overlay
 SMALLEST_TEXT_PX = 9
@@ -88,9 +88,10 @@ def slope_text(plane: Plane) -> tuple[str, str]:
     return slope, f"± {sigma:.{digits}f}°"
 
 
-def whole_degrees(plane: Plane) -> str:
-    """Return the slope as a label without room says it."""
-    return f"{plane.slope_deg:.0f}°" if plane.slope_known else UNKNOWN
+def degrees_text(plane: Plane, other: AlternativePlane | None) -> str:
+    """Return the slope as a label without room says it; of two that may be true both."""
+    either = (plane,) if other is None else (plane, other)
+    return " or ".join(f"{one.slope_deg:.0f}°" if one.slope_known else UNKNOWN for one in either)
 
 
 def full_labels(footprint: Footprint, size: int, text_px: int) -> list[Label]:
@@ -103,7 +104,8 @@ def full_labels(footprint: Footprint, size: int, text_px: int) -> list[Label]:
     if slope == UNKNOWN:
         full = Label((f"{name} {UNKNOWN}", sigma), size, footprint.badge)
         return [full, replace(full, size=small)]
-    notes = [] if footprint.other_slope_deg is None else [f"or {footprint.other_slope_deg:.1f}°"]
+    other = footprint.other
+    notes = [] if other is None else [f"or {other.slope_deg:.1f}°" if other.slope_known else f"or {UNKNOWN}"]
     notes += ["poor"] if footprint.item.status == "poor" else []
     full = Label((name, f"{slope} {sigma}".strip(), *notes), size, footprint.badge)
     labels = [full, replace(full, size=small)]
@@ -174,7 +176,7 @@ def _place_beside(footprint: Footprint, free: NDArray[np.uint8], taken: Sequence
 def _place_tiny(footprint: Footprint, taken: Sequence[Box], text_px: int) -> Placed:
     """Id and whole degrees for a small patch among others, with the arrow only where it fits."""
     item = footprint.item
-    second = (whole_degrees(item),) if isinstance(item, Plane) else ()
+    second = (degrees_text(item, footprint.other),) if isinstance(item, Plane) else ()
     label = Label((str(item.id), *second), max(SMALLEST_TEXT_PX, round(TINY * text_px)), footprint.badge)
     still = replace(footprint, downhill=None)
     placed = place_inside(footprint, [label], taken) or place_inside(still, [label], taken)

@@ -12,7 +12,7 @@ import numpy as np
 
 from slopecli.io.footprints import Footprint
 from slopecli.io.lettering import Box, Label, box_around, find_room
-from slopecli.io.placement import LARGE, SMALLEST_TEXT_PX, TINY, Placed, full_labels, place_inside, whole_degrees
+from slopecli.io.placement import LARGE, SMALLEST_TEXT_PX, TINY, Placed, degrees_text, full_labels, place_inside
 from slopecli.types import FloatArray, Plane
 
 REACH = 8.0  # of the size of a number that finds no room in its region: how far off it is looked for
@@ -79,7 +79,7 @@ def _labels(footprint: Footprint, text_px: int) -> Iterator[list[Label]]:
     yield full_labels(footprint, size, text_px)
     small = _small(text_px)
     if isinstance(item, Plane):
-        slope = whole_degrees(item)
+        slope = degrees_text(item, footprint.other)
         for badge in (footprint.badge, None):
             yield [Label((str(item.id), slope), small, badge), Label((f"{item.id}: {slope}",), small, badge)]
     yield [Label((str(item.id),), small)]
