@@ -23,6 +23,7 @@ REFERENCE = ROOT / "docs" / "cli.md"
 SEGMENT = ROOT / "docs" / "segment.md"
 BATCH = ROOT / "docs" / "batch.md"
 PLAN = ROOT / "docs" / "plan.md"
+SOLVE = ROOT / "docs" / "solve.md"
 IMAGES = ROOT / "docs" / "images"
 EXAMPLE = re.compile(r"```console\n\$ (?P<command>slopemap (?:[^\n]*\\\n)*[^\n]*)\n(?P<output>.*?)```", re.DOTALL)
 
@@ -77,7 +78,7 @@ def main() -> None:
 
     REFERENCE.write_text(cli_reference(), encoding="utf-8")
     IMAGES.mkdir(exist_ok=True)
-    for document in (README, SEGMENT, BATCH, PLAN):
+    for document in (README, SEGMENT, BATCH, PLAN, SOLVE):
         with tempfile.TemporaryDirectory() as folder:
             rewrite_example(document, Path(folder))
             if document == README:

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from slopecli.errors import NoAnswer
 from slopecli.geometry.camera import pixels_from_rays
 from slopecli.geometry.epipolar import fit_rotation, focus_of_expansion, homogeneous
-from slopecli.types import Camera, Diagnostic, FloatArray, Image, Plane, Solution
+from slopecli.types import Camera, Diagnostic, FloatArray, Image, Plane, Solution, Source
 
 MIN_INLIERS = 20  # matches consistent with one motion below which chance explains them
 MIN_SHARE = 0.12  # of the tentative matches
@@ -17,6 +17,13 @@ POOR_FIT_PX = 0.5  # noise of matches beyond which the cameras are in doubt, or 
 STRANGE_SHARE, UNEXPLAINED_SHARE = 0.15, 0.5  # of the dense matches: said, and refused, when they defy the motion
 LOW_PARALLAX_PX = 3.0  # median parallax below which slopes are governed by matching noise
 NON_PLANAR = "non-planar-patch"  # as a diagnostic, and as the reason of a plane
+# what to do about it
+FLATTER: dict[Source, str] = {
+    "window": "use smaller windows",
+    "ransac": "look at it with --window, or lower --merge-px",
+    "region": "look at it with --window, or lower --merge-px",
+    "given": "leave out rows that lie off it, or give them another patch",
+}
 ROTATION_SIGMAS = 2.0  # a rotation that fits this well leaves no parallax to measure
 
 
@@ -148,7 +155,7 @@ def _focus_in(plane: Plane) -> Diagnostic:
         "info",
         f"the camera moves along a line of sight through {plane.noun} {plane.id}: it shows least parallax there",
         float(plane.id),
-        "move sideways as well" + ("" if plane.found else ", or choose another window"),
+        "move sideways as well" + (", or choose another window" if plane.source == "window" else ""),
     )
 
 
@@ -158,7 +165,7 @@ def _not_flat(plane: Plane, relief: float) -> Diagnostic:
         "warning",
         f"{plane.noun} {plane.id} is not one plane: relief {100 * relief:.1f} % of its distance, or a step in it",
         float(plane.id),
-        "look at it with --window, or lower --merge-px" if plane.found else "use smaller windows",
+        FLATTER[plane.source],
     )
 
 

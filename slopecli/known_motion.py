@@ -47,11 +47,15 @@ def rotation_of_quaternion(q: FloatArray) -> FloatArray:
     )
 
 
-def contradiction(prior: MotionPrior, solution: Solution, focal_px: float) -> Diagnostic | None:
-    """A warning where the images contradict what was known beforehand, by more than chance and systematic errors."""
+def contradiction(prior: MotionPrior, solution: Solution, focal_px: float | None) -> Diagnostic | None:
+    """A warning where the images contradict what was known beforehand, by more than chance and systematic errors.
+
+    focal_px : of camera 2; None for matches whose noise is the user's word, with nothing systematic to allow for.
+    """
     fixed = 3 * (prior.rotation is not None) + 2 * (prior.direction is not None)
     chi2 = solution.prior_chi2 or 0.0
-    if chi2 <= CONTRADICTED[fixed] or excess_px(solution, chi2, focal_px) <= SYSTEMATIC_PX:
+    feigned = focal_px is not None and excess_px(solution, chi2, focal_px) <= SYSTEMATIC_PX
+    if chi2 <= CONTRADICTED[fixed] or feigned:
         return None
     what = {2: "direction", 3: "rotation", 5: "motion"}[fixed]
     return Diagnostic(

@@ -4,7 +4,10 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from functools import partial
+
+import numpy as np
 
 from slopecli.diagnosis import (
     check_parallax,
@@ -19,11 +22,12 @@ from slopecli.known_motion import contradiction, motion_prior
 from slopecli.options import Options
 from slopecli.planes import PLANE_FINDERS
 from slopecli.planes.coplanar import merge_patches
-from slopecli.planes.joint import join_patches, solve_jointly
+from slopecli.planes.given import RAYS, Given, matched_from
+from slopecli.planes.joint import join_patches, solve_given, solve_jointly
 from slopecli.planes.survey import survey
 from slopecli.planes.window_finder import wanted_windows
 from slopecli.report import build_report
-from slopecli.types import Camera, Image, Report
+from slopecli.types import Camera, Diagnostic, Image, ImageInfo, Report
 from slopecli.vision.features import EFFORTS, FeatureMemory, match_sift
 from slopecli.vision.foerstner import match_foerstner
 from slopecli.vision.sparse import FeatureMatcher, find_motions
@@ -104,6 +108,38 @@ def estimate(
     report = build_report((image1, image2), (camera1, camera2), options, matched, solution, diagnostics)
     clock.tick("report")
     return report
+
+
+def solve(given: Given, cameras: tuple[Camera, Camera] | None, options: Options, noise: float | None = None) -> Report:
+    """Estimate the slope of every plane that a user's own correspondences lie on.
+
+    Parameters
+    ----------
+    given : correspondences, px of the cameras or, without cameras, rays; with their sigmas, if they have their own.
+    options : `Options`; those of images and of finding planes have no say.
+    noise : 1-sigma of a coordinate in image 2, px or, without cameras, mrad; None takes the correspondences' own, or
+        what the residuals say.
+
+    Raises
+    ------
+    InputError : no three rows off a line lie on one plane.
+    DegenerateConfiguration, NoAnswer : there are too few correspondences, or no parallax.
+    """
+    both = cameras or (RAYS, RAYS)
+    prior, diagnostics = motion_prior(options), list[Diagnostic]()
+    matched = matched_from(given, both)
+    sigma = float(np.median(given.sigma)) if noise is None and given.sigma is not None else noise
+    sigma_rad = None if sigma is None else sigma * (1e-3 if cameras is None else 1.0 / both[1].focal_px)
+    solution = solve_given(matched, options.solver, sigma_rad, prior)
+    if prior and (warning := contradiction(prior, solution, None)):
+        diagnostics.append(warning)
+        solution = solve_given(matched, options.solver, sigma_rad)
+    if options.merge_coplanar:
+        matched, solution, notes = merge_patches(matched, solution)
+        diagnostics += notes
+    image1, image2 = (ImageInfo(given.path, c.width or None, c.height or None, given.sha256) for c in both)
+    report = build_report((image1, image2), both, options, matched, solution, diagnostics)
+    return replace(report, options={**report.options, "noise": noise})
 
 
 def matchers_of(options: Options, memory: FeatureMemory | None) -> Sequence[FeatureMatcher]:

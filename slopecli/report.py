@@ -15,6 +15,7 @@ from slopecli.geometry.slope import slope_interval, surface_normals
 from slopecli.measure import Measured, judge, measure
 from slopecli.options import MOST_SIGMA_DEG, Options
 from slopecli.planes.footprint import paint_labels
+from slopecli.planes.given import RAYS
 from slopecli.planes.joint import Matched
 from slopecli.planes.window_match import WindowMatch
 from slopecli.second_answer import what_decides
@@ -35,9 +36,14 @@ from slopecli.types import (
     Report,
     Scale,
     Solution,
+    Source,
     Up,
 )
 
+# options of how images are matched and planes found
+OF_IMAGES = {
+    "grid", "windows", "planes", "min_region_percent", "gradient_threshold", "merge_px", "features", "seed",
+}  # fmt: skip
 LEAST_SEEN = 0.5  # share of a window that must be matched to speak for all of it
 ROUGH = 0.025  # RMS height off the plane over distance beyond which a window is not one plane
 MOST_LEFT_OUT = 0.25  # share of a window's matches off its plane beyond which it is not one plane
@@ -46,7 +52,7 @@ LEVEL_LOOK = 0.05  # mean drop to the ground over its distance below which an al
 
 
 def build_report(
-    images: tuple[Image, Image],
+    images: tuple[Image | ImageInfo, Image | ImageInfo],
     cameras: tuple[Camera, Camera],
     options: Options,
     matched: Matched,
@@ -71,17 +77,18 @@ def build_report(
             f"the matches of all {len(matched.matches)} {matched.patches.noun}s leave their slopes open",
             f"choose larger {matched.patches.noun}s, or such with texture that both images show",
         )
-    relief = {matched.answered[k] + 1: float(r) for k, r in enumerate(solution.relief)}
+    relief = {plane.id: float(r) for plane, r in zip(every, solution.relief, strict=True)}
     epipole = epipole1_px(solution, cameras[0])
     fit = _fit(solution, matched, cameras[1])
     ids = [plane.id for plane in planes]
-    labels = paint_labels([matched.footprints[i - 1] for i in ids], ids, (images[0].height, images[0].width))
+    shown = [matched.footprints[i] for i, plane in zip(matched.answered, every, strict=True) if plane.id in ids]
+    labels = paint_labels(shown, ids, (images[0].height or 0, images[0].width or 0))
     if matched.patches.found:
         diagnostics = [*diagnostics, unexplained(labels)]
     return Report(
         images=(_info(images[0]), _info(images[1])),
         cameras=cameras,
-        options=_options_dict(options),
+        options=_options_dict(options, matched.patches.source),
         up=main.up,
         scale=scale,
         motion=_motion(solution, length),
@@ -96,12 +103,15 @@ def build_report(
     )
 
 
-def _info(image: Image) -> ImageInfo:
+def _info(image: Image | ImageInfo) -> ImageInfo:
     return ImageInfo(image.path, image.width, image.height, image.sha256)
 
 
-def _options_dict(options: Options) -> dict[str, object]:
+def _options_dict(options: Options, source: Source) -> dict[str, object]:
+    """Those that had a say."""
     values = asdict(options)
+    if source == "given":
+        return {name: value for name, value in values.items() if name not in OF_IMAGES}
     # the grid speaks only where no windows are given
     values["grid" if options.windows else "windows"] = None
     return values
@@ -154,13 +164,25 @@ def _fit(solution: Solution, matched: Matched, camera2: Camera) -> Fit:
     return Fit(
         solver=solution.solver,
         refine="points",
-        rms_px=solution.rms * camera2.focal_px,
-        noise_px=noise * camera2.focal_px,
+        rms_px=_px(solution.rms, camera2),
+        noise_px=_px(noise, camera2),
         iterations=solution.iterations,
         converged=solution.converged,
         n_correspondences=len(solution.inlier),
         n_inliers=int(solution.inlier.sum()),
+        rms_mrad=_mrad(solution.rms, camera2),
+        noise_mrad=_mrad(noise, camera2),
     )
+
+
+def _px(residual: float, camera: Camera) -> float:
+    """A residual in px, NaN where there is no camera."""
+    return float("nan") if camera is RAYS else residual * camera.focal_px
+
+
+def _mrad(residual: float, camera: Camera) -> float | None:
+    """A residual in milliradians where there is no camera to give it in px."""
+    return 1e3 * residual if camera is RAYS else None
 
 
 def _plane(
@@ -187,8 +209,9 @@ def _plane(
     p_safe, p_other = float(main.p_safe[k]), None if rival is None else float(rival.p_safe[k])
     both_known = known and (rival is None or np.degrees(rival.slopes.sigma_rad[k]) <= options.max_sigma_deg)
     H = homography_of_plane(solution.R, solution.T, solution.scaled_normals[k])
+    rms = _rms(H, matched, kept)
     return Plane(
-        id=number + 1,
+        id=matched.patches.id_of(number),
         source=matched.patches.source,
         polygon_px=matched.footprints[number].polygon_px,
         normal_cam1=surface_normals(solution)[k],
@@ -200,8 +223,10 @@ def _plane(
         dip_direction_deg=aspect,
         n_correspondences=int(member.sum()),
         n_inliers=int(kept.sum()),
-        rms_px=_rms(H, matched, kept) * cameras[1].focal_px,
-        roughness=float(solution.relief[k]),
+        rms_px=_px(rms, cameras[1]),
+        rms_mrad=_mrad(rms, cameras[1]),
+        # points of a user's own are held coplanar: nothing is said of relief
+        roughness=float("nan") if matched.patches.source == "given" else float(solution.relief[k]),
         homography_px=homography_in_pixels(H, cameras[0].K, cameras[1].K),
         verdict=judge(p_safe, p_other, both_known and not doubts, options.confidence),
         p_safe=p_safe,
@@ -276,7 +301,8 @@ def _ambiguity(
         return AmbiguityReport(found.status)
     normals = surface_normals(other.solution)
     slopes, sigmas = np.degrees(other.slopes.slope_rad), np.degrees(other.slopes.sigma_rad)
-    chosen = [(k, i + 1) for k, i in enumerate(matched.answered) if i + 1 in ids]
+    every = [(k, matched.patches.id_of(i)) for k, i in enumerate(matched.answered)]
+    chosen = [(k, number) for k, number in every if number in ids]
     planes = tuple(
         AlternativePlane(number, normals[k], float(slopes[k]), float(sigmas[k]), bool(sigmas[k] <= max_sigma_deg))
         for k, number in chosen
@@ -294,7 +320,7 @@ def _ambiguity(
 def _rejected(matched: Matched, planes: list[Plane]) -> tuple[Rejected, ...]:
     """Patches without matches, and those whose matches leave the slope open."""
     bare = [
-        Rejected(i + 1, footprint.polygon_px, match.code, match.reason)
+        Rejected(matched.patches.id_of(i), footprint.polygon_px, match.code, match.reason)
         for i, (footprint, match) in enumerate(zip(matched.footprints, matched.matches, strict=True))
         if match.origin == "none"
     ]

@@ -19,8 +19,8 @@ IntArray = NDArray[np.int64]
 BoolArray = NDArray[np.bool_]
 
 CameraModel = Literal["pinhole", "brown", "fisheye"]
-Source = Literal["window", "ransac", "region"]  # how a patch was found
-NOUNS: dict[Source, str] = {"window": "window", "ransac": "plane", "region": "region"}  # what messages call it
+Source = Literal["window", "ransac", "region", "given"]  # how a patch was found
+NOUNS: dict[Source, str] = {"window": "window", "ransac": "plane", "region": "region", "given": "plane"}  # in messages
 
 
 @dataclass(frozen=True)
@@ -174,8 +174,8 @@ class Slopes:
 @dataclass(frozen=True)
 class ImageInfo:
     path: str
-    width: int
-    height: int
+    width: int | None
+    height: int | None
     sha256: str
 
 
@@ -213,6 +213,8 @@ class Fit:
     converged: bool
     n_correspondences: int
     n_inliers: int
+    rms_mrad: float | None = None  # in place of px, where there is no camera
+    noise_mrad: float | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -269,11 +271,12 @@ class Plane:
     status: Literal["ok", "poor"] = "ok"
     reason: str | None = None
     slope_known: bool = True  # to `max_sigma_deg`; not in JSON, which has both numbers
+    rms_mrad: float | None = None
 
     @property
     def found(self) -> bool:
-        """Whether it was found in the image, where it may have any shape, rather than asked about as a window."""
-        return self.source != "window"
+        """Whether it was found in the image, where it may have any shape, rather than asked about."""
+        return self.source not in ("window", "given")
 
     @property
     def noun(self) -> str:
@@ -344,4 +347,4 @@ class Report:
     @property
     def noun(self) -> str:
         """What messages call its patches, answered or not."""
-        return next((plane.noun for plane in self.planes if plane.found), NOUNS["window"])
+        return next((plane.noun for plane in self.planes if plane.source != "window"), NOUNS["window"])

@@ -29,6 +29,7 @@ NUMBER = re.compile(r"[-+]?\d+(?:\.\d+)?")
 SEGMENT = (ROOT / "docs" / "segment.md").read_text(encoding="utf-8")
 BATCH = (ROOT / "docs" / "batch.md").read_text(encoding="utf-8")
 PLAN = (ROOT / "docs" / "plan.md").read_text(encoding="utf-8")
+SOLVE = (ROOT / "docs" / "solve.md").read_text(encoding="utf-8")
 LARGE_PERCENT = 2.0  # planes of the example that any build of OpenCV finds alike
 
 
@@ -166,6 +167,17 @@ def test_batch_code_calls_what_there_is(code: str) -> None:
         node for node in ast.walk(ast.parse(code)) if isinstance(node, ast.Call) and ast.unparse(node.func) == "run"
     )
     inspect.signature(run).bind(*call.args, **{str(keyword.arg): keyword.value for keyword in call.keywords})
+
+
+# ---- docs/solve.md ----
+
+
+def test_solve_example_is_what_the_command_prints(tmp_path: Path) -> None:
+    example = GENERATE["EXAMPLE"].search(SOLVE)
+    output = GENERATE["run_example"](example["command"], tmp_path)
+    assert NUMBER.sub("#", " ".join(example["output"].split())) == NUMBER.sub("#", " ".join(output.split()))
+    shown, now = (list(map(float, NUMBER.findall(text))) for text in (example["output"], output))
+    assert now == pytest.approx(shown, abs=0.011)
 
 
 # ---- docs/plan.md ----

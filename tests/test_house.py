@@ -134,7 +134,14 @@ def loaded_by(*arguments: str) -> set[str]:
 
 @pytest.mark.parametrize(
     "arguments",
-    [["--help"], ["--version"], ["estimate", "--help"], ["segment", "--help"], ["simulate", "--help"]],
+    [
+        ["--help"],
+        ["--version"],
+        ["estimate", "--help"],
+        ["segment", "--help"],
+        ["simulate", "--help"],
+        ["solve", "--help"],
+    ],
     ids=" ".join,
 )
 def test_help_loads_nothing_heavy(arguments: list[str]) -> None:

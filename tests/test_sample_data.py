@@ -240,3 +240,12 @@ def test_neighbours_of_a_flight_overlap_in_most_of_the_image(monkeypatch: pytest
         rays = first.rays(u, v)
         ground = first.centre - first.centre[2] / rays[..., 2:] * rays
         assert second.contains(*second.project(ground)[:2]).mean() > 0.6
+
+
+def test_matches_are_what_their_script_makes() -> None:
+    made = subprocess.run(
+        [sys.executable, str(FOLDER / "make_matches.py")], capture_output=True, text=True, encoding="utf-8", check=True
+    ).stdout
+    shown, now = (np.genfromtxt(text.splitlines()[1:], delimiter=",") for text in
+                  ((FOLDER / "matches.csv").read_text(encoding="utf-8"), made))  # fmt: skip
+    assert now == pytest.approx(shown, abs=2e-3)

@@ -10,6 +10,7 @@ from slopecli.cli.estimate import estimate
 from slopecli.cli.plan import plan
 from slopecli.cli.segment import segment
 from slopecli.cli.simulate import simulate
+from slopecli.cli.solve import solve
 
 EPILOG = """\b
 Exit status:
@@ -34,5 +35,6 @@ def slopemap() -> None:
 slopemap.add_command(estimate)
 slopemap.add_command(segment)
 slopemap.add_command(batch)
+slopemap.add_command(solve)
 slopemap.add_command(plan)
 slopemap.add_command(simulate)

@@ -124,13 +124,7 @@ region_options = _group(
     ),
 )
 
-solving_options = _group(
-    _option(
-        "--features",
-        type=choices_of("features"),
-        default=Options.features,
-        help="What is matched first; foerstner: the paper's corners and correlation.",
-    ),
+solver_options = _group(
     _option(
         "--solver",
         type=choices_of("solver"),
@@ -144,6 +138,16 @@ solving_options = _group(
         help="Solve windows or planes that may well lie on one plane, or face one way, as such: level fields are known "
         "several times better. It says which.",
     ),
+)
+
+solving_options = _group(
+    _option(
+        "--features",
+        type=choices_of("features"),
+        default=Options.features,
+        help="What is matched first; foerstner: the paper's corners and correlation.",
+    ),
+    solver_options,
     _option(
         "--seed",
         metavar="N",

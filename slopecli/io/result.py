@@ -21,6 +21,7 @@ LINE_LENGTH = 110
 
 # written as labels.png, drawn on overlay.png and the steps; what follows from other keys
 _NOT_IN_JSON = {"labels", "epipole1_px", "segmentation", "slope_known"}
+_LEFT_OUT_IF_NONE = {"rms_mrad", "noise_mrad"}  # only of correspondences without a camera
 
 
 def report_to_json(report: Report) -> str:
@@ -55,7 +56,8 @@ def load_schema() -> dict[str, Any]:
 def _plain(value: Any) -> Any:
     """Reduce dataclasses, arrays and numpy scalars to what JSON knows."""
     if is_dataclass(value) and not isinstance(value, type):
-        return {f.name: _plain(getattr(value, f.name)) for f in fields(value) if f.name not in _NOT_IN_JSON}
+        shown = {f.name: getattr(value, f.name) for f in fields(value) if f.name not in _NOT_IN_JSON}
+        return {name: _plain(item) for name, item in shown.items() if item is not None or name not in _LEFT_OUT_IF_NONE}
     if isinstance(value, dict):
         return {str(key): _plain(item) for key, item in value.items()}
     if isinstance(value, np.ndarray | np.generic):

@@ -44,7 +44,7 @@ def _tilt_sigma(solution: Solution, doubt: np.ndarray) -> np.ndarray:
 
 def _note(group: Group, matched: Matched, before: np.ndarray, after: np.ndarray) -> Diagnostic:
     members = list(group.members)
-    ids = ", ".join(str(matched.answered[k] + 1) for k in members)
+    ids = ", ".join(str(matched.patches.id_of(matched.answered[k])) for k in members)
     old, new = float(np.median(before[members])), float(np.median(after[members]))
     what = "lie on one plane" if group.shares == "plane" else "face one way"
     return Diagnostic(

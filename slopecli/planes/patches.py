@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 from slopecli.planes.footprint import Footprint
@@ -11,17 +12,25 @@ from slopecli.types import NOUNS, Segmentation, Source
 
 @dataclass(frozen=True, eq=False)
 class Patches:
-    """Footprints and their matches, in the order of their ids; `segmentation`: how they were found, for pictures."""
+    """Footprints and their matches, in the order of their ids; `segmentation`: how they were found, for pictures.
+
+    ids : 1, 2, ... where they are None.
+    """
 
     source: Source
     footprints: list[Footprint]
     matches: list[WindowMatch]
     segmentation: Segmentation | None = None
+    ids: Sequence[int] | None = None
+
+    def id_of(self, index: int) -> int:
+        """What users call a patch."""
+        return index + 1 if self.ids is None else self.ids[index]
 
     @property
     def found(self) -> bool:
-        """Whether they were found in the image rather than asked about as windows."""
-        return self.source != "window"
+        """Whether they were found in the image rather than asked about."""
+        return self.source not in ("window", "given")
 
     @property
     def noun(self) -> str:

@@ -1,0 +1,117 @@
+"""Correspondences from a CSV file: columns x1, y1, x2, y2 and if need be patch and sigma, under a header."""
+
+from __future__ import annotations
+
+import csv
+import hashlib
+import math
+from collections.abc import Iterator, Mapping
+from io import StringIO
+from os import PathLike
+from pathlib import Path
+
+import numpy as np
+
+from slopecli.errors import InputError
+from slopecli.planes.given import Given
+
+MAX_BYTES = 500_000_000
+COORDINATES = ("x1", "y1", "x2", "y2")
+WANTED = "needed a header with the columns x1,y1,x2,y2, and if need be patch and sigma"
+SHOWN = 40  # characters of a bad cell in a message
+
+
+def read_correspondences(path: str | PathLike[str]) -> Given:
+    """Read a CSV file with a header. Columns come in any order, and others are passed over.
+
+    Without the column patch all rows lie on plane 1; an empty cell in it, like -1, is a row on no plane.
+
+    Raises
+    ------
+    InputError : the file cannot be read, lacks a column, or has a row that is not numbers; the row is named.
+    """
+    data = _read(Path(path))
+    rows = _rows(path, data)
+    columns = _columns(path, next(rows, None))
+    values = [_values(path, where, cells, columns) for where, cells in rows]
+    if not values:
+        raise InputError(f"{path}: has no rows under its header; needed at least five correspondences")
+    table = np.array(values, float)
+    sigma = table[:, 5] if "sigma" in columns else None
+    digest = hashlib.sha256(data).hexdigest()
+    return Given(table[:, :2], table[:, 2:4], table[:, 4].astype(np.int64), sigma, str(path), digest)
+
+
+def _read(path: Path) -> bytes:
+    try:
+        if not path.is_file():
+            raise InputError(f"{path}: no such file; {WANTED}")
+        if path.stat().st_size > MAX_BYTES:
+            raise InputError(f"{path}: is {path.stat().st_size / 1e6:.0f} MB, too large; give fewer correspondences")
+        return path.read_bytes()
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read ({error.strerror}); check the path and its permissions") from None
+
+
+def _rows(path: str | PathLike[str], data: bytes) -> Iterator[tuple[str, list[str]]]:
+    """Where a row is, in words, and its cells, the header first; blank lines are passed over."""
+    try:
+        reader = csv.reader(StringIO(data.decode("utf-8-sig"), newline=""), strict=True)
+        number = 0
+        for cells in reader:
+            if any(cell.strip() for cell in cells):
+                yield f"row {number} (line {reader.line_num})", cells
+                number += 1
+    except (UnicodeDecodeError, csv.Error) as error:
+        raise InputError(f"{path}: is no CSV text ({error}); {WANTED}") from None
+
+
+def _columns(path: str | PathLike[str], header: tuple[str, list[str]] | None) -> Mapping[str, int]:
+    """Where each column stands."""
+    names = [cell.strip().lower() for cell in header[1]] if header else []
+    missing = [name for name in COORDINATES if name not in names]
+    if missing:
+        found = ", ".join(names)[:SHOWN] or "nothing"
+        raise InputError(f"{path}: has no column {', '.join(missing)} (its first line is: {found}); {WANTED}")
+    twice = [name for name in (*COORDINATES, "patch", "sigma") if names.count(name) > 1]
+    if twice:
+        raise InputError(f"{path}: has two columns {twice[0]}; leave one out")
+    return {name: names.index(name) for name in (*COORDINATES, "patch", "sigma") if name in names}
+
+
+def _values(path: str | PathLike[str], where: str, cells: list[str], columns: Mapping[str, int]) -> tuple[float, ...]:
+    """x1, y1, x2, y2, patch, sigma of a row; sigma is 1 where there is no such column."""
+    if len(cells) <= max(columns.values()):
+        raise InputError(f"{path}: {where} has {len(cells)} cells, and the header names more; complete the row")
+    texts = {name: cells[column].strip() for name, column in columns.items()}
+    try:
+        point = [_number(texts[name], name) for name in COORDINATES]
+        return (*point, _patch(texts.get("patch", "1")), _sigma(texts.get("sigma", "1")))
+    except ValueError as error:
+        raise InputError(f"{path}: {where}: {error}") from None
+
+
+def _number(text: str, name: str) -> float:
+    try:
+        number = float(text)
+    except ValueError:
+        number = math.nan
+    if not math.isfinite(number):
+        raise ValueError(f"{name} is {text[:SHOWN]!r}, needed a finite number; correct the row or leave it out")
+    return number
+
+
+def _patch(text: str) -> float:
+    if not text:
+        return -1
+    number = _number(text, "patch")
+    if number != int(number) or not -1 <= number < 2**31:
+        raise ValueError(f"patch is {text[:SHOWN]!r}, needed the number of a plane, 0 or more, or -1 for none")
+    return number
+
+
+def _sigma(text: str) -> float:
+    number = _number(text, "sigma")
+    if number <= 0:
+        raise ValueError(f"sigma is {text[:SHOWN]!r}, needed the 1-sigma of the match in image 2, above 0")
+    return number

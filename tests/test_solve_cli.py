@@ -1,0 +1,284 @@
+"""`slopemap solve`: a user's own correspondences, from a CSV file to slopes."""
+
+from __future__ import annotations
+
+import csv
+import json
+import re
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from jsonschema import Draft202012Validator
+
+from slopecli.cli.app import slopemap
+from slopecli.cli.boundary import run
+from slopecli.io.correspondences import read_correspondences
+from slopecli.io.result import load_schema
+from slopecli.simulate import Scene, make_scene
+
+Ask = Callable[..., tuple[int, str, str]]
+
+
+@pytest.fixture
+def ask(capsys: pytest.CaptureFixture[str]) -> Ask:
+    """Exit status, stdout and stderr of `slopemap solve` with these arguments."""
+
+    def asked(*arguments: str) -> tuple[int, str, str]:
+        status = run(slopemap, ["solve", *map(str, arguments)])
+        return status, *capsys.readouterr()
+
+    return asked
+
+
+def scene_of(seed: int = 1, noise_px: float = 0.0, **changes: Any) -> Scene:
+    return make_scene(np.random.default_rng(seed), noise_px=noise_px, **changes)
+
+
+def write_rows(path: Path, scene: Scene, rays: bool = False, **columns: Any) -> Path:
+    """A scene as CSV; patches are called 1, 2, ... `columns` replace or add some."""
+    x1, x2 = (scene.x1, scene.x2) if rays else (scene.uv1, scene.uv2)
+    table = {
+        "x1": x1[:, 0], "y1": x1[:, 1], "x2": x2[:, 0], "y2": x2[:, 1],
+        "patch": np.where(scene.patch < 0, -1, scene.patch + 1), **columns,
+    }  # fmt: skip
+    table = {name: list(values) for name, values in table.items() if values is not None}
+    with path.open("w", newline="", encoding="utf-8") as file:
+        writer = csv.writer(file)
+        writer.writerow(table)
+        writer.writerows(zip(*table.values(), strict=True))
+    return path
+
+
+def camera_file(path: Path, scene: Scene) -> str:
+    camera = scene.camera
+    values = {name: getattr(camera, name) for name in ("width", "height", "fx", "fy", "cx", "cy")}
+    path.write_text(json.dumps({**values, "distortion": list(camera.distortion)}), encoding="utf-8")
+    return str(path)
+
+
+# ---- exactness ----
+
+
+def test_slopes_of_a_simulated_scene_are_exact(tmp_path: Path, ask: Ask) -> None:
+    scene = scene_of()
+    matches = write_rows(tmp_path / "m.csv", scene)
+    status, out, _ = ask(matches, "--camera", camera_file(tmp_path / "c.json", scene), "--json")
+    assert status == 0
+    result = json.loads(out)
+    assert not list(Draft202012Validator(load_schema()).iter_errors(result))
+    assert [plane["id"] for plane in result["planes"]] == list(range(1, 10))
+    assert {plane["source"] for plane in result["planes"]} == {"given"}
+    assert [plane["slope_deg"] for plane in result["planes"]] == pytest.approx(np.degrees(scene.slopes), abs=1e-5)
+    assert np.array(result["motion"]["rotation_cam2_from_cam1"]) == pytest.approx(scene.R, abs=1e-7)
+    assert result["motion"]["baseline_cam1"] == pytest.approx(scene.T / np.linalg.norm(scene.T), abs=1e-7)
+    assert result["images"][0]["path"] == str(matches)
+    assert (result["images"][0]["width"], len(result["images"][0]["sha256"])) == (scene.camera.width, 64)
+    assert "grid" not in result["options"]
+
+
+def test_rays_need_no_camera_and_have_residuals_in_milliradians(tmp_path: Path, ask: Ask) -> None:
+    scene = scene_of(noise_px=0.3)
+    status, out, _ = ask(write_rows(tmp_path / "m.csv", scene, rays=True), "--json")
+    assert status == 0
+    result = json.loads(out)
+    assert not list(Draft202012Validator(load_schema()).iter_errors(result))
+    off = [p["slope_deg"] - s for p, s in zip(result["planes"], np.degrees(scene.slopes), strict=True)]
+    sigmas = [plane["slope_sigma_deg"] for plane in result["planes"]]
+    assert (np.abs(off) < 4 * np.array(sigmas)).all()
+    assert result["fit"]["noise_px"] is result["fit"]["rms_px"] is result["planes"][0]["rms_px"] is None
+    assert result["fit"]["noise_mrad"] == pytest.approx(1e3 * scene.noise, rel=0.15)
+    assert result["planes"][0]["rms_mrad"] == pytest.approx(1e3 * scene.noise, rel=0.3)
+    assert result["images"][0]["width"] is None
+    assert result["cameras"][0]["source"] == "rays"
+
+
+def test_pixels_and_rays_are_one_scene(tmp_path: Path, ask: Ask) -> None:
+    scene = scene_of(noise_px=0.2)
+    camera = scene.camera
+    intrinsics = f"{camera.fx},{camera.fy},{camera.cx},{camera.cy}"
+    px = ask(write_rows(tmp_path / "px.csv", scene), "--intrinsics", intrinsics, "--json", "--noise", "0.2")[1]
+    mrad = repr(1e3 * 0.2 / camera.focal_px)
+    rays = ask(write_rows(tmp_path / "rays.csv", scene, rays=True), "--json", "--noise", mrad)[1]
+    for one, two in zip(json.loads(px)["planes"], json.loads(rays)["planes"], strict=True):
+        for key in ("slope_deg", "slope_sigma_deg", "p_safe"):
+            assert one[key] == pytest.approx(two[key], rel=1e-5, abs=1e-7)
+
+
+def test_table_talk_and_files(tmp_path: Path, ask: Ask) -> None:
+    scene = scene_of(noise_px=0.3)
+    status, out, err = ask(write_rows(tmp_path / "m.csv", scene, rays=True), "-o", str(tmp_path / "out"))
+    assert status == 0
+    lines = out.splitlines()
+    assert lines[0].split()[:2] == ["id", "slope"]
+    assert [int(line.split()[0]) for line in lines[1:]] == list(range(1, 10))
+    assert "camera 1 taken to look straight down" in err
+    assert [path.name for path in (tmp_path / "out").iterdir()] == ["slopes.json"]
+
+
+# ---- what else is known ----
+
+
+def test_sigmas_of_rows_weigh_them(tmp_path: Path, ask: Ask) -> None:
+    """Half of the rows ten times worse, and said to be: as good as without them, not as bad as with."""
+    rng = np.random.default_rng(5)
+    scene = scene_of(noise_px=0.2)
+    sigma = np.where(rng.random(len(scene.x1)) < 0.5, 2.0, 0.2)
+    x2 = scene.uv2 + np.where(sigma > 1, 2.0, 0.0)[:, None] * rng.standard_normal(scene.uv2.shape)
+    moved = {"x2": x2[:, 0], "y2": x2[:, 1]}
+    camera = ("--camera", camera_file(tmp_path / "c.json", scene), "--json")
+    weighed = json.loads(ask(write_rows(tmp_path / "w.csv", scene, sigma=sigma, **moved), *camera)[1])
+    alike = json.loads(ask(write_rows(tmp_path / "a.csv", scene, **moved), *camera)[1])
+    errors = [
+        np.abs([p["slope_deg"] - s for p, s in zip(result["planes"], np.degrees(scene.slopes), strict=True)])
+        for result in (weighed, alike)
+    ]
+    sigmas = [np.array([plane["slope_sigma_deg"] for plane in result["planes"]]) for result in (weighed, alike)]
+    assert np.median(sigmas[0]) < 0.5 * np.median(sigmas[1])
+    assert (errors[0] < 4 * sigmas[0]).all()
+
+
+def test_a_prior_decides_and_the_warning_says_which(tmp_path: Path, ask: Ask) -> None:
+    flat = scene_of(2, 0.3, slopes_deg=[0.0] * 9, height_spread=0.0)
+    matches = write_rows(tmp_path / "m.csv", flat)
+    camera = ("--camera", camera_file(tmp_path / "c.json", flat))
+    status, out, err = ask(matches, *camera)
+    assert status == 0
+    assert all(re.search(r"± [\d.]+° or [\d.]+ ± ", line) for line in out.splitlines()[1:])
+    assert "two answers" in err
+    assert "--direction-prior with a sigma below" in err
+    direction = ",".join(f"{value:.6f}" for value in flat.T)
+    status, out, err = ask(matches, *camera, "--direction-prior", f"{direction},1")
+    assert " or " not in out
+    assert "two answers" not in err
+    opposite = ask(matches, *camera, "--direction-prior", "0,1,0,0.5")[2]
+    assert "prior-contradicted" in opposite
+
+
+def test_scale_merging_and_the_largest_sigma_reach_the_answer(tmp_path: Path, ask: Ask) -> None:
+    scene = scene_of(3, 0.3)
+    matches = write_rows(tmp_path / "m.csv", scene, rays=True)
+    result = json.loads(ask(matches, "--json", "--baseline", "12.5", "--merge-coplanar", "--max-sigma", "0.01")[1])
+    assert (result["scale"]["unit"], result["options"]["merge_coplanar"]) == ("m", True)
+    assert np.linalg.norm(result["motion"]["baseline_cam1"]) == pytest.approx(12.5)
+    assert all("--max-sigma 0.01" in plane["reason"] for plane in result["planes"])
+
+
+def test_a_camera_that_only_turned_gives_no_answer(tmp_path: Path, ask: Ask) -> None:
+    scene = scene_of()
+    turned = np.column_stack([scene.x1, np.ones(len(scene.x1))]) @ scene.R.T
+    matches = write_rows(
+        tmp_path / "m.csv", scene, rays=True, x2=turned[:, 0] / turned[:, 2], y2=turned[:, 1] / turned[:, 2]
+    )
+    status, out, err = ask(matches)
+    assert (status, out) == (3, "")
+    assert "pure-rotation" in err
+
+
+# ---- the file ----
+
+
+def test_columns_in_any_order_quoted_with_an_index_and_floats_for_patches(tmp_path: Path, ask: Ask) -> None:
+    """As other programs write it: an index without a name, a patch that is 3.0 or empty, a byte order mark."""
+    scene = scene_of()
+    plain = read_correspondences(write_rows(tmp_path / "m.csv", scene, rays=True))
+    rows = ['"","patch","y2","x2","score","y1","x1"']
+    for i, (a, b, patch) in enumerate(zip(scene.x1.tolist(), scene.x2.tolist(), scene.patch.tolist(), strict=True)):
+        name = "" if patch < 0 else f"{patch + 1}.0"
+        rows.append(f'{i},{name},"{b[1]!r}",{b[0]!r},good,{a[1]!r},"{a[0]!r}"')
+    other = tmp_path / "other.csv"
+    other.write_text("\r\n".join(rows) + "\r\n\r\n", encoding="utf-8-sig", newline="")
+    read = read_correspondences(other)
+    assert np.array_equal(read.xy1, plain.xy1)
+    assert np.array_equal(read.xy2, plain.xy2)
+    assert np.array_equal(read.patch, plain.patch)
+
+
+def test_without_patches_all_rows_lie_on_one_plane(tmp_path: Path, ask: Ask) -> None:
+    scene = scene_of(slopes_deg=[0.0] * 9, height_spread=0.0)
+    chosen = scene.patch >= 0
+    x1, x2 = scene.x1[chosen], scene.x2[chosen]
+    path = tmp_path / "m.csv"
+    rows = "\n".join(",".join(map(repr, (*a, *b))) for a, b in zip(x1.tolist(), x2.tolist(), strict=True))
+    path.write_text(f"x1,y1,x2,y2\n{rows}\n", encoding="utf-8")
+    status, out, _ = ask(path, "--json")
+    assert status == 0
+    result = json.loads(out)
+    either = [result["planes"], result["ambiguity"]["alternative"]["planes"]]
+    assert [[plane["id"] for plane in planes] for planes in either] == [[1], [1]]
+    assert min(planes[0]["slope_deg"] for planes in either) < 1e-4
+
+
+def test_a_patch_that_makes_no_plane_is_named_among_those_refused(tmp_path: Path, ask: Ask) -> None:
+    scene = scene_of()
+    patch = np.where(scene.patch < 0, -1, scene.patch)  # the first is called 0
+    few, line = np.flatnonzero(patch == 2)[:2], patch == 5
+    patch[patch == 2] = -1
+    patch[few] = 70
+    x1 = scene.x1.copy()
+    x1[line, 1] = x1[line, 0]
+    patch[line] = 80
+    status, out, err = ask(write_rows(tmp_path / "m.csv", scene, rays=True, patch=patch, y1=x1[:, 1]), "--json")
+    assert status == 0
+    result = json.loads(out)
+    assert [plane["id"] for plane in result["planes"]] == [0, 1, 3, 4, 6, 7, 8]
+    assert [(one["id"], one["reason"]) for one in result["rejected"]] == [
+        (70, "too-few-points"),
+        (80, "too-few-points"),
+    ]
+    assert not list(Draft202012Validator(load_schema()).iter_errors(result))
+    assert "plane 70: no answer: too-few-points: it has 2 rows, and a plane needs 3" in err
+    assert "plane 80: no answer" in err
+
+
+GOOD = "x1,y1,x2,y2,patch\n" + "\n".join(f"0.{i},0.{i * i},0.1{i},0.2{i},1" for i in range(9))
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("", "has no column x1, y1, x2, y2 (its first line is: nothing)"),
+        ("x1,y1,x2\n1,2,3\n", "has no column y2 (its first line is: x1, y1, x2)"),
+        ("1,2,3,4\n1,2,3,4\n", "has no column x1, y1, x2, y2 (its first line is: 1, 2, 3, 4)"),
+        ("x1,y1,x2,y2,x1\n", "has two columns x1"),
+        ("x1,y1,x2,y2\n", "has no rows under its header"),
+        (GOOD + "\n0.1,oops,0.3,0.4,1\n", "row 10 (line 11): y1 is 'oops', needed a finite number"),
+        (GOOD + "\n\n0.1,,0.3,0.4,1\n", "row 10 (line 12): y1 is '', needed a finite number"),
+        (GOOD + "\n0.1,nan,0.3,0.4,1\n", "row 10 (line 11): y1 is 'nan', needed a finite number"),
+        (GOOD + "\n0.1,0.2,1e999,0.4,1\n", "x2 is '1e999', needed a finite number"),
+        (GOOD + "\n0.1,0.2,0.3\n", "row 10 (line 11) has 3 cells"),
+        (GOOD + "\n0.1,0.2,0.3,0.4,1.5\n", "patch is '1.5', needed the number of a plane"),
+        (GOOD + "\n0.1,0.2,0.3,0.4,-2\n", "patch is '-2', needed the number of a plane"),
+        ("x1,y1,x2,y2,sigma\n0.1,0.2,0.3,0.4,0\n", "row 1 (line 2): sigma is '0'"),
+        (GOOD.replace(",1\n", ",-1\n").replace("0.28,1", "0.28,-1"), "no patch has 3 rows off a line"),
+        ('x1,y1,x2,y2\n"0.1,0.2,0.3,0.4\n', "is no CSV text"),
+    ],
+)
+def test_bad_files_are_refused_in_one_line(text: str, said: str, tmp_path: Path, ask: Ask) -> None:
+    path = tmp_path / "m.csv"
+    path.write_text(text, encoding="utf-8")
+    status, out, err = ask(path)
+    assert (status, out, len(err.splitlines())) == (1, "", 1)
+    assert err.startswith(f"slopemap: error: {path}: ")
+    assert said in err
+
+
+def test_too_few_rows_are_refused_with_how_many_are_needed(tmp_path: Path, ask: Ask) -> None:
+    path = tmp_path / "m.csv"
+    path.write_text("x1,y1,x2,y2\n0,0,0.1,0\n1,0,1.1,0.01\n0,1,0.1,1\n", encoding="utf-8")
+    status, _, err = ask(path)
+    assert status == 3
+    assert "need 9 measurements, found 6" in err
+
+
+def test_other_bad_inputs(tmp_path: Path, ask: Ask) -> None:
+    scene = scene_of()
+    assert "no such file" in ask(tmp_path / "none.csv")[2]
+    (tmp_path / "bytes.csv").write_bytes(b"\x89PNG\xff\xfe")
+    assert "is no CSV text" in ask(tmp_path / "bytes.csv")[2]
+    matches = write_rows(tmp_path / "m.csv", scene, sigma=np.ones(len(scene.x1)))
+    assert ask(matches, "--noise", "0.3")[0] == 2
+    assert ask(matches, "--camera2", "x.json")[0] == 2
+    assert ask(matches, "--camera", "x.json", "--intrinsics", "1,1,0,0")[0] == 2
