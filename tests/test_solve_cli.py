@@ -163,6 +163,7 @@ def test_scale_merging_and_the_largest_sigma_reach_the_answer(tmp_path: Path, as
     result = json.loads(ask(matches, "--json", "--baseline", "12.5", "--merge-coplanar", "--max-sigma", "0.01")[1])
     assert (result["scale"]["unit"], result["options"]["merge_coplanar"]) == ("m", True)
     assert np.linalg.norm(result["motion"]["baseline_cam1"]) == pytest.approx(12.5)
+    assert " m " not in ask(matches, "--baseline", "12.5")[1]
     assert all("--max-sigma 0.01" in plane["reason"] for plane in result["planes"])
 
 

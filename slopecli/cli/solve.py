@@ -69,10 +69,13 @@ def solve(ctx: click.Context, matches: str, **parameters: Any) -> None:
     talk = ctx.ensure_object(Talk)
     if parameters["output"]:
         check_directory(parameters["output"])
-    correspondences = read_correspondences(matches)
+    with talk.timed("load"):
+        correspondences = read_correspondences(matches)
     if correspondences.sigma is not None and parameters["noise"] is not None:
         raise click.UsageError(f"--noise contradicts the column sigma of {matches}; leave one out.", ctx)
-    report = solve_given(correspondences, _cameras(parameters), options_from(parameters), parameters["noise"])
+    cameras, options = _cameras(parameters), options_from(parameters)
+    with talk.timed("solve"):
+        report = solve_given(correspondences, cameras, options, parameters["noise"])
     _deliver(report, parameters, talk)
 
 

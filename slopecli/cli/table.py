@@ -49,7 +49,7 @@ def _plane_cells(plane: Plane, unit: str, other: AlternativePlane | None) -> tup
         *_slope_cells(plane, other),
         plane.verdict,
         _number(plane.p_safe, 3),
-        _number(plane.roughness, 4) + (" m" if unit == "m" else ""),
+        _number(plane.roughness, 4) + (" m" if unit == "m" and math.isfinite(plane.roughness) else ""),
         f"{plane.n_inliers}/{plane.n_correspondences}",
         ": ".join(part for part in (plane.status, plane.reason) if part and part != "ok"),
     )
