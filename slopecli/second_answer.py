@@ -6,8 +6,8 @@ import math
 
 import numpy as np
 
+from slopecli.geometry.ambiguity import by_chance
 from slopecli.geometry.epipolar import rotation_vector
-from slopecli.geometry.solve import RESOLVED_AT
 from slopecli.types import FloatArray, Solution
 
 WORTH_NAMING_DEG = 0.1  # a difference of the two motions below which no sensor decides between them
@@ -25,7 +25,7 @@ def what_decides(solution: Solution, slopes_deg: FloatArray, other_slopes_deg: F
     other = solution.ambiguity.alternative
     ways = ["a third image", "a wider baseline"]
     if other is not None:
-        needed = RESOLVED_AT + (solution.ambiguity.delta_chi2 or 0.0)
+        needed = by_chance(0.0) + (solution.ambiguity.delta_chi2 or 0.0)
         ways += _sensor("direction of motion", "--direction-prior", *_between_directions(solution, other), needed)
         ways += _sensor("rotation", "--rotation-prior", *_between_rotations(solution, other), needed)
     apart = float(np.abs(slopes_deg - other_slopes_deg).max(initial=0.0))
