@@ -12,7 +12,7 @@ help:
 	@echo 'make test-fast    all tests but the long statistics'
 	@echo 'make lint         ruff: rules and format'
 	@echo 'make types        mypy'
-	@echo 'make bench        how fast'
+	@echo 'make bench        how fast, and how it compares (writes docs/benchmarks.md)'
 	@echo 'make docs         write docs/cli.md, the README example and its picture anew'
 	@echo 'make sample-data  render sample_data/ anew'
 	@echo 'make venv         only install into .venv (PYTHON=python3.12 picks the interpreter)'
@@ -43,7 +43,7 @@ types: venv
 	$(BIN)/mypy
 
 bench: venv
-	@set -e; for script in benchmarks/*.py; do echo "== $$script"; $(BIN)/python $$script; done
+	OPENBLAS_NUM_THREADS=1 $(BIN)/python benchmarks/compare.py --into docs/benchmarks.md
 
 docs: venv
 	$(BIN)/python docs/generate.py

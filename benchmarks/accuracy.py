@@ -26,6 +26,7 @@ from typing import Any
 
 import cv2
 import numpy as np
+from documents import write_between
 from numpy.typing import NDArray
 
 FloatArray = NDArray[np.float64]
@@ -34,7 +35,6 @@ Window = tuple[int, int, int, int]
 
 MIN_VISIBLE = 0.9  # of a listed window, in image 2
 MIN_HALF_SIDE_PX, BORDER_PX = 20, 2  # of a square inside a true plane, and its distance from the plane's outline
-MARKS = ("<!-- accuracy: begin -->", "<!-- accuracy: end -->")
 
 
 @dataclass(frozen=True, eq=False)
@@ -287,15 +287,6 @@ def _outcome(result: Judged) -> str:
     return said if result.ambiguity == "none" else f"{said}; second motion {result.ambiguity}"
 
 
-def write_into(document: Path, text: str) -> None:
-    """Put `text` between the document's marks."""
-    content = document.read_text(encoding="utf-8")
-    if any(content.count(mark) != 1 for mark in MARKS):
-        sys.exit(f"{document}: needs the lines {MARKS[0]} and {MARKS[1]} once each")
-    before, after = content.split(MARKS[0])[0], content.split(MARKS[1])[1]
-    document.write_text(f"{before}{MARKS[0]}\n\n{text}\n\n{MARKS[1]}{after}", encoding="utf-8")
-
-
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--only", default="", metavar="TEXT")
@@ -313,7 +304,7 @@ def main() -> None:
     tables = accuracy_tables(results, options.pairs)
     print(tables)
     if options.into:
-        write_into(options.into, tables)
+        write_between(options.into, "accuracy", tables)
 
 
 if __name__ == "__main__":

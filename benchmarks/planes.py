@@ -23,6 +23,7 @@ from typing import Any
 
 import cv2
 import numpy as np
+from documents import write_between
 from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 
@@ -35,7 +36,6 @@ from slopecli.types import Camera, Plane, Report
 
 MIN_AREA, MIN_VISIBLE = 0.01, 0.006  # shares of image 1 of true planes that count, and of them in image 2
 MIN_COVERED = 0.3  # of a true plane by one region
-MARKS = ("<!-- planes: begin -->", "<!-- planes: end -->")
 Mask = NDArray[np.bool_]
 
 
@@ -216,10 +216,7 @@ def main() -> None:
         print(line, flush=True)
         lines.append(line)
     if arguments.into:
-        text = arguments.into.read_text(encoding="utf-8")
-        before, rest = text.split(MARKS[0])
-        after = rest.split(MARKS[1])[1]
-        arguments.into.write_text(f"{before}{MARKS[0]}\n{chr(10).join(lines)}\n{MARKS[1]}{after}", encoding="utf-8")
+        write_between(arguments.into, "planes", "\n".join(lines))
 
 
 if __name__ == "__main__":

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import tracemalloc
+
 import numpy as np
 import pytest
 
@@ -135,3 +137,16 @@ def test_errors_are_at_the_cramer_rao_bound_and_intervals_cover(trajectory: floa
     assert rotation < 1.1
     assert direction < 1.1
     assert 0.93 < np.mean(covered) < 0.97
+
+
+def test_work_grows_as_the_number_of_windows() -> None:
+    """No array has windows times windows entries, no step count grows: memory, iterations, 64 to 1024 windows."""
+    peaks, iterations = [], []
+    for side in (8, 32):
+        scene = make_scene(np.random.default_rng(21), grid=(side, side))
+        tracemalloc.start()
+        iterations.append(solve_planes(scene.x1, scene.x2, scene.patch).iterations)
+        peaks.append(tracemalloc.get_traced_memory()[1])
+        tracemalloc.stop()
+    assert np.log(peaks[1] / peaks[0]) / np.log(16) < 1.05
+    assert max(iterations) <= 5

@@ -1,0 +1,74 @@
+"""Everything that is compared with other programs, in one run, into docs/benchmarks.md: `make bench`.
+
+    OPENBLAS_NUM_THREADS=1 python benchmarks/compare.py [--into docs/benchmarks.md]
+
+Accuracy of the solvers beside OpenCV, PoseLib and pycolmap (solvers.py), and time of the solver (solver_speed.py).
+Times are of the processor, so other work on the machine matters little.
+"""
+
+from __future__ import annotations
+
+import argparse
+import importlib.metadata
+import os
+import platform
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import solver_speed
+import solvers
+from documents import write_between
+
+PACKAGES = ("numpy", "opencv-contrib-python-headless", "poselib", "pycolmap")
+
+
+def machine() -> str:
+    """What the numbers were measured on, and with."""
+    lines = [
+        f"processor   {_processor()}, {os.cpu_count()} cores",
+        f"system      {platform.system()} {platform.machine()}, Python {platform.python_version()}",
+        f"seeds       {solvers.SEED} (scenes), 0 (slopemap estimate)",
+    ]
+    return "\n".join([*lines, *(f"{name:32}{_version(name)}" for name in PACKAGES)])
+
+
+def _processor() -> str:
+    """The name the processor gives itself, where the system tells."""
+    try:
+        lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
+    except OSError:
+        return platform.processor() or platform.machine()
+    names = [line.split(":", 1)[1].strip() for line in lines if line.startswith("model name")]
+    return names[0] if names else platform.machine()
+
+
+def _version(package: str) -> str:
+    try:
+        return importlib.metadata.version(package)
+    except importlib.metadata.PackageNotFoundError:
+        return "not installed"
+
+
+SECTIONS: dict[str, Callable[[], str]] = {
+    "machine": machine,
+    "solvers": solvers.report,
+    "time": solver_speed.report,
+}
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--into", type=Path, metavar="FILE")
+    document = parser.parse_args().into
+    if os.environ.get("OPENBLAS_NUM_THREADS") != "1":
+        print("set OPENBLAS_NUM_THREADS=1, as the program does: more threads only wait for each other", file=sys.stderr)
+    for name, report in SECTIONS.items():
+        text = report()
+        print(f"== {name}\n{text}\n", flush=True)
+        if document:
+            write_between(document, name, f"```text\n{text}\n```")
+
+
+if __name__ == "__main__":
+    main()
