@@ -8,6 +8,7 @@ import pytest
 from slopecli.errors import DegenerateConfiguration
 from slopecli.geometry import align_homographies, homography_of_plane, rotation_angle, solve_planes
 from slopecli.geometry.alignment import reprojection_error, solve_base_homography, solve_delta_normals
+from slopecli.geometry.metrics import direction_angle
 from slopecli.geometry.observations import observe
 from slopecli.simulate import make_scene, paper_scene
 
@@ -125,3 +126,11 @@ def test_averaged_motion_survives_patches_of_three_points() -> None:
     keep = np.flatnonzero(scene.patch != 2).tolist() + np.flatnonzero(scene.patch == 2)[:3].tolist()
     solution = solve_planes(scene.x1[keep], scene.x2[keep], scene.patch[keep], "lh")
     assert np.abs(solution.scaled_normals - scene.normals).max() < 1e-9
+
+
+def test_averaged_motion_of_many_patches_is_that_of_what_most_agree_on() -> None:
+    """Most patches have a second reading; of 144 patches only some are asked which one is meant."""
+    scene = make_scene(np.random.default_rng(8), grid=(12, 12), trajectory_deg=30.0, noise_px=0.0)
+    solution = solve_planes(scene.x1, scene.x2, scene.patch, "lh")
+    assert rotation_angle(solution.R, scene.R) < 1e-6
+    assert direction_angle(solution.T, scene.T) < 1e-6

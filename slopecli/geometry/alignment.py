@@ -19,6 +19,7 @@ from slopecli.types import FloatArray, IntArray
 
 _SETTLED = 1e-4  # relative change of the mean reprojection error in one sweep
 _MAX_SWEEPS = 100
+_ASKED = 64  # patches whose motion may become the one that most agree on
 
 
 class Alignment(NamedTuple):
@@ -191,14 +192,9 @@ def average_motion(observations: Observations) -> State:
     own; a patch of three points, or with no visible root, takes the best normal under the mean motion.
     """
     readings = [_patch_roots(observations, i) for i in range(observations.n_patches)]
-    candidates = [c for roots in readings for c in roots]
-    if not candidates:
+    if not any(readings):
         raise DegenerateConfiguration("no patch by itself has a plane in front of both cameras; use solver mle")
-
-    def disagreement(reference: PlaneMotion) -> float:
-        return sum(min(_motion_distance(c, reference) for c in roots) for roots in readings if roots)
-
-    agreed = min(candidates, key=disagreement)
+    agreed = _agreed(readings)
     chosen = [min(roots, key=lambda c: _motion_distance(c, agreed)) if roots else None for roots in readings]
     R = nearest_rotation(np.sum([c.R for c in chosen if c], axis=0))
     T = np.sum([c.T for c in chosen if c], axis=0)
@@ -207,6 +203,26 @@ def average_motion(observations: Observations) -> State:
         if reading:
             state.N[0, i] = reading.N
     return state
+
+
+def _agreed(readings: list[list[PlaneMotion]]) -> PlaneMotion:
+    """The reading of a patch that the others' nearest readings disagree with least.
+
+    Of many patches, those asked for it are spread evenly over all, so that the work grows with the patches and not
+    with their square.
+    """
+    present = [roots for roots in readings if roots]
+    first, last = ([roots[i] for roots in present] for i in (0, -1))  # the same where there is one
+    asked = np.unique(np.linspace(0, len(present) - 1, _ASKED).astype(int))
+    references = [c for patch in asked for c in present[patch]]
+    least = np.minimum(_motion_distances(references, first), _motion_distances(references, last))
+    return references[int(np.argmin(least.sum(axis=1)))]
+
+
+def _motion_distances(a: list[PlaneMotion], b: list[PlaneMotion]) -> FloatArray:
+    """(len(a), len(b)) angles between rotations and between directions, added up, rad."""
+    R, T = (np.stack(v) for v in zip(*((c.R, c.T) for c in b), strict=True))
+    return np.array([rotation_angle(c.R, R) + direction_angle(c.T, T) for c in a])
 
 
 def _best_normals(observations: Observations, R: FloatArray, T: FloatArray) -> State:
