@@ -222,12 +222,19 @@ def test_short_baseline_and_focus_of_expansion_are_said() -> None:
     assert "foe-in-window" in codes
 
 
+def test_windows_that_estimate_would_not_tell_are_poor() -> None:
+    """In a long descent the middle window, which shows least parallax, is the first whose sigma is above 10 deg."""
+    windows = make_plan(CAMERA, NINE, replace(PAPER, trajectory_deg=0.0, height=350.0, baseline=1.0)).windows
+    assert [one.status for one in windows] == ["ok"] * 4 + ["poor"] + ["ok"] * 4
+    assert windows[4].slope_sigma_deg > 10.0
+    assert "--max-sigma" in windows[4].reason
+
+
 def test_limits_are_those_of_estimate() -> None:
     from slopecli import report
     from slopecli.plan import prediction
     from slopecli.planes import joint, matching
 
-    assert prediction.UNKNOWN_DEG == report.UNKNOWN_DEG
     assert baseline_module.HALF_SEEN == report.LEAST_SEEN
     assert flight_module.LEAST_SHARE == matching.MIN_SHARE
     assert prediction.SYSTEMATIC_PX == joint.SYSTEMATIC_PX

@@ -18,7 +18,7 @@ from slopecli.geometry.uncertainty import covariance_of
 from slopecli.plan.flight import Flight, Seen, see
 from slopecli.types import Diagnostic, FloatArray, Solution
 
-UNKNOWN_DEG = 60.0  # sigma beyond which estimate gives no answer
+UNKNOWN_DEG = 60.0  # sigma beyond which slopes are anything, and a covariance says nothing
 TRIALS = 20  # simulated pairs that show whether there are two answers
 SYSTEMATIC_PX = 0.02  # misfit that lens models and interpolation feign: a root must fit worse by more to be ruled out
 SHARING = 4  # matches that share their errors, for which one point stands

@@ -11,6 +11,7 @@ import numpy as np
 from slopecli.errors import InputError
 from slopecli.geometry.camera import pixels_from_rays
 from slopecli.geometry.epipolar import focus_of_expansion
+from slopecli.options import Options
 from slopecli.plan.baseline import HALF_SEEN, Of, needed_baseline, sigma_of
 from slopecli.plan.flight import (
     LEAST_SHARE,
@@ -28,6 +29,7 @@ from slopecli.types import Camera, Diagnostic, FloatArray, Up
 CAMERA_UP = (0.0, 0.0, -1.0)  # the camera looks straight down
 LIKELY = 0.5  # share of simulated pairs with two answers from which they are called likely
 LARGEST_ZOOM = 2.0  # scale between the images beyond which features are matched badly
+VAGUE_DEG = Options().max_sigma_deg
 ROUNDING = 1e-12  # what is left of sines and cosines that are zero
 Vector = tuple[float, float, float]
 
@@ -243,6 +245,8 @@ def _status(share: float, sigma: float | None) -> tuple[Literal["ok", "poor", "r
     if sigma is None:
         lost = share < LEAST_SHARE
         return "refused", "image 2 does not show its ground" if lost else "its slope is left open"
+    if sigma > VAGUE_DEG:
+        return "poor", f"estimate tells no slope whose sigma is above {VAGUE_DEG:g}° (--max-sigma)"
     return ("poor", f"image 2 shows only {100 * share:.0f} % of it") if share < HALF_SEEN else ("ok", None)
 
 
