@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from slopecli.geometry.priors import MotionPrior
@@ -47,22 +49,38 @@ def rotation_of_quaternion(q: FloatArray) -> FloatArray:
     )
 
 
-def contradiction(prior: MotionPrior, solution: Solution, focal_px: float | None) -> Diagnostic | None:
-    """A warning where the images contradict what was known beforehand, by more than chance and systematic errors.
+@dataclass(frozen=True)
+class Contradiction:
+    """That the images and what was known beforehand disagree by more than chance.
+
+    doubt : how many times larger the sigmas of matches must be for the two to agree, as calibration and interpolation
+        may make them; None where those cannot explain it, and what was known is to be left out.
+    """
+
+    doubt: float | None
+    diagnostic: Diagnostic
+
+
+def contradiction(prior: MotionPrior, solution: Solution, focal_px: float | None) -> Contradiction | None:
+    """Where the images contradict what was known beforehand by more than chance, and what to make of it.
 
     focal_px : of camera 2; None for matches whose noise is the user's word, with nothing systematic to allow for.
     """
     fixed = 3 * (prior.rotation is not None) + 2 * (prior.direction is not None)
-    chi2 = solution.prior_chi2 or 0.0
-    feigned = focal_px is not None and excess_px(solution, chi2, focal_px) <= SYSTEMATIC_PX
-    if chi2 <= CONTRADICTED[fixed] or feigned:
+    chi2, limit = solution.prior_chi2 or 0.0, CONTRADICTED[fixed]
+    if chi2 <= limit:
         return None
     what = {2: "direction", 3: "rotation", 5: "motion"}[fixed]
-    return Diagnostic(
-        "prior-contradicted",
-        "warning",
-        f"the images contradict the {what} given, so it was left out: chi-square {chi2:.3g}, by chance it is below "
-        f"{CONTRADICTED[fixed]:g}",
-        chi2,
-        "check its axes and its direction (camera 2 from camera 1), or give it a larger sigma",
-    )
+    said = f"chi-square {chi2:.3g}, by chance it is below {limit:g}"
+    if focal_px is not None and excess_px(solution, chi2, focal_px) <= SYSTEMATIC_PX:
+        # the errors that matches share with the calibration are the larger ones then, by about this ratio
+        doubt = float(np.sqrt(chi2 / fixed))
+        message = (
+            f"the images differ from the {what} given by more than chance ({said}), though by no more than lens models "
+            f"and interpolation may: both were used, with sigmas of matches {doubt:.1f} times larger"
+        )
+        remedy = "check the camera file, or give it a larger sigma"
+        return Contradiction(doubt, Diagnostic("prior-contradicted", "info", message, chi2, remedy))
+    message = f"the images contradict the {what} given, so it was left out: {said}"
+    remedy = "check its axes and its direction (camera 2 from camera 1), or give it a larger sigma"
+    return Contradiction(None, Diagnostic("prior-contradicted", "warning", message, chi2, remedy))

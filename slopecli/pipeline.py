@@ -97,9 +97,10 @@ def estimate(
     # all patches together: one motion, one normal each, one epipolar geometry
     matched = join_patches(patches, scene)
     solution = solve_jointly(matched, scene, motions, options.solver, prior)
-    if prior and (warning := contradiction(prior, solution, camera2.focal_px)):
-        diagnostics.append(warning)
-        solution = solve_jointly(matched, scene, motions, options.solver)
+    if prior and (found := contradiction(prior, solution, camera2.focal_px)):
+        diagnostics.append(found.diagnostic)
+        left = prior if found.doubt else None
+        solution = solve_jointly(matched, scene, motions, options.solver, left, found.doubt or 1.0)
     if options.merge_coplanar:
         matched, solution, notes = merge_patches(matched, solution)
         diagnostics += notes
@@ -131,8 +132,8 @@ def solve(given: Given, cameras: tuple[Camera, Camera] | None, options: Options,
     sigma = float(np.median(given.sigma)) if noise is None and given.sigma is not None else noise
     sigma_rad = None if sigma is None else sigma * (1e-3 if cameras is None else 1.0 / both[1].focal_px)
     solution = solve_given(matched, options.solver, sigma_rad, prior)
-    if prior and (warning := contradiction(prior, solution, None)):
-        diagnostics.append(warning)
+    if prior and (found := contradiction(prior, solution, None)):
+        diagnostics.append(found.diagnostic)
         solution = solve_given(matched, options.solver, sigma_rad)
     if options.merge_coplanar:
         matched, solution, notes = merge_patches(matched, solution)

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from slopecli.errors import InputError
-from slopecli.geometry.epipolar import rotation_from_vector
+from slopecli.geometry.epipolar import rotation_from_vector, rotation_vector
 from slopecli.io.poses import load_pose
 from slopecli.known_motion import motion_prior, rotation_of_quaternion
 from slopecli.options import Options
@@ -132,6 +132,18 @@ def test_what_the_images_contradict_is_left_out_and_said() -> None:
     assert warning["value"] > 16.3
     assert "contradict the rotation given, so it was left out" in talk
     assert wrong["planes"] == plain["planes"]
+
+
+def test_what_lenses_may_feign_widens_the_sigmas() -> None:
+    """A rotation hardly wrong, known to a thousandth of a degree: it is used, and nothing gets surer than without."""
+    plain, _ = answer()
+    vector = np.degrees(rotation_vector(R)) + 0.02
+    known, talk = answer("--rotation-prior", ",".join(str(v) for v in [*vector, 0.001]))
+    (note,) = (one for one in known["diagnostics"] if one["code"] == "prior-contradicted")
+    assert note["severity"] == "info"
+    assert "sigmas of matches" in talk
+    for before, after in zip(plain["planes"], known["planes"], strict=True):
+        assert after["slope_sigma_deg"] > before["slope_sigma_deg"]
 
 
 @pytest.mark.parametrize(

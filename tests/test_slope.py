@@ -142,6 +142,17 @@ def test_probability_below_never_beats_the_one_dimensional_gaussian(slope_sigmas
             assert gaussian - p < 0.06 * (1.0 - gaussian) ** 0.5
 
 
+def test_how_level_the_reference_plane_is_counts_for_it_too() -> None:
+    scene = make_scene(np.random.default_rng(4), noise_px=0.1)
+    solution = solve_planes(scene.x1, scene.x2, scene.patch)
+    sure = measure_slopes(solution, up_plane=2)
+    doubtful = measure_slopes(solution, None, np.radians(20.0), up_plane=2)
+    assert sure.sigma_rad[2] == 0.0
+    assert probability_below(sure, np.radians(15.0))[2] == pytest.approx(1.0)
+    assert np.degrees(doubtful.sigma_rad[2]) > 15.0
+    assert probability_below(doubtful, np.radians(15.0))[2] < 0.5
+
+
 def test_probability_below_is_sharp_without_noise() -> None:
     assert probability_below(isotropic([0.1, 0.3], 0.0), 0.2).tolist() == pytest.approx([1.0, 0.0])
 

@@ -216,3 +216,26 @@ def test_no_run_of_the_papers_simulation_is_without_an_answer(solver: str) -> No
                 worst[trajectory] = max(worst[trajectory], float(np.degrees(rotation_angle(solution.R, scene.R))))
                 assert solver == "ha" or solution.converged
     assert max(worst.values()) < (1.0 if solver == "mle" else 20.0)
+
+
+@pytest.mark.parametrize("seed", [0, 3, 5])
+def test_mismatches_do_not_hide_the_second_answer(seed: int) -> None:
+    """Flat ground seen in a glide has two answers, also where a fifth of few points is wrong."""
+    scene = make_scene(
+        np.random.default_rng([77, seed]), points=10, slopes_deg=[0.0] * 9, height_spread=0.0, outliers=0.2
+    )
+    found = solve_planes(scene.x1, scene.x2, scene.patch).ambiguity
+    assert found.status == "unresolved"
+    assert found.alternative is not None
+
+
+@pytest.mark.parametrize("solver", ["ha", "lh"])
+def test_closed_forms_tell_the_second_answer_too(solver: str) -> None:
+    scene = make_scene(np.random.default_rng(5), slopes_deg=[0.0] * 9, height_spread=0.0)
+    solution = solve_planes(scene.x1, scene.x2, scene.patch, solver)  # type: ignore[arg-type]
+    other = solution.ambiguity.alternative
+    assert solution.ambiguity.status == "unresolved"
+    assert other is not None
+    near, far = sorted(float(np.degrees(measure_slopes(s, UP).slope_rad.max())) for s in (solution, other))
+    assert near < 10.0
+    assert far > 30.0

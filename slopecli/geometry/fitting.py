@@ -11,7 +11,7 @@ from slopecli.geometry.observations import Observations, Prediction, QuadraticFo
 from slopecli.geometry.priors import MotionPrior
 from slopecli.geometry.refinement import Refined, State, System, levenberg_marquardt, optimal_normals
 from slopecli.geometry.relief import Relief, estimate_relief
-from slopecli.geometry.robust import Kept, consensus, inliers
+from slopecli.geometry.robust import Kept, consensus, gate_squared, inliers
 from slopecli.geometry.starts import starting_states
 from slopecli.types import BoolArray, FloatArray
 
@@ -19,6 +19,8 @@ Motion = tuple[FloatArray, FloatArray]
 
 _DISTINCT = 2e-3  # rad; roots closer than this are one
 _ROOTS = 3  # a scene has at most two visible roots; a third start covers a start that strays
+_RESTARTS = 3  # from the points that are left; the second is mostly the first again
+_HANDFUL = 5.0  # mismatches that may fit one root better than the other by chance, besides two standard deviations
 _MAX_TRIMS = 10  # inlier sets usually settle in two or three rounds
 _RELIEF_ROUNDS = 8
 _RELIEF_SETTLED = 0.01  # relative change of noise and relief that changes no weight that matters
@@ -54,6 +56,10 @@ class Fit:
     iterations: int
     relief: tuple[Relief, ...] = ()
     prior: WeighedPrior | None = None
+
+    def noise_squared(self) -> float:
+        """Variance of a unit-weight residual, by the best root."""
+        return float(self.system.chi2[0]) / degrees_of_freedom(self.observations)
 
     def form(self, state: State, W: FloatArray | None) -> QuadraticForm:
         """The chi-square around a state, under the points' own weights or W (s, 3, n), and what is known besides."""
@@ -146,25 +152,71 @@ def _same(state: State, i: int, k: int) -> bool:
 
 
 def _without_mismatches(fit: Fit, initial: list[Motion], each_patch: bool) -> Fit:
-    """The fit as it is when no residual is out of the ordinary, else one to the points that agree with each other."""
+    """The fit as it is when no residual is out of the ordinary, else one to the points that agree with each other.
+
+    Mismatches may hide a root from the starts, so these are found again from the points that are left; and every root
+    chooses its points by itself, because those that one root has chosen speak against the other.
+    """
     full = fit.observations
     everything = Kept(full.weight > 0.0, full.free_weight > 0.0)
     kept, _ = inliers(full, fit.prediction, 0, everything, each_patch)
     if kept.same_as(everything):
         return fit
     agreed = Kept(everything.planes & consensus(full), np.zeros_like(everything.free))
-    observations = agreed.applied_to(full)
-    states = starting_states(observations, initial).pick(slice(_ROOTS + len(initial)))
-    kept = agreed
+    best = _settled(full, agreed, _starts(full, agreed, initial), each_patch)
+    rivals: list[_Settled] = []
+    for _ in range(_RESTARTS):
+        states = _refit(best.kept.applied_to(full), _starts(full, best.kept, initial)).state
+        rivals = [_settled(full, best.kept, states.pick([i]), each_patch) for i in range(len(states.R))]
+        before, best = best, min([best, *rivals], key=lambda one: one.cost)
+        if best.kept.same_as(before.kept):
+            break
+    states = State(*(np.concatenate(parts) for parts in zip(*(one.fit.state for one in [best, *rivals]), strict=True)))
+    return _refit(_uncontested(full, best, rivals).applied_to(full), states)
+
+
+class _Settled(NamedTuple):
+    """A fit, the points it rests on, and how badly it explains all, none counting for more than a mismatch."""
+
+    fit: Fit
+    kept: Kept
+    cost: float
+
+
+def _starts(full: Observations, kept: Kept, initial: list[Motion]) -> State:
+    return starting_states(kept.applied_to(full), initial).pick(slice(_ROOTS + len(initial)))
+
+
+def _settled(full: Observations, kept: Kept, states: State, each_patch: bool) -> _Settled:
+    """Alternate between the fit to the points kept and the choice of points, by the root that explains all best."""
+    fit, cost = None, np.inf
     for one_scale in (False, True):
         for _ in range(_MAX_TRIMS):
             fit = _refit(kept.applied_to(full), states)
             choices = [inliers(full, fit.prediction, i, kept, each_patch, one_scale) for i in range(len(fit.cost))]
-            states, chosen = fit.state, min(choices, key=lambda choice: choice[1])[0]
+            states, (chosen, cost) = fit.state, min(choices, key=lambda choice: choice[1])
             if chosen.same_as(kept):
                 break
             kept = chosen
-    return fit
+    assert fit is not None
+    return _Settled(fit, kept, cost)
+
+
+def _uncontested(full: Observations, best: _Settled, rivals: list[_Settled]) -> Kept:
+    """The points the best root keeps, without those a rival leaves out where mismatches may have made the difference.
+
+    Among many mismatches some fit a wrong root and not the true one. A rival whose cost is larger by more than such a
+    handful is judged by all points of the best.
+    """
+    kept = best.kept
+    n = full.weight.size + full.free_weight.size
+    removed = n - np.count_nonzero(kept.planes) - np.count_nonzero(kept.free)
+    handful = _HANDFUL + 2.0 * np.sqrt(removed)
+    least = best.fit.noise_squared() * gate_squared(n)
+    for rival in rivals:
+        if rival.cost - best.cost < handful * least:
+            kept = Kept(kept.planes & rival.kept.planes, kept.free & rival.kept.free)
+    return kept
 
 
 def _with_relief(fit: Fit, noise: float | None, robust: bool) -> Fit:

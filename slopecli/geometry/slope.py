@@ -75,9 +75,10 @@ def measure_slopes(
     along, across = _tilt_axes(normals, up)
     slope = np.arctan2(np.linalg.norm(np.cross(up, normals), axis=1), normals @ up)
     covariance = _tilt_covariance(solution, normals, along, across, up, up_plane)
-    covariance = _positive(covariance) + up_sigma_rad**2 * np.eye(2)
+    covariance = _positive(covariance)
     if up_plane is not None:
-        covariance[up_plane] = 0.0
+        covariance[up_plane] = 0.0  # against itself it has no noise; how level it is in truth is up's uncertainty
+    covariance = covariance + up_sigma_rad**2 * np.eye(2)
     sigma = _root_mean_square_error(slope, covariance)
     aspect = _aspects(normals, up, _north_direction(up, north))
     meaningful = (slope >= _ASPECT_NEEDS * sigma) & (np.sin(slope) > 0.0)

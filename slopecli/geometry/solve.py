@@ -12,7 +12,7 @@ from slopecli.geometry.alignment import closed_form
 from slopecli.geometry.ambiguity import by_chance, reaching_across, roots_are_joined, rules_out, separate_freedom
 from slopecli.geometry.epipolar import fit_rotation
 from slopecli.geometry.fitting import Fit, Motion, degrees_of_freedom, maximum_likelihood, with_prior
-from slopecli.geometry.metrics import rotation_angle
+from slopecli.geometry.metrics import direction_angle, rotation_angle
 from slopecli.geometry.observations import Observations, observe
 from slopecli.geometry.priors import MotionPrior
 from slopecli.geometry.robust import noise_at_least
@@ -21,6 +21,7 @@ from slopecli.types import Ambiguity, FloatArray, IntArray, Solution
 
 # normalised units (a billionth of a pixel) below which residuals are rounding
 _ROUNDING = 1e-12
+_ASTRAY = 0.2  # rad; a closed-form motion further from the joint one is another answer
 
 
 def solve_planes(
@@ -85,6 +86,10 @@ def solve_planes(
         rotation = _rotation_only(fit.observations)
     if solver == "mle":  # a poor closed form may lose to a rotation where there is parallax
         _check_parallax(fit, sigma, *rotation)
+    if solver != "mle":
+        joint = maximum_likelihood(observations, noise, False, False, list(zip(fit.state.R, fit.state.T, strict=True)))
+        best = _with_ambiguity(joint, solver, _noise(joint, noise), noise_gain, noise is not None)
+        return _beside(_solution(fit, 0, solver, sigma, noise_gain), best)
     if prior is None:
         return _with_ambiguity(fit, solver, sigma, noise_gain, noise is not None)
     known = with_prior(fit, prior, max(sigma * noise_gain, _ROUNDING))
@@ -178,6 +183,24 @@ def _with_ambiguity(fit: Fit, solver: str, noise: float, noise_gain: float, nois
     joined = status == "unresolved" and roots_are_joined(fit, noise * noise_gain)
     best, alternative = (_solution(fit, i, solver, noise, noise_gain, joined) for i in (0, 1))
     return replace(best, ambiguity=Ambiguity(status, worse_by, alternative))
+
+
+def _beside(own: Solution, joint: Solution) -> Solution:
+    """A closed-form answer with the ambiguity of the joint solution: its own chi-square is no minimum, and tells less.
+
+    An answer that is not the one the joint solution prefers is never called the only one.
+    """
+    other = joint.ambiguity.alternative
+    if other is None:
+        return own if _apart(own, joint) < _ASTRAY else replace(own, ambiguity=Ambiguity("unresolved", 0.0, joint))
+    if _apart(own, joint) > _apart(own, other):
+        return replace(own, ambiguity=Ambiguity("unresolved", joint.ambiguity.delta_chi2, joint))
+    return replace(own, ambiguity=joint.ambiguity)
+
+
+def _apart(a: Solution, b: Solution) -> float:
+    """How far two motions are apart, rad."""
+    return float(rotation_angle(a.R, b.R) + direction_angle(a.T, b.T))
 
 
 def _solution(fit: Fit, index: int, solver: str, noise: float, noise_gain: float, joined: bool = False) -> Solution:

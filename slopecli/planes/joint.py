@@ -93,13 +93,15 @@ def solve_jointly(
     motions: list[MotionEstimate],
     solver: Literal["mle", "ha", "lh"],
     prior: MotionPrior | None = None,
+    doubt: float = 1.0,
 ) -> Solution:
     """One motion and one plane per answered patch, started from every motion still in question.
 
-    prior : what is known of the motion besides.
+    prior : what is known of the motion besides.  doubt : by how much all sigmas of matches are too small.
     """
     parts = [matched.matches[i] for i in matched.answered]
     points = matched.correspondences
+    residuals = [(p.index, epipolar_residual(scene.R, scene.T, p.x1, p.x2)) for p in parts]
     solution = solve_planes(
         points.x1,
         points.x2,
@@ -109,7 +111,7 @@ def solve_jointly(
         relief=solver == "mle",
         initial=[(m.R, m.T) for m in motions],
         prior=prior,
-        noise_gain=correlation_gain([(p.index, epipolar_residual(scene.R, scene.T, p.x1, p.x2)) for p in parts]),
+        noise_gain=doubt * correlation_gain(residuals),
     )
     return _beyond_systematics(_facing(solution, scene.T), scene.camera2.focal_px, prior)
 
