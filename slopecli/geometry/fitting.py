@@ -189,7 +189,7 @@ def _starts(full: Observations, kept: Kept, initial: list[Motion]) -> State:
 
 def _settled(full: Observations, kept: Kept, states: State, each_patch: bool) -> _Settled:
     """Alternate between the fit to the points kept and the choice of points, by the root that explains all best."""
-    fit, cost = None, np.inf
+    cost = np.inf
     for one_scale in (False, True):
         for _ in range(_MAX_TRIMS):
             fit = _refit(kept.applied_to(full), states)
@@ -198,7 +198,6 @@ def _settled(full: Observations, kept: Kept, states: State, each_patch: bool) ->
             if chosen.same_as(kept):
                 break
             kept = chosen
-    assert fit is not None
     return _Settled(fit, kept, cost)
 
 
