@@ -1,29 +1,18 @@
-"""When a pair cannot tell, or tells little: the tests, each with its number, its cause and its remedy."""
+"""When a pair cannot tell, or tells little: tests of the images and their matches, before any plane is solved."""
 
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from slopecli.errors import NoAnswer
-from slopecli.geometry.camera import pixels_from_rays
-from slopecli.geometry.epipolar import fit_rotation, focus_of_expansion, homogeneous
-from slopecli.types import Camera, Diagnostic, FloatArray, Image, Plane, Solution, Source
+from slopecli.geometry.epipolar import fit_rotation, homogeneous
+from slopecli.types import Diagnostic, FloatArray, Image
 
 MIN_INLIERS = 20  # matches consistent with one motion below which chance explains them
 MIN_SHARE = 0.12  # of the tentative matches
 FEW_FEATURES = 60  # tentative features in an image with hardly any texture
-POOR_FIT_PX = 0.5  # noise of matches beyond which the cameras are in doubt, or the images
 STRANGE_SHARE, UNEXPLAINED_SHARE = 0.15, 0.5  # of the dense matches: said, and refused, when they defy the motion
 LOW_PARALLAX_PX = 3.0  # median parallax below which slopes are governed by matching noise
-NON_PLANAR = "non-planar-patch"  # as a diagnostic, and as the reason of a plane
-# what to do about it
-FLATTER: dict[Source, str] = {
-    "window": "use smaller windows",
-    "ransac": "look at it with --window, or lower --merge-px",
-    "region": "look at it with --window, or lower --merge-px",
-    "given": "leave out rows that lie off it, or give them another patch",
-}
 ROTATION_SIGMAS = 2.0  # a rotation that fits this well leaves no parallax to measure
 
 
@@ -105,80 +94,6 @@ def check_parallax(parallax: FloatArray, noise_px: float) -> list[Diagnostic]:
     return []
 
 
-def epipole1_px(solution: Solution, camera1: Camera) -> tuple[float, float] | None:
-    """Pixel of image 1 the camera moves towards or away from, None when it is not inside the image."""
-    focus = focus_of_expansion(solution.T)
-    if focus is None:
-        return None
-    u, v = pixels_from_rays(camera1, focus[None])[0]
-    inside = -0.5 <= u < camera1.width - 0.5 and -0.5 <= v < camera1.height - 0.5  # False for NaN, too
-    return (float(u), float(v)) if inside else None
-
-
-def diagnose(
-    planes: tuple[Plane, ...],
-    relief: dict[int, float],
-    solution: Solution,
-    epipole: tuple[float, float] | None,
-    noise_px: float,
-    labels: NDArray[np.uint16],
-) -> list[Diagnostic]:
-    """What a user should know of an answer: weak windows, a second motion, a solution that did not settle.
-
-    relief : RMS height off the plane over its distance, by plane id.  epipole : px of image 1, None when outside.
-    noise_px : 1-sigma of the median match, as measured.  labels : (h, w) plane id per pixel of image 1, 0 for none.
-    """
-    found = [_focus_in(plane) for plane in planes if epipole is not None and _holds(plane, epipole, labels)]
-    found += [_not_flat(plane, relief[plane.id]) for plane in planes if NON_PLANAR in (plane.reason or "")]
-    if solution.ambiguity.status == "unresolved":
-        found.append(_second_motion(solution))
-    if noise_px > POOR_FIT_PX:
-        found.append(_poor_fit(noise_px))
-    if not solution.converged:
-        remedy = "check the camera file, and that nothing in view moved"
-        found.append(Diagnostic("poor-fit", "warning", "the joint solution did not settle", None, remedy))
-    return found
-
-
-def _holds(plane: Plane, point: tuple[float, float], labels: NDArray[np.uint16]) -> bool:
-    """Whether a point of image 1 lies in a window, or on a pixel of a plane of any shape."""
-    if plane.found:
-        column, row = np.floor(np.array(point) + 0.5).astype(int)
-        return bool(labels[row, column] == plane.id)
-    low, high = plane.polygon_px.min(0), plane.polygon_px.max(0)
-    return bool((low < point).all() and (point < high).all())
-
-
-def _focus_in(plane: Plane) -> Diagnostic:
-    return Diagnostic(
-        "foe-in-window",
-        "info",
-        f"the camera moves along a line of sight through {plane.noun} {plane.id}: it shows least parallax there",
-        float(plane.id),
-        "move sideways as well" + (", or choose another window" if plane.source == "window" else ""),
-    )
-
-
-def _not_flat(plane: Plane, relief: float) -> Diagnostic:
-    return Diagnostic(
-        NON_PLANAR,
-        "warning",
-        f"{plane.noun} {plane.id} is not one plane: relief {100 * relief:.1f} % of its distance, or a step in it",
-        float(plane.id),
-        FLATTER[plane.source],
-    )
-
-
-def _poor_fit(noise_px: float) -> Diagnostic:
-    return Diagnostic(
-        "poor-fit",
-        "warning",
-        f"matches miss their epipolar lines by {noise_px:.2f} px, good pairs by less than {POOR_FIT_PX:g} px",
-        noise_px,
-        "check the camera file and its distortion; blur, a rolling shutter and moving things do the same",
-    )
-
-
 def refuse_mirrored(x1: FloatArray, x2: FloatArray) -> None:
     """Raise NoAnswer when image 2 shows the scene with left and right exchanged: no camera motion does that."""
     design = homogeneous(x1)
@@ -212,20 +127,3 @@ def check_strangers(n_matches: int, n_obeying: int) -> list[Diagnostic]:
             "distrust windows where something moved; take both images in quick succession",
         )
     ]
-
-
-def unexplained(labels: NDArray[np.uint16]) -> Diagnostic:
-    """The share of image 1 (h, w) that lies on no plane reported, where planes were sought in all of it."""
-    share = float((labels == 0).mean())
-    message = f"{100 * share:.0f} % of image 1 lies on no plane found, or outside image 2"
-    return Diagnostic("unexplained", "info", message, share)
-
-
-def _second_motion(solution: Solution) -> Diagnostic:
-    return Diagnostic(
-        "single-plane",
-        "warning",
-        "all that is seen lies on nearly one plane, and a second motion explains it as well",
-        solution.ambiguity.delta_chi2,
-        "use a third image, a known direction of motion, or ground with more relief",
-    )

@@ -21,6 +21,7 @@ from slopecli.diagnosis import (
 from slopecli.known_motion import contradiction, motion_prior
 from slopecli.options import Options
 from slopecli.planes import PLANE_FINDERS
+from slopecli.planes.changes import find_changes
 from slopecli.planes.coplanar import merge_patches
 from slopecli.planes.given import RAYS, Given, matched_from
 from slopecli.planes.joint import join_patches, solve_given, solve_jointly
@@ -88,6 +89,7 @@ def estimate(
     diagnostics = image_notes(image1, image2)
     diagnostics += check_strangers(scene.evidence.n_given, len(scene.evidence))
     diagnostics += check_parallax(parallax, motions[0].scale * camera2.focal_px)
+    changes = find_changes(scene)
     clock.tick("overview")
 
     # patches held to be planes, each with its own matches
@@ -106,7 +108,7 @@ def estimate(
         diagnostics += notes
     clock.tick("solve")
 
-    report = build_report((image1, image2), (camera1, camera2), options, matched, solution, diagnostics)
+    report = build_report((image1, image2), (camera1, camera2), options, matched, solution, diagnostics, changes)
     clock.tick("report")
     return report
 

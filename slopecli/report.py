@@ -2,18 +2,20 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import asdict, replace
 
 import numpy as np
 
-from slopecli.diagnosis import NON_PLANAR, diagnose, epipole1_px, unexplained
 from slopecli.errors import InputError, NoAnswer
+from slopecli.findings import NON_PLANAR, changed, diagnose, epipole1_px, unexplained
 from slopecli.geometry.epipolar import homogeneous
 from slopecli.geometry.homography import homography_in_pixels, homography_of_plane
 from slopecli.geometry.metrics import rotation_angle
 from slopecli.geometry.slope import slope_interval, surface_normals
 from slopecli.measure import Measured, judge, measure
 from slopecli.options import MOST_SIGMA_DEG, Options
+from slopecli.planes.changes import Change
 from slopecli.planes.footprint import paint_labels
 from slopecli.planes.given import RAYS
 from slopecli.planes.joint import Matched
@@ -58,8 +60,11 @@ def build_report(
     matched: Matched,
     solution: Solution,
     diagnostics: list[Diagnostic],
+    changes: Sequence[Change] = (),
 ) -> Report:
     """Assemble everything that is written and shown.
+
+    diagnostics : what was noted on the way.  changes : areas of image 1 that contradict the rest of the scene.
 
     Raises
     ------
@@ -96,7 +101,11 @@ def build_report(
         ambiguity=_ambiguity(main, other, matched, ids, length, options.max_sigma_deg),
         planes=planes,
         rejected=_rejected(matched, every),
-        diagnostics=(*diagnostics, *diagnose(planes, relief, solution, epipole, fit.noise_px, labels)),
+        diagnostics=(
+            *diagnostics,
+            *changed(changes, planes, labels),
+            *diagnose(planes, relief, solution, epipole, fit.noise_px, labels),
+        ),
         labels=labels,
         epipole1_px=epipole,
         segmentation=matched.patches.segmentation,

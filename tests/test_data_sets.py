@@ -184,6 +184,26 @@ def test_little_parallax_is_warned_of_and_yet_right() -> None:
         assert ACCURACY["angle_deg"](np.array(plane["normal_cam1"]), outward) < 2 + 3 * plane["slope_sigma_deg"]
 
 
+def test_a_shadow_that_moved_is_told_and_the_windows_it_touches() -> None:
+    answer = answer_of(hostile("D08_moving_shadow"), windows=False)
+    (warning,) = (d for d in answer["diagnostics"] if d["code"] == "dense-shadow-or-motion")
+    assert "window 5 (" in warning["message"]
+    assert 0.02 < warning["value"] < 0.06
+
+
+@pytest.mark.parametrize("name", ["rendered/A", "rendered/B", "rendered/C", "rendered/D09", "real"])
+def test_where_nothing_moved_nothing_is_said_of_it(name: str) -> None:
+    """Vehicles that drive over less than a hundredth of the image are left to the robust solution."""
+    assert [pair.name for pair in ACCURACY["true_pairs"](DATA, name) if "dense-shadow-or-motion" in said_of(pair)] == []
+
+
+def said_of(pair: Any) -> set[str]:
+    try:
+        return diagnostics_of(answer_of(pair, windows=False))
+    except NoAnswer as refusal:
+        return {refusal.code}
+
+
 def test_moving_vehicles_do_not_move_the_ground() -> None:
     (result,) = results("rendered/D09")
     assert result.errors_deg.max() < 0.2

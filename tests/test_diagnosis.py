@@ -11,14 +11,13 @@ from solution_factory import make_report_of, make_solution, with_second_root
 
 from slopecli.diagnosis import (
     check_parallax,
-    diagnose,
-    epipole1_px,
     parallax_px,
     refuse_identical,
     refuse_mirrored,
     refuse_unmatched,
 )
 from slopecli.errors import NoAnswer
+from slopecli.findings import diagnose, epipole1_px
 from slopecli.geometry.camera import pixels_from_rays
 from slopecli.geometry.epipolar import homogeneous, rotation_from_vector
 from slopecli.simulate import project

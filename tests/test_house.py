@@ -22,7 +22,7 @@ FLOORS = (
     "vision",
     "planes",
     "simulate",
-    "diagnosis measure kinds known_motion second_answer study timing",
+    "diagnosis findings measure kinds known_motion second_answer study timing",
     "report plan claims",
     "pipeline",
     "io",
