@@ -6,13 +6,16 @@ import numpy as np
 
 from slopecli.errors import NoAnswer
 from slopecli.geometry.epipolar import fit_rotation, homogeneous
-from slopecli.types import Diagnostic, FloatArray, Image
+from slopecli.geometry.lens_misfit import LensMisfit
+from slopecli.types import Camera, Diagnostic, FloatArray, Image
 
 MIN_INLIERS = 20  # matches consistent with one motion below which chance explains them
 MIN_SHARE = 0.12  # of the tentative matches
 FEW_FEATURES = 60  # tentative features in an image with hardly any texture
 STRANGE_SHARE, UNEXPLAINED_SHARE = 0.15, 0.5  # of the dense matches: said, and refused, when they defy the motion
 LOW_PARALLAX_PX = 3.0  # median parallax below which slopes are governed by matching noise
+DISTORTED_PX = 1.0  # at the corner: a lens this close to its model is not worth a word
+REMOVED = 0.4  # share of its k1 that a lens may still have, to be called free of distortion
 ROTATION_SIGMAS = 2.0  # a rotation that fits this well leaves no parallax to measure
 
 
@@ -127,3 +130,37 @@ def check_strangers(n_matches: int, n_obeying: int) -> list[Diagnostic]:
             "distrust windows where something moved; take both images in quick succession",
         )
     ]
+
+
+def check_lens(misfit: LensMisfit | None, camera: Camera) -> list[Diagnostic]:
+    """Warn when the matches ask for another lens distortion than the camera file has.
+
+    misfit : what they ask for, where they do so clearly.  camera : of image 1; the lens of both is taken as alike.
+    """
+    if misfit is None:
+        return []
+    corner_px = abs(misfit.term) * _corner_radius(camera) ** 3 * camera.focal_px
+    if corner_px < DISTORTED_PX:
+        return []
+    given = camera.distortion[0] if camera.distortion else 0.0
+    removed = abs(given) > 0.0 and abs(given - misfit.term) < REMOVED * abs(given)
+    own = "besides that of the camera file" if camera.distortion else "which the camera file does not have,"
+    return [
+        Diagnostic(
+            "suspect-distortion",
+            "warning",
+            "residuals grow with the distance from the image centre as a lens distortion of k1 = "
+            f"{-misfit.term:.2g} {own} would make them ({corner_px:.1f} px at the corner)",
+            corner_px,
+            "leave the distortion out of the camera file: it seems to be taken out of the images already"
+            if removed
+            else "calibrate the lens, and give its distortion in the camera file",
+        )
+    ]
+
+
+def _corner_radius(camera: Camera) -> float:
+    """Normalised distance of the farthest corner from the principal point, before distortion."""
+    x = max(camera.cx, camera.width - 1 - camera.cx) / camera.fx
+    y = max(camera.cy, camera.height - 1 - camera.cy) / camera.fy
+    return float(np.hypot(x, y))

@@ -10,6 +10,7 @@ from functools import partial
 import numpy as np
 
 from slopecli.diagnosis import (
+    check_lens,
     check_parallax,
     check_strangers,
     image_notes,
@@ -25,6 +26,7 @@ from slopecli.planes.changes import find_changes
 from slopecli.planes.coplanar import merge_patches
 from slopecli.planes.given import RAYS, Given, matched_from
 from slopecli.planes.joint import join_patches, solve_given, solve_jointly
+from slopecli.planes.lens import lens_misfit
 from slopecli.planes.survey import survey
 from slopecli.planes.window_finder import wanted_windows
 from slopecli.report import build_report
@@ -89,6 +91,7 @@ def estimate(
     diagnostics = image_notes(image1, image2)
     diagnostics += check_strangers(scene.evidence.n_given, len(scene.evidence))
     diagnostics += check_parallax(parallax, motions[0].scale * camera2.focal_px)
+    diagnostics += check_lens(lens_misfit(scene), camera1)
     changes = find_changes(scene)
     clock.tick("overview")
 

@@ -18,6 +18,7 @@ import numpy as np
 import pytest
 
 from slopecli.errors import NoAnswer
+from slopecli.geometry.camera import pinhole_of
 from slopecli.io.images import load_image
 from slopecli.io.result import report_to_json
 from slopecli.options import Options
@@ -192,9 +193,20 @@ def test_a_shadow_that_moved_is_told_and_the_windows_it_touches() -> None:
 
 
 @pytest.mark.parametrize("name", ["rendered/A", "rendered/B", "rendered/C", "rendered/D09", "real"])
-def test_where_nothing_moved_nothing_is_said_of_it(name: str) -> None:
+def test_nothing_is_suspected_of_pairs_as_they_should_be(name: str) -> None:
     """Vehicles that drive over less than a hundredth of the image are left to the robust solution."""
-    assert [pair.name for pair in ACCURACY["true_pairs"](DATA, name) if "dense-shadow-or-motion" in said_of(pair)] == []
+    suspicions = {"dense-shadow-or-motion", "suspect-distortion"}
+    assert [pair.name for pair in ACCURACY["true_pairs"](DATA, name) if suspicions & said_of(pair)] == []
+
+
+@pytest.mark.parametrize("name", ["A04_marsyard", "A08_horizontal", "C06_suburb"])
+def test_a_distortion_that_is_not_given_is_suspected(name: str) -> None:
+    (pair,) = ACCURACY["true_pairs"](DATA, f"rendered/{name}")
+    images = load_image(pair.image1), load_image(pair.image2)
+    cameras = [pinhole_of(camera_of(numbers)) for numbers in pair.cameras]
+    report = estimate(*images, *cameras, Options())
+    (warning,) = (d for d in report.diagnostics if d.code == "suspect-distortion")
+    assert warning.value > 10
 
 
 def said_of(pair: Any) -> set[str]:
