@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from slopecli.errors import NoAnswer
@@ -16,6 +18,7 @@ STRANGE_SHARE, UNEXPLAINED_SHARE = 0.15, 0.5  # of the dense matches: said, and 
 LOW_PARALLAX_PX = 3.0  # median parallax below which slopes are governed by matching noise
 DISTORTED_PX = 1.0  # at the corner: a lens this close to its model is not worth a word
 REMOVED = 0.4  # share of its k1 that a lens may still have, to be called free of distortion
+NEAR_M = 20.0  # distance that lengths are given for, as an example
 ROTATION_SIGMAS = 2.0  # a rotation that fits this well leaves no parallax to measure
 
 
@@ -71,10 +74,28 @@ def _rotation_residual(R: FloatArray, p: FloatArray, x2: FloatArray) -> FloatArr
     return np.asarray(np.linalg.norm(y[:2] / y[2] - x2, axis=0))
 
 
-def check_parallax(parallax: FloatArray, noise_px: float) -> list[Diagnostic]:
+@dataclass(frozen=True)
+class Apart:
+    """How far apart the images were taken: `share` of the distance to the scene, and in metres where that is known."""
+
+    share: float
+    length_m: float | None = None
+
+    def farther(self, factor: float) -> str:
+        """What to do for so many times the parallax."""
+        if self.length_m is not None:
+            return f"move {factor * self.length_m:.2g} m between the images instead of {self.length_m:.2g} m"
+        wanted, now = factor * self.share, 100 * self.share
+        example = f"{NEAR_M * wanted:.2g} m at {NEAR_M:g} m height"
+        return (
+            f"move by {100 * wanted:.2g} % of the distance to the scene (now {now:.2g} %) between the images: {example}"
+        )
+
+
+def check_parallax(parallax: FloatArray, noise_px: float, apart: Apart | None = None) -> list[Diagnostic]:
     """Raise NoAnswer for a pure rotation; warn when the parallax is small.
 
-    noise_px : 1-sigma of the matches across their epipolar lines.
+    noise_px : 1-sigma of the matches across their epipolar lines.  apart : for a remedy in more than a factor.
     """
     typical, largest = float(np.median(parallax)), float(np.quantile(parallax, 0.98))
     if largest < ROTATION_SIGMAS * max(4 * noise_px, 0.1):
@@ -84,17 +105,12 @@ def check_parallax(parallax: FloatArray, noise_px: float) -> list[Diagnostic]:
             "move the camera between the images, by 5 to 20 % of the distance to the scene",
             value=largest,
         )
-    if typical < LOW_PARALLAX_PX:
-        return [
-            Diagnostic(
-                "low-parallax",
-                "warning",
-                f"median parallax {typical:.1f} px; slopes need about {LOW_PARALLAX_PX:.0f} px",
-                typical,
-                f"move {max(LOW_PARALLAX_PX / max(typical, 1e-3), 1.5):.1f} times as far between the images",
-            )
-        ]
-    return []
+    if typical >= LOW_PARALLAX_PX:
+        return []
+    factor = max(LOW_PARALLAX_PX / max(typical, 1e-3), 1.5)
+    remedy = f"move {factor:.1f} times as far between the images" if apart is None else apart.farther(factor)
+    message = f"median parallax {typical:.1f} px; slopes need about {LOW_PARALLAX_PX:.0f} px"
+    return [Diagnostic("low-parallax", "warning", message, typical, remedy)]
 
 
 def refuse_mirrored(x1: FloatArray, x2: FloatArray) -> None:

@@ -3,16 +3,21 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from statistics import NormalDist
 
 import numpy as np
 from numpy.typing import NDArray
 
+from slopecli.diagnosis import Apart
 from slopecli.geometry.camera import pixels_from_rays
-from slopecli.geometry.epipolar import focus_of_expansion
+from slopecli.geometry.epipolar import focus_of_expansion, homogeneous
+from slopecli.options import Options
 from slopecli.planes.changes import Change
-from slopecli.types import BoolArray, Camera, Diagnostic, FloatArray, Plane, Solution, Source
+from slopecli.types import BoolArray, Camera, Correspondences, Diagnostic, FloatArray, Plane, Solution, Source
 
 POOR_FIT_PX = 0.5  # noise of matches beyond which the cameras are in doubt, or the images
+WORTH = 1.1  # times as far: a move longer by less is not worth a word
+MOST_APART = 0.25  # of the distance to the scene: images taken farther apart show too little of the same
 TOUCHED, MOST_NAMED = 0.02, 5  # share of a patch that changed from which on it is named, and how many are at most
 NON_PLANAR = "non-planar-patch"  # as a diagnostic, and as the reason of a plane
 # what to do about it
@@ -59,6 +64,45 @@ def diagnose(
         remedy = "check the camera file, and that nothing in view moved"
         found.append(Diagnostic("poor-fit", "warning", "the joint solution did not settle", None, remedy))
     return found
+
+
+def apart_of(solution: Solution, matches: Correspondences, length_m: float | None) -> Apart:
+    """How far apart the images were taken, by the distances of what lies on planes."""
+    on = matches.patch >= 0
+    inverse_depth = (homogeneous(matches.x1[on]) * solution.scaled_normals[matches.patch[on]]).sum(1)
+    return Apart(abs(float(np.median(inverse_depth))), length_m)
+
+
+def short_of_tolerance(planes: Sequence[Plane], solution: Solution, apart: Apart, options: Options) -> list[Diagnostic]:
+    """Planes that are undecided, or not known to `max_sigma`, and would not be after a longer move that can be made.
+
+    Sigmas go down as the move grows. Nothing is said where two answers are left: those are what is undecided.
+    """
+    if solution.ambiguity.status == "unresolved":
+        return []
+    wanted = {plane.id: _wanted_sigma(plane, options) for plane in planes}
+    factors = {plane.id: plane.slope_sigma_deg / max(wanted[plane.id], 1e-9) for plane in planes}
+    helped = [plane for plane in planes if WORTH < factors[plane.id] <= MOST_APART / apart.share]
+    if not helped:
+        return []
+    shown = sorted(helped, key=lambda plane: factors[plane.id])
+    named = [
+        f"{plane.noun} {plane.id} has a sigma of {plane.slope_sigma_deg:.2g}°, and {wanted[plane.id]:.2g}° would decide"
+        for plane in shown[:MOST_NAMED]
+    ]
+    more = [f"and {len(shown) - MOST_NAMED} more"] if len(shown) > MOST_NAMED else []
+    factor = factors[shown[-1].id]
+    message = f"too little parallax for the tolerance: {', '.join(named + more)}"
+    return [Diagnostic("low-parallax", "info", message, factor, apart.farther(factor))]
+
+
+def _wanted_sigma(plane: Plane, options: Options) -> float:
+    """1-sigma of the slope, deg, that would decide about a plane; infinite where parallax is not what is wanting."""
+    if not plane.slope_known:
+        return options.max_sigma_deg if ";" not in (plane.reason or "") else np.inf
+    if plane.verdict != "undecided" or plane.status != "ok":
+        return np.inf
+    return abs(plane.slope_deg - options.tolerance_deg) / NormalDist().inv_cdf(options.confidence)
 
 
 def changed(changes: Sequence[Change], planes: tuple[Plane, ...], labels: NDArray[np.uint16]) -> list[Diagnostic]:

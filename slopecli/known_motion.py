@@ -37,6 +37,13 @@ def motion_prior(options: Options) -> MotionPrior | None:
     )
 
 
+def known_length_m(options: Options) -> float | None:
+    """Metres between the cameras, of `--pose` or `--baseline`; None without either."""
+    if options.pose is not None:
+        return float(np.linalg.norm(options.pose.baseline_m))
+    return options.baseline_m
+
+
 def rotation_of_quaternion(q: FloatArray) -> FloatArray:
     """(3, 3) rotation of a quaternion w, x, y, z of any length but zero."""
     w, x, y, z = q / max(float(np.linalg.norm(q)), np.finfo(float).tiny)

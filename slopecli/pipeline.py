@@ -10,6 +10,7 @@ from functools import partial
 import numpy as np
 
 from slopecli.diagnosis import (
+    Apart,
     check_lens,
     check_parallax,
     check_strangers,
@@ -19,7 +20,7 @@ from slopecli.diagnosis import (
     refuse_mirrored,
     refuse_unmatched,
 )
-from slopecli.known_motion import contradiction, motion_prior
+from slopecli.known_motion import contradiction, known_length_m, motion_prior
 from slopecli.options import Options
 from slopecli.planes import PLANE_FINDERS
 from slopecli.planes.changes import find_changes
@@ -90,7 +91,8 @@ def estimate(
     refuse_mirrored(scene.evidence.x1, scene.evidence.x2)
     diagnostics = image_notes(image1, image2)
     diagnostics += check_strangers(scene.evidence.n_given, len(scene.evidence))
-    diagnostics += check_parallax(parallax, motions[0].scale * camera2.focal_px)
+    apart = Apart(float(np.median(scene.evidence.w)), known_length_m(options))
+    diagnostics += check_parallax(parallax, motions[0].scale * camera2.focal_px, apart)
     diagnostics += check_lens(lens_misfit(scene), camera1)
     changes = find_changes(scene)
     clock.tick("overview")

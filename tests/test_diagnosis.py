@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -10,6 +11,7 @@ from report_factory import grid_polygons, make_camera, make_image, make_labels, 
 from solution_factory import make_report_of, make_solution, with_second_root
 
 from slopecli.diagnosis import (
+    Apart,
     check_parallax,
     parallax_px,
     refuse_identical,
@@ -20,6 +22,7 @@ from slopecli.errors import NoAnswer
 from slopecli.findings import diagnose, epipole1_px
 from slopecli.geometry.camera import pixels_from_rays
 from slopecli.geometry.epipolar import homogeneous, rotation_from_vector
+from slopecli.options import Options
 from slopecli.simulate import project
 from slopecli.types import Diagnostic, FloatArray, Report
 
@@ -121,6 +124,52 @@ def test_little_parallax_is_a_warning_with_its_number_and_how_much_farther_to_mo
     assert warning.value == pytest.approx(np.median(parallax))
     factor = float(str(warning.remedy).split()[1])
     assert factor == pytest.approx(3 / np.median(parallax), abs=0.05)
+
+
+@pytest.mark.parametrize("length_m", [None, 0.4])
+def test_little_parallax_has_a_remedy_in_lengths_where_the_distance_is_known(length_m: float | None) -> None:
+    parallax = parallax_px(*matches(baseline=0.02, noise_px=0.05), FOCAL)
+    (warning,) = check_parallax(parallax, 0.05, Apart(0.02, length_m))
+    factor = 3 / np.median(parallax)
+    if length_m is None:
+        percent, now, example = map(float, re.findall(r"([\d.]+) (?:%|m at)", str(warning.remedy)))
+        assert (percent, now) == (pytest.approx(2 * factor, rel=0.05), 2)
+        assert example == pytest.approx(20 * percent / 100, rel=0.05)
+        assert str(warning.remedy).endswith("m at 20 m height")
+    else:
+        assert f"move {factor * 0.4:.2g} m between the images instead of 0.4 m" == warning.remedy
+
+
+# ---- the tolerance ----
+
+
+def test_a_move_that_would_decide_about_a_window_is_named() -> None:
+    """14 +- 0.6 degrees is decided at 15 with a sigma of 0.43: 1.4 times as far, 28 % of the distance, is too far."""
+    solution = make_solution([14.0, 5.0], sigma_deg=0.6)
+    assert "low-parallax" not in reported(make_report_of(solution))
+    solution = make_solution([14.2, 14.0, 5.0], sigma_deg=[0.6, 0.5, 0.6])
+    report = make_report_of(solution)
+    assert [plane.verdict for plane in report.planes] == ["undecided", "undecided", "safe"]
+    (info,) = report.diagnostics
+    assert (info.code, info.severity) == ("low-parallax", "info")
+    assert info.value == pytest.approx(0.5 / (1 / 2.326), rel=0.01)
+    assert "window 2 has a sigma of 0.5°, and 0.43° would decide" in info.message
+    assert "window 1" not in info.message
+    assert "23 % of the distance" in str(info.remedy)
+    (info,) = make_report_of(solution, Options(baseline_m=2.0)).diagnostics
+    assert info.remedy == "move 2.3 m between the images instead of 2 m"
+
+
+def test_a_slope_that_is_not_known_wants_parallax_too() -> None:
+    report = make_report_of(make_solution([20, 5], sigma_deg=[12.2, 0.6]))
+    (info,) = report.diagnostics
+    assert "window 1 has a sigma of 11°, and 10° would decide" in info.message
+    assert info.value == pytest.approx(report.planes[0].slope_sigma_deg / 10)
+
+
+def test_nothing_is_said_of_parallax_where_two_answers_are_undecided() -> None:
+    solution = with_second_root(make_solution([14.0, 5.0], sigma_deg=0.5), [30, 30])
+    assert "low-parallax" not in reported(make_report_of(solution))
 
 
 # ---- the epipole ----
