@@ -81,6 +81,14 @@ class Apart:
     share: float
     length_m: float | None = None
 
+    @property
+    def sideways(self) -> str:
+        """What to do where the move went straight ahead: as far to the side."""
+        if self.length_m is not None:
+            return f"move {self.length_m:.2g} m sideways as well"
+        example = f"{NEAR_M * self.share:.2g} m at {NEAR_M:g} m height"
+        return f"move sideways as well, by {100 * self.share:.2g} % of the distance: {example}"
+
     def farther(self, factor: float) -> str:
         """What to do for so many times the parallax."""
         if self.length_m is not None:

@@ -11,12 +11,16 @@ from numpy.typing import NDArray
 from slopecli.diagnosis import Apart
 from slopecli.geometry.camera import pixels_from_rays
 from slopecli.geometry.epipolar import focus_of_expansion, homogeneous
+from slopecli.geometry.motion import inverse_depth
 from slopecli.options import Options
 from slopecli.planes.changes import Change
 from slopecli.types import BoolArray, Camera, Correspondences, Diagnostic, FloatArray, Plane, Solution, Source
 
 POOR_FIT_PX = 0.5  # noise of matches beyond which the cameras are in doubt, or the images
 WORTH = 1.1  # times as far: a move longer by less is not worth a word
+ALONG_DEG, FLAT_DEG = 15.0, 5.0  # motion off the normal of the ground, and RMS of its slopes, of a straight descent
+FLAT_PX, NOISE_OFF = 1.0, 4.0  # off one plane, px and sigmas: below either, only the plane tells the motion
+MOST_OF_IT, PLANE_ROUNDS = 0.9, 5
 MOST_APART = 0.25  # of the distance to the scene: images taken farther apart show too little of the same
 TOUCHED, MOST_NAMED = 0.02, 5  # share of a patch that changed from which on it is named, and how many are at most
 NON_PLANAR = "non-planar-patch"  # as a diagnostic, and as the reason of a plane
@@ -66,6 +70,23 @@ def diagnose(
     return found
 
 
+def of_geometry(
+    planes: Sequence[Plane],
+    solution: Solution,
+    matches: Correspondences,
+    length_m: float | None,
+    focal_px: float | None,
+    options: Options,
+) -> list[Diagnostic]:
+    """What the shape of the ground and the way of the camera over it make hard, or would make easier.
+
+    length_m : between the cameras, where it is known.  focal_px : of camera 2, None for rays without a camera.
+    """
+    apart = apart_of(solution, matches, length_m)
+    found = on_one_plane(solution, matches, focal_px) + towards_flat_ground(planes, solution, apart)
+    return found + short_of_tolerance(planes, solution, apart, options)
+
+
 def apart_of(solution: Solution, matches: Correspondences, length_m: float | None) -> Apart:
     """How far apart the images were taken, by the distances of what lies on planes."""
     on = matches.patch >= 0
@@ -103,6 +124,61 @@ def _wanted_sigma(plane: Plane, options: Options) -> float:
     if plane.verdict != "undecided" or plane.status != "ok":
         return np.inf
     return abs(plane.slope_deg - options.tolerance_deg) / NormalDist().inv_cdf(options.confidence)
+
+
+def towards_flat_ground(planes: Sequence[Plane], solution: Solution, apart: Apart) -> list[Diagnostic]:
+    """A straight descent over level ground, motion along the one normal there is, tells slopes least of all."""
+    normals = np.array([plane.normal_cam1 for plane in planes])
+    mean = normals.sum(0) / max(float(np.linalg.norm(normals.sum(0))), np.finfo(float).tiny)
+    spread = float(np.degrees(np.sqrt(np.mean(np.arccos(np.clip(normals @ mean, -1.0, 1.0)) ** 2))))
+    off = float(np.degrees(np.arccos(min(abs(float(mean @ solution.T)), 1.0))))
+    if off > ALONG_DEG or spread > FLAT_DEG:
+        return []
+    return [
+        Diagnostic(
+            "weak-geometry",
+            "info",
+            f"the camera moved {off:.1f}° off the normal of flat ground, whose slopes differ by {spread:.1f}° (RMS): "
+            "of all motions this tells its slope least",
+            off,
+            f"{apart.sideways}; or give --rotation-prior, or --merge-coplanar where windows lie on one plane",
+        )
+    ]
+
+
+def on_one_plane(solution: Solution, matches: Correspondences, focal_px: float | None) -> list[Diagnostic]:
+    """Say that the motion rests on a single plane, where the images leave no second answer for all that.
+
+    focal_px : of camera 2; None for rays, of which only their noise says what is flat.
+    """
+    if solution.ambiguity.status == "unresolved" or not solution.inlier.any():
+        return []
+    x1, x2 = matches.x1[solution.inlier], matches.x2[solution.inlier]
+    off = _off_one_plane(solution, x1, x2)
+    if off > max(NOISE_OFF * solution.noise, 0.0 if focal_px is None else FLAT_PX / focal_px):
+        return []
+    unit, size = ("mrad", 1e3 * off) if focal_px is None else ("px", off * focal_px)
+    return [
+        Diagnostic(
+            "single-plane",
+            "info",
+            f"nine tenths of what is seen lie within {size:.2f} {unit} of one plane: the motion rests on it alone",
+            size,
+            "ground with more relief, or what else is known of the motion, makes it surer",
+        )
+    ]
+
+
+def _off_one_plane(solution: Solution, x1: FloatArray, x2: FloatArray) -> float:
+    """What nine tenths of the matches stay within of where the plane that fits them all sends them, normalised."""
+    w, leverage = inverse_depth(solution.R, solution.T, x1, x2)
+    rows, target, weight = homogeneous(x1) * leverage[:, None], w * leverage, np.ones(len(w))
+    off = np.zeros(len(w))
+    for _ in range(PLANE_ROUNDS):
+        normal = np.linalg.lstsq(rows * weight[:, None], target * weight, rcond=None)[0]
+        off = np.abs(target - rows @ normal)
+        weight = 1.0 / np.sqrt(np.maximum(off, 0.1 * float(np.median(off)) + 1e-12))  # least absolute values
+    return float(np.quantile(off, MOST_OF_IT))
 
 
 def changed(changes: Sequence[Change], planes: tuple[Plane, ...], labels: NDArray[np.uint16]) -> list[Diagnostic]:

@@ -8,7 +8,7 @@ from dataclasses import asdict, replace
 import numpy as np
 
 from slopecli.errors import InputError, NoAnswer
-from slopecli.findings import NON_PLANAR, apart_of, changed, diagnose, epipole1_px, short_of_tolerance, unexplained
+from slopecli.findings import NON_PLANAR, changed, diagnose, epipole1_px, of_geometry, unexplained
 from slopecli.geometry.epipolar import homogeneous
 from slopecli.geometry.homography import homography_in_pixels, homography_of_plane
 from slopecli.geometry.metrics import rotation_angle
@@ -84,7 +84,8 @@ def build_report(
         )
     relief = {plane.id: float(r) for plane, r in zip(every, solution.relief, strict=True)}
     epipole = epipole1_px(solution, cameras[0])
-    apart = apart_of(solution, matched.correspondences, length if scale.unit == "m" else None)
+    length_m = length if scale.unit == "m" else None
+    focal_px = None if cameras[1] is RAYS else cameras[1].focal_px
     fit = _fit(solution, matched, cameras[1])
     ids = [plane.id for plane in planes]
     shown = [matched.footprints[i] for i, plane in zip(matched.answered, every, strict=True) if plane.id in ids]
@@ -105,7 +106,7 @@ def build_report(
         diagnostics=(
             *diagnostics,
             *changed(changes, planes, labels),
-            *short_of_tolerance(planes, solution, apart, options),
+            *of_geometry(planes, solution, matched.correspondences, length_m, focal_px, options),
             *diagnose(planes, relief, solution, epipole, fit.noise_px, labels),
         ),
         labels=labels,

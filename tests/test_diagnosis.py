@@ -8,7 +8,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from report_factory import grid_polygons, make_camera, make_image, make_labels, make_planes, make_region_report
-from solution_factory import make_report_of, make_solution, with_second_root
+from scenery import warped_pair
+from solution_factory import WINDOWS, make_report_of, make_solution, with_second_root
 
 from slopecli.diagnosis import (
     Apart,
@@ -23,8 +24,9 @@ from slopecli.findings import diagnose, epipole1_px
 from slopecli.geometry.camera import pixels_from_rays
 from slopecli.geometry.epipolar import homogeneous, rotation_from_vector
 from slopecli.options import Options
+from slopecli.pipeline import estimate
 from slopecli.simulate import project
-from slopecli.types import Diagnostic, FloatArray, Report
+from slopecli.types import Diagnostic, FloatArray, Image, Report
 
 CAMERA = make_camera()
 FOCAL = CAMERA.focal_px
@@ -230,7 +232,8 @@ def test_a_window_beside_the_epipole_is_not_named() -> None:
     forward = make_report_of(make_solution([10], T=(0, 0, 1)))  # the epipole is the image centre, no window holds it
     assert forward.epipole1_px == pytest.approx((CAMERA.cx, CAMERA.cy))
     assert "foe-in-window" not in reported(forward)
-    held = make_report_of(make_solution([10], T=(0, 0, 1)), windows=[(260, 180, 120, 120)])
+    windows = [WINDOWS[0], (260, 180, 120, 120), WINDOWS[2]]
+    held = make_report_of(make_solution([10, 20, 5], T=(0, 0, 1)), windows=windows)
     assert reported(held) == ["foe-in-window"]
 
 
@@ -250,7 +253,7 @@ def test_relief_is_told_in_percent_of_the_distance() -> None:
 
 
 def test_a_second_motion_is_a_warning_only_while_it_is_not_ruled_out() -> None:
-    solution = make_solution([10, 10])
+    solution = make_solution([10, 20])
     (found,) = make_report_of(with_second_root(solution, [30, 30])).diagnostics
     assert (found.code, found.severity, found.value) == ("single-plane", "warning", 2.5)
     assert "third image" in str(found.remedy)
@@ -258,7 +261,7 @@ def test_a_second_motion_is_a_warning_only_while_it_is_not_ruled_out() -> None:
 
 
 def test_a_solution_that_did_not_settle_is_a_poor_fit() -> None:
-    (found,) = make_report_of(make_solution([10], converged=False)).diagnostics
+    (found,) = make_report_of(make_solution([10, 20], converged=False)).diagnostics
     assert (found.code, found.severity) == ("poor-fit", "warning")
     assert "camera file" in str(found.remedy)
 
@@ -279,3 +282,56 @@ def test_a_mirrored_image_is_refused() -> None:
     refuse_mirrored(x1, x1 @ np.array([[0.0, 1.1], [-1.1, 0.0]]) + 0.1)
     with pytest.raises(NoAnswer, match=r"^poor-fit: image 2 is mirrored"):
         refuse_mirrored(x1, x1 * [-1.0, 1.0] + 0.1)
+
+
+# ---- the shape of the ground, and the way over it ----
+
+
+def test_a_straight_descent_over_level_ground_is_the_least_informative() -> None:
+    descent = make_report_of(make_solution([1.0, 2.0, 0.5], T=(0.05, 0, 1)))
+    (found,) = (d for d in descent.diagnostics if d.code == "weak-geometry")
+    assert found.severity == "info"
+    assert found.value == pytest.approx(2.9, abs=1.5)
+    assert "sideways as well, by 20 % of the distance: 4 m at 20 m height" in str(found.remedy)
+    assert "--rotation-prior" in str(found.remedy)
+    assert "--merge-coplanar" in str(found.remedy)
+    metric = make_report_of(make_solution([1.0, 2.0, 0.5], T=(0, 0, 1)), Options(baseline_m=3.0))
+    assert "move 3 m sideways as well" in str(next(d for d in metric.diagnostics if d.code == "weak-geometry").remedy)
+
+
+@pytest.mark.parametrize(("slopes", "T"), [([1, 2, 0.5], (0.6, 0, 0.8)), ([1, 25, 12], (0, 0, 1))])
+def test_a_glide_or_uneven_ground_tells_enough(slopes: list[float], T: tuple[float, float, float]) -> None:
+    assert "weak-geometry" not in reported(make_report_of(make_solution(slopes, T=T)))
+
+
+def one_plane_of(report: Report) -> Diagnostic | None:
+    return next((d for d in report.diagnostics if d.code == "single-plane"), None)
+
+
+@pytest.mark.parametrize("status", ["none", "resolved"])
+def test_that_the_motion_rests_on_one_plane_is_told_where_no_second_answer_is_left(status: str) -> None:
+    solution = make_solution([10, 10, 10])
+    report = make_report_of(with_second_root(solution, [30, 30, 30], status) if status == "resolved" else solution)
+    found = one_plane_of(report)
+    assert found is not None
+    assert found.severity == "info"
+    assert found.value == pytest.approx(0.0, abs=0.05)
+    assert "px of one plane" in found.message
+
+
+def test_ground_with_relief_is_not_one_plane() -> None:
+    assert one_plane_of(make_report_of(make_solution([10, 20, 5]))) is None
+
+
+def test_where_two_answers_are_left_one_plane_is_told_once() -> None:
+    found = make_report_of(with_second_root(make_solution([10, 10]), [30, 30]))
+    assert [(d.code, d.severity) for d in found.diagnostics] == [("single-plane", "warning")]
+
+
+def test_one_image_shifted_against_itself_is_level_ground_on_a_sideways_move() -> None:
+    """Nothing in the pixels tells the two apart; told is that all rests on one plane, and on little parallax."""
+    grey = warped_pair(lambda uv: uv, (380, 240))[0]
+    camera = make_camera(360, 240)
+    report = estimate(Image(grey[:, 20:].copy()), Image(grey[:, :360].copy()), camera, camera, Options())
+    assert max(plane.slope_deg for plane in report.planes) < 1
+    assert {"low-parallax", "single-plane"} <= set(reported(report))

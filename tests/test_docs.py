@@ -12,14 +12,14 @@ from pathlib import Path
 
 import pytest
 
-from slopecli import kinds
+from slopecli import diagnosis, findings, kinds
 from slopecli.batch import run
 from slopecli.batch.ledger import TRANSIENT
 from slopecli.cli.parameter_types import Pairing
 from slopecli.io.batch_files import COLUMNS
 from slopecli.orders import Outcome
 from slopecli.plan import Plan, PlannedWindow, baseline, prediction
-from slopecli.planes import regions
+from slopecli.planes import changes, regions
 from slopecli.vision import segmentation
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -198,3 +198,52 @@ def test_plan_page_has_every_key_and_the_limits_of_the_code() -> None:
     assert prediction.TRIALS == 20
     assert "at least half of themselves in image 2" in PLAN
     assert pytest.approx(0.5) == baseline.HALF_SEEN
+
+
+# ---- docs/diagnostics.md ----
+
+
+def codes_in(tree: ast.AST, places: dict[str, int]) -> set[str]:
+    """The codes that calls of these names are given, at these places among their arguments."""
+    calls = [node for node in ast.walk(tree) if isinstance(node, ast.Call) and isinstance(node.func, ast.Name)]
+    given = [call.args[places[call.func.id]] for call in calls if len(call.args) > places.get(call.func.id, 99)]
+    named = {"NON_PLANAR": findings.NON_PLANAR}
+    codes = [arg.value if isinstance(arg, ast.Constant) else named.get(ast.unparse(arg)) for arg in given]
+    return {code for code in codes if isinstance(code, str)}
+
+
+SOURCES = [ast.parse(path.read_text(encoding="utf-8")) for path in sorted((ROOT / "slopecli").rglob("*.py"))]
+DIAGNOSTICS = (ROOT / "docs" / "diagnostics.md").read_text(encoding="utf-8")
+
+
+def listed(heading: str) -> set[str]:
+    section = DIAGNOSTICS.partition(f"## {heading}\n")[2].partition("\n## ")[0]
+    return set(re.findall(r"^\| `([a-z-]+)` \|", section, re.MULTILINE))
+
+
+def test_diagnostics_page_lists_the_codes_there_are() -> None:
+    given = {code for tree in SOURCES for code in codes_in(tree, {"Diagnostic": 0, "NoAnswer": 0})}
+    assert listed("Codes") == given
+    rejected = {code for tree in SOURCES for code in codes_in(tree, {"no_match": 1, "Rejected": 2})}
+    assert rejected | {"poor-fit", "no-overlap"} == listed("Windows without an answer")
+
+
+def test_diagnostics_page_tells_refusals_from_warnings() -> None:
+    """Those of pairs that were taken; `slopemap plan` refuses what it is asked for, too."""
+    taken = [path for path in (ROOT / "slopecli").rglob("*.py") if path.parent.name != "plan"]
+    trees = [ast.parse(path.read_text(encoding="utf-8")) for path in taken]
+    refused = {code for tree in trees for code in codes_in(tree, {"NoAnswer": 0})}
+    assert set(re.findall(r"^\| `([a-z-]+)` \| refusal \|", DIAGNOSTICS, re.MULTILINE)) == refused
+
+
+def test_diagnostics_page_has_the_numbers_of_the_code() -> None:
+    text = " ".join(DIAGNOSTICS.split())
+    for said in (
+        f"Below {diagnosis.LOW_PARALLAX_PX:.0f} px",
+        f"motion within {findings.ALONG_DEG:.0f}°, slopes alike to {findings.FLAT_DEG:.0f}°",
+        f"at least {100 * changes.LEAST_AREA:.0f} %",
+        f"{100 * diagnosis.STRANGE_SHARE:.0f} % of the matches contradict",
+        f"by more than {findings.POOR_FIT_PX:g} px",
+    ):
+        assert said in text
+    assert pytest.approx(0.25) == findings.MOST_APART  # "a quarter of the distance"
