@@ -19,7 +19,7 @@ from slopecli.types import BoolArray, Camera, Correspondences, Diagnostic, Float
 POOR_FIT_PX = 0.5  # noise of matches beyond which the cameras are in doubt, or the images
 WORTH = 1.1  # times as far: a move longer by less is not worth a word
 ALONG_DEG, FLAT_DEG = 15.0, 5.0  # motion off the normal of the ground, and RMS of its slopes, of a straight descent
-FLAT_PX, NOISE_OFF = 1.0, 4.0  # off one plane, px and sigmas: below either, only the plane tells the motion
+FLAT_PX, NOISE_OFF = 0.2, 4.0  # off one plane, px and sigmas: within either, relief tells nothing of the motion
 MOST_OF_IT, PLANE_ROUNDS = 0.9, 5
 MOST_APART = 0.25  # of the distance to the scene: images taken farther apart show too little of the same
 TOUCHED, MOST_NAMED = 0.02, 5  # share of a patch that changed from which on it is named, and how many are at most
