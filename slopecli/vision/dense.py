@@ -7,6 +7,7 @@ its ground, and picking corners picks ridges.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import cv2
 import numpy as np
@@ -17,6 +18,7 @@ from slopecli.vision.features import Grey
 from slopecli.vision.warp import FloatImage, Grid, Pyramid, block_sum, covered, image_gradient, resample
 
 FORWARD_BACKWARD_PX = 0.6  # flow there and back must close within this, px of the grid
+CLEAR_SHARE, CLEAR_AGREEMENT = 0.97, 0.9  # of pixels that close, and of all cells but the worst tenth
 MIN_SHARE = 1 / 3  # of a cell's pixels that must pass the checks
 MIN_VARIANCE = 0.25  # grey^2: what rounding to whole grey levels leaves even of a blank cell
 
@@ -54,13 +56,13 @@ class Cells:
         )
 
 
-def flow_engine(finest: int) -> cv2.DISOpticalFlow:
-    """Dense inverse search (Kroeger et al. 2016); `finest` 0 measures at every px, 1 at every second."""
+def flow(image1: Grey, image2: Grey, finest: int) -> FloatImage:
+    """Dense inverse search (Kroeger et al. 2016), (h, w, 2) px; `finest` 0 measures at every px, 1 at every second."""
     engine: cv2.DISOpticalFlow = cv2.DISOpticalFlow_create(  # type: ignore[attr-defined]
         cv2.DISOPTICAL_FLOW_PRESET_FAST
     )
     engine.setFinestScale(finest)
-    return engine
+    return np.asarray(engine.calc(image1, image2, None), np.float32)  # type: ignore[call-overload]
 
 
 def match_exposure(pulled: FloatImage, grey: Grey, valid: NDArray[np.bool_]) -> Grey:
@@ -78,21 +80,41 @@ def dense_cells(
     """Match every cell of `cell` px of the grid; cells with too few checked pixels are left out.
 
     mapping : (h, w, 2) full-resolution px of image 2 that the grid's pixels are expected at.  shape2 : (rows, columns)
-    of image 2.  finest : finest scale of the flow, see `flow_engine`.
+    of image 2.  finest : finest scale of the flow, see `flow`.
     """
     valid = covered(mapping, shape2)
     pulled = match_exposure(resample(pyramid2, mapping, grid), grid.grey, valid)
-    engine = flow_engine(finest)
-    forward, backward = engine.calc(grid.grey, pulled, None), engine.calc(pulled, grid.grey, None)  # type: ignore[call-overload]
     x, y = np.meshgrid(np.arange(grid.shape[1], dtype=np.float32), np.arange(grid.shape[0], dtype=np.float32))
+    forward = flow(grid.grey, pulled, finest)
     qx, qy = x + forward[..., 0], y + forward[..., 1]
-    back = cv2.remap(backward, qx, qy, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
-    closes = np.abs(forward + back).max(2) < FORWARD_BACKWARD_PX
-    target = cv2.remap(mapping, qx, qy, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE).astype(np.float32)
+    target = _at(mapping, qx, qy)
     inside = (qx >= 0) & (qy >= 0) & (qx <= grid.shape[1] - 1) & (qy <= grid.shape[0] - 1)
-    seen = closes & inside & valid & covered(target, shape2)
-    found = np.asarray(cv2.remap(pulled, qx, qy, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE), np.uint8)
-    return _collect(grid, seen, np.stack([x, y], -1), target, found, cell)
+    inside &= valid & covered(target, shape2)
+    found, points = _at(pulled, qx, qy), np.stack([x, y], -1)
+
+    # the way back only checks: on clear ground a scale coarser, for a fourth of the time, elsewhere as fine
+    closes = _closes(forward, _at(flow(pulled, grid.grey, finest + 1), qx, qy))
+    cells = _collect(grid, inside & closes, points, target, found, cell)
+    if _are_clear(cells, closes[inside]):
+        return cells
+    closes = _closes(forward, _at(flow(pulled, grid.grey, finest), qx, qy))
+    return _collect(grid, inside & closes, points, target, found, cell)
+
+
+def _at(values: NDArray[Any], x: FloatImage, y: FloatImage) -> NDArray[Any]:
+    """Values (h, w, ...) of a grid at points of it (h, w), bilinear, in their own kind."""
+    return np.asarray(cv2.remap(values, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE))
+
+
+def _closes(forward: FloatImage, back: FloatImage) -> NDArray[np.bool_]:
+    return np.asarray(np.abs(forward + back).max(2) < FORWARD_BACKWARD_PX)
+
+
+def _are_clear(cells: Cells, closes: NDArray[np.bool_]) -> bool:
+    """Whether hardly anything is in doubt: pixels of which hardly one does not close, and cells that agree."""
+    if not len(cells) or closes.mean() < CLEAR_SHARE:
+        return False
+    return float(np.quantile(cells.agreement, 0.1)) > CLEAR_AGREEMENT
 
 
 def _collect(
