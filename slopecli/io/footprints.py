@@ -125,6 +125,8 @@ def footprints_of(report: Report, scale: float, shape: tuple[int, int], text_px:
     labels = _labels_at(report, shape) if regions else np.zeros(shape, np.uint16)
     polygons = _largest_first(_of_polygons(report, [*windows, *report.rejected], scale, labels))
     _share_ground(polygons, shape)
+    if not regions:
+        return polygons
     return [*polygons, *_largest_first(_of_regions(report, regions, scale, labels, text_px))]
 
 

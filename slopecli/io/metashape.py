@@ -6,8 +6,7 @@ with pixel centres at (0.5, 0.5) and P1, P2 exchanged against OpenCV.
 
 from __future__ import annotations
 
-from typing import Any
-from xml.etree.ElementTree import Element
+from typing import TYPE_CHECKING, Any
 
 from slopecli.errors import InputError
 from slopecli.io.camera_values import (
@@ -21,6 +20,9 @@ from slopecli.io.camera_values import (
     size_of,
 )
 from slopecli.types import Camera
+
+if TYPE_CHECKING:
+    from xml.etree.ElementTree import Element
 
 
 def find_metashape(root: Element) -> dict[str, Element]:

@@ -128,22 +128,26 @@ def _complaint(folder: Path, reason: str) -> str:
 def _encode_pictures(report: Report, image: Image, overlay: bool, steps: bool) -> dict[str, bytes]:
     from slopecli.io.overlay import draw_overlay
     from slopecli.io.png import encode_picture
-    from slopecli.io.steps import draw_steps
 
     pictures = {OVERLAY: draw_overlay(report, image)} if overlay else {}
     if steps:
+        from slopecli.io.steps import draw_steps
+
         pictures |= {STEPS[step]: picture for step, picture in draw_steps(report, image).items()}
     return {name: encode_picture(picture) for name, picture in pictures.items()}
 
 
 def _encode_meshes(report: Report, image: Image, ply: bool, glb: bool) -> dict[str, bytes]:
-    from slopecli.io.glb import report_to_glb
     from slopecli.io.ply import report_to_ply
+
+    if not report.found:
+        return {PLY: report_to_ply(report, image)} if ply else {}
+    from slopecli.io.glb import report_to_glb
     from slopecli.io.region_mesh import region_surfaces
 
-    surfaces = region_surfaces(report) if report.found and (ply or glb) else []
+    surfaces = region_surfaces(report) if ply or glb else []
     contents = {PLY: report_to_ply(report, image, surfaces)} if ply else {}
-    if glb and report.found:
+    if glb:
         contents[GLB] = report_to_glb(report, image, surfaces)
     return contents
 
