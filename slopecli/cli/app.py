@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
+from collections import UserDict
+from importlib import import_module
+from typing import Any
+
 import click
 
 from slopecli import __version__
-from slopecli.cli.batch import batch
-from slopecli.cli.estimate import estimate
-from slopecli.cli.plan import plan
-from slopecli.cli.segment import segment
-from slopecli.cli.simulate import simulate
-from slopecli.cli.solve import solve
 
+COMMANDS = ("estimate", "segment", "batch", "solve", "plan", "simulate")
 EPILOG = """\b
 Exit status:
   0    an answer was written
@@ -22,7 +21,17 @@ Exit status:
   130  interrupted"""
 
 
-@click.group(epilog=EPILOG, context_settings={"help_option_names": ["-h", "--help"]})
+class _Commands(UserDict[str, Any]):
+    """The commands by name, each in the module of its name, which is loaded when the command is looked up."""
+
+    def __getitem__(self, name: str) -> click.Command:
+        command: click.Command = self.data[name] or getattr(import_module(f"slopecli.cli.{name}"), name)
+        return command
+
+
+@click.group(
+    commands=_Commands.fromkeys(COMMANDS), epilog=EPILOG, context_settings={"help_option_names": ["-h", "--help"]}
+)
 @click.version_option(__version__, prog_name="slopemap", message="%(prog)s %(version)s")
 def slopemap() -> None:
     """How steep is the ground, and how sure are we?
@@ -30,11 +39,3 @@ def slopemap() -> None:
     Finds one relative motion and one normal per window or plane from two overlapping images, all consistent with a
     single epipolar geometry, and reports each slope with its uncertainty.
     """
-
-
-slopemap.add_command(estimate)
-slopemap.add_command(segment)
-slopemap.add_command(batch)
-slopemap.add_command(solve)
-slopemap.add_command(plan)
-slopemap.add_command(simulate)
