@@ -20,19 +20,21 @@ from slopecli.diagnosis import (
     refuse_mirrored,
     refuse_unmatched,
 )
+from slopecli.geometry.motion import MotionEstimate
 from slopecli.known_motion import contradiction, known_length_m, motion_prior
 from slopecli.options import Options
-from slopecli.planes import PLANE_FINDERS
+from slopecli.planes import PLANE_FINDERS, glance
 from slopecli.planes.changes import find_changes
 from slopecli.planes.coplanar import merge_patches
 from slopecli.planes.given import RAYS, Given, matched_from
 from slopecli.planes.joint import join_patches, solve_given, solve_jointly
 from slopecli.planes.lens import lens_misfit
+from slopecli.planes.scene import Scene
 from slopecli.planes.survey import survey
 from slopecli.planes.window_finder import wanted_windows
 from slopecli.report import build_report
 from slopecli.types import Camera, Diagnostic, Image, ImageInfo, Report
-from slopecli.vision.features import EFFORTS, FeatureMemory, match_sift
+from slopecli.vision.features import EFFORTS, GLANCE, FeatureMemory, Grey, match_sift
 from slopecli.vision.foerstner import match_foerstner
 from slopecli.vision.sparse import FeatureMatcher, find_motions
 
@@ -79,14 +81,8 @@ def estimate(
     prior = motion_prior(options)
     refuse_identical(image1, image2)
 
-    # sparse features: which motions are possible
-    matchers = matchers_of(options, memory)
-    sparse = find_motions(image1.grey, image2.grey, camera1, camera2, matchers, options.seed)
-    refuse_unmatched(sparse.n_features, len(sparse.matches), sparse.n_inliers)
-    clock.tick("features")
-
-    # the whole image, densely: the motion, and a first idea of every plane
-    scene, motions = survey(image1.grey, image2.grey, camera1, camera2, sparse, options.seed)
+    # features, then the whole image densely: the motion, and a first idea of every plane
+    scene, motions = _look(image1.grey, image2.grey, camera1, camera2, options, memory, clock)
     parallax = parallax_px(scene.evidence.x1, scene.evidence.x2, camera2.focal_px)
     refuse_mirrored(scene.evidence.x1, scene.evidence.x2)
     diagnostics = image_notes(image1, image2)
@@ -150,6 +146,39 @@ def solve(given: Given, cameras: tuple[Camera, Camera] | None, options: Options,
     return replace(report, options={**report.options, "noise": noise})
 
 
+def _look(
+    grey1: Grey,
+    grey2: Grey,
+    camera1: Camera,
+    camera2: Camera,
+    options: Options,
+    memory: FeatureMemory | None,
+    clock: _Clock,
+) -> tuple[Scene, list[MotionEstimate]]:
+    """What is known of the scene and its motions, best first: at a glance where that leaves no doubt.
+
+    Raises
+    ------
+    NoAnswer : too few matches agree on a motion.
+    """
+    both = grey1, grey2, camera1, camera2
+    windows = wanted_windows(options, camera1.width, camera1.height)
+    # planes that have yet to be found need all that an overview can give
+    if options.planes == "windows" and options.features == "sift" and glance.may_suffice(windows, grey1):
+        matcher = partial(match_sift, effort=GLANCE, memory=memory)
+        sparse = find_motions(*both, [matcher], options.seed, thorough=False)
+        clock.lap("features")
+        if glance.is_decided(sparse):
+            seen = survey(*both, sparse, options.seed, glance.OVERVIEW_PIXELS)
+            clock.lap("overview")
+            if glance.is_clear(seen[0]):
+                return seen
+    sparse = find_motions(*both, matchers_of(options, memory), options.seed)
+    refuse_unmatched(sparse.n_features, len(sparse.matches), sparse.n_inliers)
+    clock.lap("features")
+    return survey(*both, sparse, options.seed)
+
+
 def matchers_of(options: Options, memory: FeatureMemory | None) -> Sequence[FeatureMatcher]:
     """The matchers of whole images that the options name; only SIFT can make use of a memory."""
     if memory is not None and options.features == "sift":
@@ -163,9 +192,18 @@ class _Clock:
     def __init__(self, on_stage: OnStage | None) -> None:
         self._on_stage = on_stage
         self._last = time.process_time()
+        self._spent: dict[str, float] = {}
+
+    def lap(self, name: str) -> None:
+        """Count the time since the last call for a stage that may not be over."""
+        now = time.process_time()
+        self._spent[name] = self._spent.get(name, 0.0) + now - self._last
+        self._last = now
 
     def tick(self, name: str) -> None:
-        now = time.process_time()
+        """End a stage, and those counted before it."""
+        self.lap(name)
         if self._on_stage is not None:
-            self._on_stage(name, now - self._last)
-        self._last = now
+            for stage, seconds in self._spent.items():
+                self._on_stage(stage, seconds)
+        self._spent = {}

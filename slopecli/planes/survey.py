@@ -41,16 +41,26 @@ class _Reading:
 
 
 def survey(
-    grey1: Grey, grey2: Grey, camera1: Camera, camera2: Camera, sparse: Sparse, seed: int = 0
+    grey1: Grey,
+    grey2: Grey,
+    camera1: Camera,
+    camera2: Camera,
+    sparse: Sparse,
+    seed: int = 0,
+    max_pixels: float = MAX_PIXELS,
 ) -> tuple[Scene, list[MotionEstimate]]:
     """Match all of image 1 densely under each motion the sparse matches leave open, and keep the one that holds.
+
+    Parameters
+    ----------
+    max_pixels : of image 1 as it is matched.
 
     Returns
     -------
     scene : what is known of the pair under the best motion.
     motions : that motion and its rivals, refined on the dense matches, best first.
     """
-    layer = Layer(*shrink(grey1, MAX_PIXELS))
+    layer = Layer(*shrink(grey1, max_pixels))
     pyramid1, pyramid2 = Pyramid(grey1, layer.scale), Pyramid(grey2)
     readings = [_read(motion, sparse, layer, pyramid2, camera1, camera2) for motion in sparse.rivals()]
     reading = max(readings, key=lambda r: r.n_consistent(camera2.focal_px))

@@ -27,6 +27,8 @@ class FeatureEffort:
     ratio: float  # Lowe's ratio of best to second-best descriptor distance
 
 
+# What a glance takes: enough for a motion where all matches agree.
+GLANCE = FeatureEffort(max_pixels=0.1e6, n_features=1000, contrast=0.02, ratio=0.80)
 # The first suffices for textured ground; the second is spent only where the first found little.
 EFFORTS = (
     FeatureEffort(max_pixels=0.4e6, n_features=4000, contrast=0.02, ratio=0.80),
@@ -104,7 +106,7 @@ class FeatureMemory:
     """
 
     def __init__(self, n_images: int = 2) -> None:
-        self._most = n_images * len(EFFORTS)
+        self._most = n_images * (1 + len(EFFORTS))
         self._held: dict[tuple[bytes, FeatureEffort], tuple[FloatArray, Descriptors]] = {}  # the last used at the end
 
     def detect(self, grey: Grey, effort: FeatureEffort) -> tuple[FloatArray, Descriptors]:

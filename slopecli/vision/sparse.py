@@ -84,26 +84,34 @@ class Sparse:
 
 
 def find_motions(
-    grey1: Grey, grey2: Grey, camera1: Camera, camera2: Camera, matchers: Sequence[FeatureMatcher], seed: int = 0
+    grey1: Grey,
+    grey2: Grey,
+    camera1: Camera,
+    camera2: Camera,
+    matchers: Sequence[FeatureMatcher],
+    seed: int = 0,
+    thorough: bool = True,
 ) -> Sparse:
     """Match features with one matcher after the other until enough of them agree on a motion.
 
     The result may hold no motion at all, and its motions few inliers: whether that is an answer is for others to say.
+
+    thorough : search again, harder, where few of the matches agree.
     """
     none = np.empty((0, 2))
     sparse = Sparse(Matches(none, none, none, none), [], (0, 0), camera2.focal_px)
     for matcher in matchers:
         uv1, uv2, n_features = matcher(grey1, grey2)
-        sparse = _with_more(sparse, Matches.between(camera1, camera2, uv1, uv2), n_features, seed)
+        sparse = _with_more(sparse, Matches.between(camera1, camera2, uv1, uv2), n_features, seed, thorough)
         if sparse.is_consistent and sparse.n_inliers >= ENOUGH_INLIERS:
             break
     return sparse
 
 
-def _with_more(sparse: Sparse, new: Matches, n_features: tuple[int, int], seed: int) -> Sparse:
+def _with_more(sparse: Sparse, new: Matches, n_features: tuple[int, int], seed: int, may_search: bool) -> Sparse:
     """Motions from the new matches compete with those so far on all matches; thoroughly where few of them agree."""
     every, focal = sparse.matches.joined(new), sparse.focal_px
-    for thorough in (False, True):
+    for thorough in (False, True) if may_search else (False,):
         starts = starting_motions(new.x1, new.x2, focal, thorough, seed)
         motions = rank_motions(sparse.motions + starts, every.x1, every.x2, focal)
         sparse = Sparse(every, motions, n_features, focal)
