@@ -1,0 +1,47 @@
+"""When a glance at a pair is enough, and when the whole effort is spent."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from slopecli.geometry.motion import MotionEstimate, assess_motion
+from slopecli.planes import glance
+from slopecli.planes.windows import Window, grid_windows
+from slopecli.vision.sparse import Matches, Sparse
+
+GREY = np.zeros((1000, 1000), np.uint8)
+R, T = np.eye(3), np.array([0.3, 0.1, 1.0]) / np.linalg.norm([0.3, 0.1, 1.0])
+
+
+def sparse(n: int, wrong: int, rivals: int = 1) -> Sparse:
+    """Matches of a motion, some of them mismatches, and motions that fit them alike."""
+    rng = np.random.default_rng(5)
+    x1, depth = rng.uniform(-0.5, 0.5, (n, 2)), rng.uniform(5.0, 8.0, (n, 1))
+    moved = np.hstack([x1 * depth, depth]) - T
+    x2 = moved[:, :2] / moved[:, 2:]
+    x2[:wrong] = rng.uniform(-0.5, 0.5, (wrong, 2))
+    motion: MotionEstimate = assess_motion(R, T, x1, x2, 1e-3)
+    return Sparse(Matches(x1, x2, x1, x2), [motion] * rivals, (n, n), 800.0)
+
+
+@pytest.mark.parametrize(
+    ("windows", "coarse"),
+    [
+        (grid_windows(3, 3, 1000, 1000), True),
+        (grid_windows(12, 12, 1000, 1000), True),
+        (grid_windows(30, 30, 1000, 1000), False),
+        ([(400, 400, 300, 300)], False),
+    ],
+    ids=["grid", "fine grid", "tiny cells", "one window"],
+)
+def test_the_overview_is_coarse_only_where_windows_tell_the_motion(windows: list[Window], coarse: bool) -> None:
+    assert (glance.overview_pixels(windows, GREY) < GREY.size) == coarse
+
+
+def test_many_matches_of_one_motion_decide() -> None:
+    assert glance.is_decided(sparse(400, wrong=10))
+    assert not glance.is_decided(sparse(100, wrong=0))
+    assert not glance.is_decided(sparse(400, wrong=120))
+    assert not glance.is_decided(sparse(400, wrong=10, rivals=2))
+    assert not glance.is_decided(Sparse(sparse(400, 0).matches, [], (400, 400), 800.0))
