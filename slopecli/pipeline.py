@@ -162,14 +162,14 @@ def _look(
     NoAnswer : too few matches agree on a motion.
     """
     both = grey1, grey2, camera1, camera2
+    windows = wanted_windows(options, camera1.width, camera1.height)
     # planes that have yet to be found need all that can be known
-    if options.planes == "windows" and options.features == "sift":
-        windows = wanted_windows(options, camera1.width, camera1.height)
+    if options.planes == "windows" and options.features == "sift" and glance.may_suffice(windows, grey1):
         matcher = partial(match_sift, effort=GLANCE, memory=memory)
         sparse = find_motions(*both, [matcher], options.seed, thorough=False)
         clock.lap("features")
         if glance.is_decided(sparse):
-            seen = survey(*both, sparse, options.seed, glance.overview_pixels(windows, grey1))
+            seen = survey(*both, sparse, options.seed, glance.OVERVIEW_PIXELS)
             clock.lap("overview")
             if glance.is_clear(seen[0]):
                 return seen

@@ -26,7 +26,7 @@ def sparse(n: int, wrong: int, rivals: int = 1) -> Sparse:
 
 
 @pytest.mark.parametrize(
-    ("windows", "coarse"),
+    ("windows", "large"),
     [
         (grid_windows(3, 3, 1000, 1000), True),
         (grid_windows(12, 12, 1000, 1000), True),
@@ -35,8 +35,8 @@ def sparse(n: int, wrong: int, rivals: int = 1) -> Sparse:
     ],
     ids=["grid", "fine grid", "tiny cells", "one window"],
 )
-def test_the_overview_is_coarse_only_where_windows_tell_the_motion(windows: list[Window], coarse: bool) -> None:
-    assert (glance.overview_pixels(windows, GREY) < GREY.size) == coarse
+def test_a_glance_is_for_windows_that_tell_the_motion(windows: list[Window], large: bool) -> None:
+    assert glance.may_suffice(windows, GREY) == large
 
 
 def test_many_matches_of_one_motion_decide() -> None:

@@ -7,7 +7,7 @@ import numpy as np
 from slopecli.planes.scene import Scene
 from slopecli.planes.windows import Window
 from slopecli.vision.features import Grey
-from slopecli.vision.overview import CELL, MAX_PIXELS
+from slopecli.vision.overview import CELL
 from slopecli.vision.sparse import Sparse
 
 OVERVIEW_PIXELS = 0.5e6
@@ -18,13 +18,11 @@ ENOUGH_INLIERS, ENOUGH_SHARE = 150, 0.85  # sparse matches that obey one motion,
 CONSISTENT, COVERED, AGREEMENT = 0.9, 0.4, 0.9
 
 
-def overview_pixels(windows: list[Window], grey1: Grey) -> float:
-    """How finely to match image 1: coarsely where windows (px) are so large that this tells their planes, and they the
-    motion."""
+def may_suffice(windows: list[Window], grey1: Grey) -> bool:
+    """Whether windows (px of image 1) are so large that a coarse overview tells their planes, and they the motion."""
     sides = np.array(windows, float)[:, 2:]
     scale = np.sqrt(min(1.0, OVERVIEW_PIXELS / grey1.size))
-    large = sides.min() * scale >= WINDOW_CELLS * CELL and sides.prod(axis=1).sum() >= MOST * grey1.size
-    return OVERVIEW_PIXELS if large else MAX_PIXELS
+    return bool(sides.min() * scale >= WINDOW_CELLS * CELL and sides.prod(axis=1).sum() >= MOST * grey1.size)
 
 
 def is_decided(sparse: Sparse) -> bool:
