@@ -50,6 +50,7 @@ LEAST_SEEN = 0.5  # share of a window that must be matched to speak for all of i
 ROUGH = 0.025  # RMS height off the plane over distance beyond which a window is not one plane
 MOST_LEFT_OUT = 0.25  # share of a window's matches off its plane beyond which it is not one plane
 LEAST_WHOLE = 0.5  # of a plane found must lie in one piece: what cuts through many things at one height is no surface
+UNSETTLED = "the joint solution did not settle"
 LEVEL_LOOK = 0.05  # mean drop to the ground over its distance below which an altitude gives no scale
 
 
@@ -213,6 +214,8 @@ def _plane(
     whole = matched.footprints[number].largest_share
     if not doubts and whole < LEAST_WHOLE:
         doubts = [f"scattered: its largest piece is {100 * whole:.0f} % of it"]
+    if not solution.converged:  # planes share its motion, so none of them is better than it
+        doubts.append(UNSETTLED)
     sigma_deg = float(np.degrees(slope.sigma_rad[0]))
     known = not sigma_deg > options.max_sigma_deg
     if not known:

@@ -263,6 +263,14 @@ def test_a_window_with_relief_is_poor_and_not_safe() -> None:
     assert "non-planar-patch" in {d.code for d in report.diagnostics}
 
 
+def test_no_plane_of_a_solution_that_did_not_settle_is_more_than_poor() -> None:
+    report = make_report_of(make_solution([2, 40], converged=False), match_changes={1: BORROWED})
+    assert [plane.status for plane in report.planes] == ["poor", "poor"]
+    assert report.planes[0].reason == "the joint solution did not settle"
+    assert report.planes[1].reason == f"{BORROWED['reason']}; the joint solution did not settle"
+    assert "safe" not in verdicts(report)
+
+
 def test_a_window_most_of_whose_matches_are_left_out_is_poor() -> None:
     inlier = np.ones(2 * POINTS, bool)
     inlier[POINTS : POINTS + 20] = False
