@@ -8,6 +8,7 @@ from typing import Literal
 import numpy as np
 
 from slopecli.errors import InputError
+from slopecli.geometry.epipolar import homogeneous
 from slopecli.geometry.slope import measure_slopes, probability_below, surface_normals
 from slopecli.options import Options
 from slopecli.planes.joint import Matched
@@ -108,6 +109,15 @@ def _doubted(slopes: Slopes, matched: Matched, level: int | None = None) -> Slop
     known = slopes.slope_rad >= 2 * sigma
     nothing = np.where(known, 0.0, np.nan)
     return Slopes(slopes.slope_rad, sigma, slopes.aspect_rad + nothing, slopes.aspect_sigma_rad + nothing, covariance)
+
+
+def signed_distance(normal: FloatArray, x1: FloatArray) -> float:
+    """Perpendicular distance from camera 1, baselines, negative for a plane that mismatches have put behind it.
+
+    normal : (3,) scaled.  x1 : (n, 2) rays of its points.
+    """
+    ahead = float(np.median(homogeneous(x1) @ normal)) > 0
+    return (1 if ahead else -1) / float(np.linalg.norm(normal))
 
 
 def judge(p_safe: float, p_other: float | None, seen_as_plane: bool, confidence: float) -> Verdict:

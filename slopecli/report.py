@@ -13,17 +13,16 @@ from slopecli.geometry.epipolar import homogeneous
 from slopecli.geometry.homography import homography_in_pixels, homography_of_plane
 from slopecli.geometry.metrics import rotation_angle
 from slopecli.geometry.slope import slope_interval, surface_normals
-from slopecli.measure import Measured, judge, measure
+from slopecli.measure import Measured, judge, measure, signed_distance
 from slopecli.options import MOST_SIGMA_DEG, Options
 from slopecli.planes.changes import Change
 from slopecli.planes.footprint import paint_labels
 from slopecli.planes.given import RAYS
 from slopecli.planes.joint import Matched
 from slopecli.planes.window_match import WindowMatch
-from slopecli.second_answer import what_decides
+from slopecli.second_answer import second_plane, what_decides
 from slopecli.types import (
     Alternative,
-    AlternativePlane,
     AmbiguityReport,
     BoolArray,
     Camera,
@@ -101,7 +100,7 @@ def build_report(
         scale=scale,
         motion=_motion(solution, length),
         fit=fit,
-        ambiguity=_ambiguity(main, other, matched, ids, length, options.max_sigma_deg),
+        ambiguity=_ambiguity(main, other, matched, planes, length, options),
         planes=planes,
         rejected=_rejected(matched, every),
         diagnostics=(
@@ -230,7 +229,7 @@ def _plane(
         source=matched.patches.source,
         polygon_px=matched.footprints[number].polygon_px,
         normal_cam1=surface_normals(solution)[k],
-        distance=_signed_distance(solution.scaled_normals[k], matched.correspondences.x1[member]),
+        distance=signed_distance(solution.scaled_normals[k], matched.correspondences.x1[member]),
         slope_deg=float(np.degrees(slope.slope_rad[0])),
         slope_sigma_deg=sigma_deg,
         slope_ci95_deg=(float(low), float(high)),
@@ -244,7 +243,7 @@ def _plane(
         roughness=float("nan") if matched.patches.source == "given" else float(solution.relief[k]),
         homography_px=homography_in_pixels(H, cameras[0].K, cameras[1].K),
         verdict=judge(p_safe, p_other, both_known and not doubts, options.confidence),
-        p_safe=p_safe,
+        p_safe=p_safe if p_other is None else min(p_safe, p_other),
         status="poor" if doubts else "ok",
         reason="; ".join(doubts) or None,
         slope_known=known,
@@ -256,12 +255,6 @@ def _too_vague(sigma_deg: float, limit_deg: float) -> str:
     texts = (f"{sigma_deg:.{digits}f}" for digits in range(9))
     shown = next((text for text in texts if float(text) > limit_deg), f"{sigma_deg:g}")
     return f"sigma {shown}° is above --max-sigma {limit_deg:g}°"
-
-
-def _signed_distance(normal: FloatArray, x1: FloatArray) -> float:
-    """Perpendicular distance from camera 1, negative for a plane that mismatches have put behind it."""
-    ahead = float(np.median(homogeneous(x1) @ normal)) > 0
-    return (1 if ahead else -1) / float(np.linalg.norm(normal))
 
 
 def _rms(H: FloatArray, matched: Matched, kept: BoolArray) -> float:
@@ -305,31 +298,42 @@ def _scaled(plane: Plane, scale: Scale, length: float) -> Plane:
 
 
 def _ambiguity(
-    main: Measured, other: Measured | None, matched: Matched, ids: list[int], length: float, max_sigma_deg: float
+    main: Measured,
+    other: Measured | None,
+    matched: Matched,
+    planes: tuple[Plane, ...],
+    length: float,
+    options: Options,
 ) -> AmbiguityReport:
     """Both answers, if there are two, and what would decide between them.
 
-    ids : of the planes reported.  length : of a baseline, in the unit of the report.
+    planes : those reported.  length : of a baseline in the first answer, in the unit of the report.
     """
     found = main.solution.ambiguity
     if other is None:
         return AmbiguityReport(found.status)
-    normals = surface_normals(other.solution)
-    slopes, sigmas = np.degrees(other.slopes.slope_rad), np.degrees(other.slopes.sigma_rad)
+    length = _second_length(other, matched, length, options)
+    by_id = {plane.id: plane for plane in planes}
     every = [(k, matched.patches.id_of(i)) for k, i in enumerate(matched.answered)]
-    chosen = [(k, number) for k, number in every if number in ids]
-    planes = tuple(
-        AlternativePlane(number, normals[k], float(slopes[k]), float(sigmas[k]), bool(sigmas[k] <= max_sigma_deg))
-        for k, number in chosen
-    )
-    kept = [k for k, _ in chosen]
-    ways = what_decides(main.solution, np.degrees(main.slopes.slope_rad[kept]), slopes[kept])
+    kept = [(k, by_id[number]) for k, number in every if number in by_id]
+    points = matched.correspondences
+    seconds = [second_plane(k, plane, other, points.x1[points.patch == k], length, options) for k, plane in kept]
+    firsts = np.array([plane.slope_deg for _, plane in kept])
+    ways = what_decides(main.solution, firsts, np.array([plane.slope_deg for plane in seconds]))
     return AmbiguityReport(
         found.status,
         found.delta_chi2,
         ways if found.status == "unresolved" else None,
-        Alternative(_motion(other.solution, length), planes),
+        Alternative(_motion(other.solution, length), tuple(seconds)),
     )
+
+
+def _second_length(other: Measured, matched: Matched, length: float, options: Options) -> float:
+    """Of a baseline in the second answer: an altitude says something else of it there, or nothing at all."""
+    try:
+        return _scale(other.solution, matched, other.up, options)[1]
+    except InputError:
+        return length
 
 
 def _rejected(matched: Matched, planes: list[Plane]) -> tuple[Rejected, ...]:

@@ -1,4 +1,4 @@
-"""What would decide between two answers that the images leave open, in numbers a user can act on."""
+"""The second answer, told as fully as the first, and what would decide between the two."""
 
 from __future__ import annotations
 
@@ -8,10 +8,40 @@ import numpy as np
 
 from slopecli.geometry.ambiguity import by_chance
 from slopecli.geometry.epipolar import rotation_vector
-from slopecli.types import FloatArray, Solution
+from slopecli.geometry.slope import slope_interval, surface_normals
+from slopecli.measure import Measured, judge, signed_distance
+from slopecli.options import Options
+from slopecli.types import AlternativePlane, FloatArray, Plane, Solution
 
 WORTH_NAMING_DEG = 0.1  # a difference of the two motions below which no sensor decides between them
 OWN_ERROR = 2.0  # sigmas that what is measured may itself be off, towards the wrong answer
+
+
+def second_plane(
+    k: int, first: Plane, other: Measured, x1: FloatArray, length: float, options: Options
+) -> AlternativePlane:
+    """Plane k as the second answer has it. Like the first it is called safe only where the plane is, in both.
+
+    first : the same plane in the first answer.  x1 : (n, 2) rays of its points.
+    length : of a baseline in the second answer, in the unit of the report.
+    """
+    slope, p_safe = other.only(k), float(other.p_safe[k])
+    low, high = np.degrees(slope_interval(slope)[0])
+    sigma_deg = float(np.degrees(slope.sigma_rad[0]))
+    aspect = None if np.isnan(slope.aspect_rad[0]) else float(np.degrees(slope.aspect_rad[0]))
+    return AlternativePlane(
+        id=first.id,
+        normal_cam1=surface_normals(other.solution)[k],
+        distance=signed_distance(other.solution.scaled_normals[k], x1) * length,
+        slope_deg=float(np.degrees(slope.slope_rad[0])),
+        slope_sigma_deg=sigma_deg,
+        slope_ci95_deg=(float(low), float(high)),
+        aspect_deg=aspect,
+        dip_direction_deg=aspect,
+        verdict=judge(p_safe, None, first.verdict == "safe", options.confidence),
+        p_safe=p_safe,
+        slope_known=sigma_deg <= options.max_sigma_deg,
+    )
 
 
 def what_decides(solution: Solution, slopes_deg: FloatArray, other_slopes_deg: FloatArray) -> str:

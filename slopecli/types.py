@@ -14,6 +14,8 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from slopecli.segmentation import Segmentation
+
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 BoolArray = NDArray[np.bool_]
@@ -219,11 +221,19 @@ class Fit:
 
 @dataclass(frozen=True, eq=False)
 class AlternativePlane:
+    """A plane in the second answer; as of a `Plane`, but `p_safe` is that of this answer alone."""
+
     id: int
     normal_cam1: FloatArray
+    distance: float
     slope_deg: float
-    slope_sigma_deg: float | None = None
-    slope_known: bool = True  # as of a `Plane`
+    slope_sigma_deg: float
+    slope_ci95_deg: tuple[float, float]
+    aspect_deg: float | None
+    dip_direction_deg: float | None
+    verdict: Literal["safe", "unsafe", "undecided"]
+    p_safe: float
+    slope_known: bool = True
 
 
 @dataclass(frozen=True, eq=False)
@@ -249,7 +259,10 @@ class AmbiguityReport:
 
 @dataclass(frozen=True, eq=False)
 class Plane:
-    """One answered patch. normal_cam1 points out of the surface, towards camera 1. distance and roughness: see docs."""
+    """One answered patch. normal_cam1 points out of the surface, towards camera 1. distance and roughness: see docs.
+
+    p_safe : where two answers are left the smaller of both.
+    """
 
     id: int
     source: Source
@@ -299,21 +312,6 @@ class Diagnostic:
     message: str
     value: float | None = None
     remedy: str | None = None
-
-
-@dataclass(frozen=True, eq=False)
-class Segmentation:
-    """How image 1 was divided into planes, for pictures of the steps; all (h, w), of a working image, maybe smaller.
-
-    gradient : float32, grey levels per px.  threshold : of the gradient, below which a pixel is inside a surface.
-    components : int32, connected regions below the threshold, 1 the largest, 0 for none.
-    merged : int32, the same after neighbours that one plane transfers were merged, 1..k.
-    """
-
-    gradient: NDArray[np.float32]
-    threshold: float
-    components: NDArray[np.int32]
-    merged: NDArray[np.int32]
 
 
 @dataclass(frozen=True, eq=False)

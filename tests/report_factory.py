@@ -8,6 +8,7 @@ from collections.abc import Sequence
 import cv2
 import numpy as np
 
+from slopecli.segmentation import Segmentation
 from slopecli.types import (
     Alternative,
     AlternativePlane,
@@ -22,7 +23,6 @@ from slopecli.types import (
     Rejected,
     Report,
     Scale,
-    Segmentation,
     Up,
 )
 
@@ -218,7 +218,18 @@ def make_segmentation(labels: np.ndarray, width: int, threshold: float = 3.0) ->
 def make_ambiguity(report: Report) -> AmbiguityReport:
     """A second answer that fits as well: every slope mirrored to 20 degrees steeper."""
     planes = tuple(
-        AlternativePlane(plane.id, normal_of(plane.slope_deg + 20, 10.0), plane.slope_deg + 20, 0.7)
+        AlternativePlane(
+            id=plane.id,
+            normal_cam1=normal_of(plane.slope_deg + 20, 10.0),
+            distance=plane.distance,
+            slope_deg=plane.slope_deg + 20,
+            slope_sigma_deg=0.7,
+            slope_ci95_deg=(plane.slope_deg + 18.6, plane.slope_deg + 21.4),
+            aspect_deg=10.0,
+            dip_direction_deg=10.0,
+            verdict="unsafe",
+            p_safe=0.0,
+        )
         for plane in report.planes
     )
     return AmbiguityReport("unresolved", 1.3, "a third image, or a known altitude", Alternative(report.motion, planes))

@@ -112,6 +112,7 @@ def test_talk_warns_of_a_second_answer_only_if_there_is_one() -> None:
     (warning,) = (line for line in talk_lines(make_report(ambiguity=make_ambiguity(report))) if "second motion" in line)
     assert warning.endswith("resolve it with a third image, or a known altitude")
     assert "chi-square larger by 1.3, of 1170 matches" in warning
+    assert "P(safe) is the smaller of the two; interval and aspect are the first answer's" in warning
 
 
 def test_only_a_curious_reader_hears_of_a_second_answer_that_is_ruled_out() -> None:

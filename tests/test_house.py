@@ -17,13 +17,13 @@ PACKAGE = ROOT / "slopecli"
 MODULES = sorted(PACKAGE.rglob("*.py"))
 FLOORS = (
     "__init__",
-    "errors types options orders study_options",
+    "errors types segmentation options orders study_options",
     "geometry",
     "vision",
     "planes",
     "simulate",
-    "diagnosis measure kinds known_motion second_answer study timing",
-    "findings",
+    "diagnosis measure kinds known_motion study timing",
+    "findings second_answer",
     "report plan claims",
     "pipeline",
     "io",

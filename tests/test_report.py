@@ -171,6 +171,46 @@ def test_never_safe_when_the_other_root_is_not() -> None:
     assert verdicts(ruled_out) == ["safe"] * 3
 
 
+def test_no_limit_on_p_safe_is_passed_by_one_answer_of_two() -> None:
+    report = make_report_of(with_second_root(make_solution([5, 25, 25]), [51, 5, 51]))
+    assert report.ambiguity.alternative is not None
+    seconds = report.ambiguity.alternative.planes
+    assert [plane.p_safe for plane in report.planes] == pytest.approx([0, 0, 0], abs=1e-6)
+    assert [plane.p_safe for plane in seconds] == pytest.approx([0, 1, 0], abs=1e-6)
+    assert verdicts(report) == ["undecided", "undecided", "unsafe"]
+    # never safe in either answer unless in both, as a program may read only one of them
+    assert [plane.verdict for plane in seconds] == ["unsafe", "undecided", "unsafe"]
+    ruled_out = make_report_of(with_second_root(make_solution([5]), [51], status="resolved"))
+    assert only_plane(ruled_out).p_safe == pytest.approx(1, abs=1e-6)
+
+
+def test_the_second_answer_is_told_in_full() -> None:
+    """Like an answer by the second root alone."""
+    options = Options(baseline_m=2.5, max_sigma_deg=5.0)
+    solution = with_second_root(make_solution([4, 5]), [12, 0.6], sigma_deg=0.5)
+    report = make_report_of(solution, options)
+    assert report.ambiguity.alternative is not None
+    assert solution.ambiguity.alternative is not None
+    alone = make_report_of(solution.ambiguity.alternative, options)
+    names = ("distance", "slope_deg", "slope_sigma_deg", "slope_ci95_deg", "aspect_deg", "dip_direction_deg", "p_safe")
+    names += ("verdict", "slope_known")
+    for second, plane in zip(report.ambiguity.alternative.planes, alone.planes, strict=True):
+        assert second.normal_cam1 == pytest.approx(plane.normal_cam1)
+        for name in names:
+            assert getattr(second, name) == pytest.approx(getattr(plane, name)), name
+    assert [plane.aspect_deg for plane in report.ambiguity.alternative.planes] == [pytest.approx(60), None]
+
+
+def test_an_altitude_gives_each_answer_its_own_scale() -> None:
+    report = make_report_of(with_second_root(make_solution([0]), [40]), Options(altitude_m=60.0))
+    assert report.ambiguity.alternative is not None
+    (second,) = report.ambiguity.alternative.planes
+    assert only_plane(report).distance == pytest.approx(60)
+    alone = make_report_of(make_solution([40]), Options(altitude_m=60.0))
+    assert second.distance == pytest.approx(only_plane(alone).distance)
+    assert second.distance < 53
+
+
 def test_unsafe_only_when_both_roots_are() -> None:
     report = make_report_of(with_second_root(make_solution([25, 25]), [30, 10]))
     assert verdicts(report) == ["unsafe", "undecided"]

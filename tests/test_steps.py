@@ -18,7 +18,8 @@ from report_factory import (
 
 from slopecli.io.map_colours import NO_REGION, map_colours
 from slopecli.io.steps import draw_steps
-from slopecli.types import Image, Report, Segmentation
+from slopecli.segmentation import Segmentation
+from slopecli.types import Image, Report
 
 SIZE = (960, 1280)  # drawn as it is, without scaling
 IMAGE = Image(np.full(SIZE, 128, np.uint8))

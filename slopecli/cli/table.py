@@ -66,8 +66,6 @@ def _slope_cells(plane: Plane, other: AlternativePlane | None) -> tuple[str, str
 
 
 def _slope(plane: Plane | AlternativePlane) -> str:
-    if plane.slope_sigma_deg is None:
-        return f"{_number(plane.slope_deg, 2)}°"
     if not plane.slope_known:
         return f"unknown (± {_number(plane.slope_sigma_deg, 0)}°)"
     return f"{_number(plane.slope_deg, 2)} ± {_number(plane.slope_sigma_deg, 2)}°"
@@ -131,5 +129,6 @@ def _ambiguity_line(report: Report) -> str:
     delta, remedy = report.ambiguity.delta_chi2, report.ambiguity.resolve_with
     worse = "" if delta is None else f" (chi-square larger by {delta:.1f}, of {report.fit.n_inliers} matches)"
     doubt = f'two answers: a second motion, with the slopes after "or", fits as well{worse}'
-    verdict = f"no {report.noun} is called safe unless it is in both; interval and aspect are the first answer's"
+    verdict = f"no {report.noun} is called safe unless it is in both, P(safe) is the smaller of the two; "
+    verdict += "interval and aspect are the first answer's, slopes.json has the second's"
     return f"warning: {doubt}; {verdict}" + (f"; resolve it with {remedy}" if remedy else "")

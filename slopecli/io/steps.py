@@ -19,7 +19,8 @@ from slopecli.io.map_colours import map_colours
 from slopecli.io.marks import Picture
 from slopecli.io.overlay import draw_labels
 from slopecli.io.region_labels import place_numbers
-from slopecli.types import Image, Report, Segmentation
+from slopecli.segmentation import Segmentation
+from slopecli.types import Image, Report
 
 BRIGHTEST = 99.5  # percentile of the gradient that is shown brightest: a few edges would leave the others dark
 TINT = 0.65  # share of a region's colour; the rest keeps the image recognisable

@@ -7,7 +7,8 @@ from dataclasses import dataclass
 
 from slopecli.planes.footprint import Footprint
 from slopecli.planes.window_match import WindowMatch
-from slopecli.types import NOUNS, Segmentation, Source
+from slopecli.segmentation import Segmentation
+from slopecli.types import NOUNS, Source
 
 
 @dataclass(frozen=True, eq=False)

@@ -20,7 +20,8 @@ from slopecli.planes.region_match import CELL, match_labelled, match_regions
 from slopecli.planes.region_merge import Labelled, merged, refitted
 from slopecli.planes.region_review import reviewed
 from slopecli.planes.scene import Scene, whole_grid
-from slopecli.types import FloatArray, Segmentation
+from slopecli.segmentation import Segmentation
+from slopecli.types import FloatArray
 from slopecli.vision.comparison import Comparison, single_threaded
 from slopecli.vision.dense import Cells
 from slopecli.vision.segmentation import (
