@@ -44,7 +44,8 @@ class Outcome:
     files : names of the files in the pair's folder, slopes.json first.
     n_planes : windows or planes answered; n_ok of them without a doubt of their own; by verdict n_safe, n_unsafe and
         n_undecided. n_rejected : windows without an answer.
-    steepest_deg, steepest_sigma_deg : slope of the steepest plane of status ok, and its 1-sigma.
+    steepest_deg, steepest_sigma_deg : slope of the steepest plane of status ok, and its 1-sigma; where two answers are
+        left, in the steeper one. steepest_other_deg, steepest_other_sigma_deg : in the other.
     ambiguity : status as in slopes.json.  noise_px : of the fit.  diagnostics : their codes.
     """
 
@@ -65,6 +66,14 @@ class Outcome:
     n_rejected: int = 0
     steepest_deg: float | None = None
     steepest_sigma_deg: float | None = None
+    steepest_other_deg: float | None = None
+    steepest_other_sigma_deg: float | None = None
     ambiguity: str | None = None
     noise_px: float | None = None
     diagnostics: tuple[str, ...] = ()
+
+    @property
+    def steepest(self) -> tuple[tuple[float, float | None], ...]:
+        """Slope and 1-sigma of the steepest plane in every answer left, the gentler answer first, deg."""
+        both = (self.steepest_other_deg, self.steepest_other_sigma_deg), (self.steepest_deg, self.steepest_sigma_deg)
+        return tuple((slope, sigma) for slope, sigma in both if slope is not None)

@@ -12,7 +12,8 @@ from typing import Any
 import cv2
 import numpy as np
 import pytest
-from batch_factory import make_images, make_job, make_pair, make_pairs, tree
+from batch_factory import SIDE, make_images, make_job, make_pair, make_pairs, tree
+from report_factory import make_ambiguity, make_camera, make_report
 
 from slopecli.batch import answer as room
 from slopecli.batch.answer import answer, answer_jobs, load_inputs
@@ -95,6 +96,20 @@ def test_the_outcome_counts_what_slopes_json_says(pairs: list[Pair], tmp_path: P
     assert outcome.noise_px == pytest.approx(result["fit"]["noise_px"], abs=1e-6)
     assert outcome.ambiguity == result["ambiguity"]["status"]
     assert list(outcome.diagnostics) == [diagnostic["code"] for diagnostic in result["diagnostics"]]
+
+
+def test_the_outcome_has_the_steepest_plane_of_either_answer(
+    pairs: list[Pair], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The steeper answer first, whichever the solver prefers; a plane that is poor in the first has no say."""
+    report = make_report(make_camera(SIDE, SIDE))
+    good = tuple(replace(plane, status="poor" if plane.id == 6 else "ok") for plane in report.planes)
+    report = replace(report, planes=good, ambiguity=make_ambiguity(report))
+    monkeypatch.setattr(room, "estimate", lambda *_, **__: report)
+    outcome = answer(make_job(pairs[0], tmp_path)).outcome
+    assert outcome.exit_status == 0
+    assert (outcome.steepest_deg, outcome.steepest_sigma_deg) == (42.0, 0.7)
+    assert (outcome.steepest_other_deg, outcome.steepest_other_sigma_deg) == (22.0, 0.6)
 
 
 def counted(monkeypatch: pytest.MonkeyPatch, place: Any, name: str) -> list[Any]:

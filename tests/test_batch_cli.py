@@ -370,3 +370,13 @@ def test_help_answers_without_loading_anything_heavy() -> None:
 
 def test_exit_status_4_is_in_the_help() -> None:
     assert "4    a batch finished, and some pairs have no answer" in slopemap("--help").stdout
+
+
+def test_the_table_has_both_answers_of_a_pair() -> None:
+    outcome = Outcome(
+        "a-b", "a.png", "b.png", 0, steepest_deg=51.1, steepest_sigma_deg=0.04, steepest_other_deg=13.07,
+        steepest_other_sigma_deg=0.03, ambiguity="unresolved",
+    )  # fmt: skip
+    _, row = batch_table([outcome]).splitlines()
+    assert "  13.07 ± 0.03° or 51.10 ± 0.04°  " in row
+    assert row.endswith("two answers")

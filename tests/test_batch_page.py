@@ -8,6 +8,7 @@ import re
 import shutil
 import subprocess
 from collections.abc import Sequence
+from dataclasses import replace
 from html.parser import HTMLParser
 from pathlib import Path
 from urllib.parse import unquote_to_bytes, urlsplit
@@ -185,3 +186,9 @@ def click(title: str, times: int = 1) -> str:
 )
 def test_a_click_sorts_and_the_box_filters(script: str, order: list[str], tmp_path: Path) -> None:
     assert after(script, tmp_path) == order
+
+
+def test_both_answers_of_a_pair_are_shown_and_sorted_by_the_steeper() -> None:
+    both = answered("two", 51.1, steepest_sigma_deg=0.03, steepest_other_deg=13.07, steepest_other_sigma_deg=0.03)
+    html = index_html([replace(both, ambiguity="unresolved")]).decode()
+    assert 'data-value="51.1">13.07 ± 0.03°<br>or 51.10 ± 0.03°</td>' in html

@@ -11,7 +11,7 @@ from typing import Any
 import cv2
 import numpy as np
 import pytest
-from report_factory import make_camera, make_image, make_region_labels, make_region_report
+from report_factory import make_ambiguity, make_camera, make_image, make_region_labels, make_region_report
 
 from slopecli.geometry.camera import pixels_from_rays
 from slopecli.io.glb import LARGEST_TEXTURE_PX, model_from_camera1, report_to_glb
@@ -138,6 +138,18 @@ def test_grey_and_large_images_are_textures_too() -> None:
     texture = next(iter(scene.geometry.values())).visual.material.baseColorTexture
     assert max(texture.size) == LARGEST_TEXTURE_PX
     assert np.abs(np.asarray(texture.convert("RGB")).astype(int) - 90).max() <= 2
+
+
+def test_a_second_answer_is_in_names_and_extras() -> None:
+    report = make_region_report()
+    tree, _ = parse(glb_of(replace(report, ambiguity=make_ambiguity(report))))
+    assert tree["asset"]["extras"]["ambiguity"] == "unresolved"
+    (node,) = (node for node in tree["nodes"] if node["extras"]["id"] == 2)
+    assert node["name"] == tree["meshes"][node["mesh"]]["name"] == "plane 2 (22.0 deg or 42.0 deg)"
+    assert node["extras"]["second_answer"] == {"slope_deg": 42.0, "slope_sigma_deg": 0.7, "aspect_deg": 10.0}
+    tree, _ = parse(glb_of(report))
+    assert tree["asset"]["extras"]["ambiguity"] == "none"
+    assert not any("second_answer" in node["extras"] for node in tree["nodes"])
 
 
 def test_same_report_gives_same_bytes() -> None:

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from report_factory import (
     BASELINE,
+    make_ambiguity,
     make_camera,
     make_image,
     make_plane,
@@ -62,6 +63,15 @@ def test_a_slope_that_is_not_known_gives_no_colour_and_no_value() -> None:
     assert np.ptp(here[:, 6:9]) == 0  # grey
     assert set(here[:, 9]) == set(here[:, 10]) == {-1.0}
     assert set(here[:, 11]) == {24.0}
+
+
+def test_a_second_answer_is_named_in_the_header() -> None:
+    report = make_report()
+    lines, *_ = parse(report_to_ply(replace(report, ambiguity=make_ambiguity(report))))
+    assert "comment two answers: this is the first, a second one fits as well" in lines
+    assert "comment patch 2 in the second answer: slope 32.00 deg, 1-sigma 0.70 deg" in lines
+    assert sum("second answer" in line for line in lines) == len(report.planes)
+    assert not any("answer" in line for line in parse(report_to_ply(report))[0])
 
 
 def of_patch(columns: np.ndarray, triangles: np.ndarray, patch_id: int) -> tuple[np.ndarray, np.ndarray]:

@@ -143,7 +143,7 @@ def _estimate(job: Job, inputs: Shipped) -> tuple[Outcome, dict[str, bytes]]:
 
 def _outcome_of(job: Job, report: Report, fingerprint: str, files: tuple[str, ...]) -> Outcome:
     planes, pair = report.planes, job.pair
-    steepest = max((plane for plane in planes if plane.status == "ok"), key=lambda p: p.slope_deg, default=None)
+    (slope, sigma), (other_slope, other_sigma) = _steepest(report)
     return Outcome(
         name=pair.name,
         image1=pair.image1,
@@ -157,12 +157,25 @@ def _outcome_of(job: Job, report: Report, fingerprint: str, files: tuple[str, ..
         n_unsafe=_count(planes, "unsafe"),
         n_undecided=_count(planes, "undecided"),
         n_rejected=len(report.rejected),
-        steepest_deg=None if steepest is None else _rounded(steepest.slope_deg),
-        steepest_sigma_deg=None if steepest is None else _rounded(steepest.slope_sigma_deg),
+        steepest_deg=slope,
+        steepest_sigma_deg=sigma,
+        steepest_other_deg=other_slope,
+        steepest_other_sigma_deg=other_sigma,
         ambiguity=report.ambiguity.status,
         noise_px=_rounded(report.fit.noise_px),
         diagnostics=tuple(diagnostic.code for diagnostic in report.diagnostics),
     )
+
+
+def _steepest(report: Report) -> list[tuple[float | None, float | None]]:
+    """Slope and sigma of the steepest plane of status ok, deg: in the steeper answer, then in the other one."""
+    others = report.ambiguity.others
+    firsts = [plane for plane in report.planes if plane.status == "ok"]
+    seconds = [others[plane.id] for plane in firsts if plane.id in others and others[plane.id].slope_known]
+    slopes = [[(plane.slope_deg, plane.slope_sigma_deg) for plane in answer] for answer in (firsts, seconds)]
+    steepest = sorted((max(answer) for answer in slopes if answer), reverse=True)
+    found = [(_rounded(slope), _rounded(sigma)) for slope, sigma in steepest]
+    return [*found, (None, None), (None, None)][:2]
 
 
 def _count(planes: Sequence[Plane], verdict: str) -> int:

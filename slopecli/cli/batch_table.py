@@ -40,10 +40,9 @@ def _cells(outcome: Outcome) -> tuple[str, ...]:
 
 
 def _steepest(outcome: Outcome) -> str:
-    if outcome.steepest_deg is None:
-        return "-"
-    sigma = outcome.steepest_sigma_deg
-    return f"{outcome.steepest_deg:.2f} ± {'-' if sigma is None else f'{sigma:.2f}'}°"
+    """In either answer, where two are left."""
+    texts = [f"{slope:.2f} ± {'-' if sigma is None else f'{sigma:.2f}'}°" for slope, sigma in outcome.steepest]
+    return " or ".join(texts) or "-"
 
 
 def _note(outcome: Outcome) -> str:

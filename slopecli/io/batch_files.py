@@ -29,6 +29,8 @@ COLUMNS = (
     "n_rejected",
     "steepest_deg",
     "steepest_sigma_deg",
+    "steepest_other_deg",
+    "steepest_other_sigma_deg",
     "ambiguity",
     "noise_px",
     "diagnostics",

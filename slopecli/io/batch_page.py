@@ -209,11 +209,10 @@ def _result(outcome: Outcome) -> Cell:
 
 
 def _steepest(outcome: Outcome) -> Cell:
-    slope, sigma = outcome.steepest_deg, outcome.steepest_sigma_deg
-    if slope is None:
-        return Cell("", kind="number")
-    doubt = "" if sigma is None else f" ± {sigma:.2f}"
-    return Cell(f"{slope:.2f}{doubt}°", f"{slope:.9g}", "number")
+    """In either answer, where two are left; the column is sorted by the steeper."""
+    texts = [f"{slope:.2f}{'' if sigma is None else f' ± {sigma:.2f}'}°" for slope, sigma in outcome.steepest]
+    value = "" if outcome.steepest_deg is None else f"{outcome.steepest_deg:.9g}"
+    return Cell("<br>or ".join(texts), value, "number")
 
 
 def _notes(outcome: Outcome) -> Cell:

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from slopecli import __version__
 from slopecli.io.surface import Surface
-from slopecli.types import FloatArray, Image, Plane, Report
+from slopecli.types import AlternativePlane, FloatArray, Image, Plane, Report
 
 LARGEST_TEXTURE_PX = 2048  # what every device can show
 JPEG_QUALITY = 92
@@ -46,7 +46,8 @@ def report_to_glb(report: Report, image: Image, surfaces: Sequence[Surface]) -> 
     """
     rotation = model_from_camera1(np.array(report.up.vector_cam1))
     contents = _Contents()
-    meshes = [_mesh(surface, rotation, image, contents) for surface in surfaces]
+    others = report.ambiguity.others
+    meshes = [_mesh(surface, rotation, image, contents, others.get(surface.plane.id)) for surface in surfaces]
     tree = {
         "asset": {"version": "2.0", "generator": f"slopemap {__version__}", "extras": _frame(report, rotation)},
         "extensionsUsed": ["KHR_materials_unlit"],
@@ -55,7 +56,7 @@ def report_to_glb(report: Report, image: Image, surfaces: Sequence[Surface]) -> 
     }
     if meshes:
         nodes = [
-            {"name": mesh["name"], "mesh": i, "extras": _facts(surface.plane)}
+            {"name": mesh["name"], "mesh": i, "extras": _facts(surface.plane, others.get(surface.plane.id))}
             for i, (mesh, surface) in enumerate(zip(meshes, surfaces, strict=True))
         ]
         tree |= {"nodes": nodes, "meshes": meshes, **_texture(image, contents), **contents.tables()}
@@ -108,7 +109,9 @@ class _Contents:
         return {"accessors": self.accessors, "bufferViews": self.views, "buffers": buffers}
 
 
-def _mesh(surface: Surface, rotation: FloatArray, image: Image, contents: _Contents) -> dict[str, Any]:
+def _mesh(
+    surface: Surface, rotation: FloatArray, image: Image, contents: _Contents, other: AlternativePlane | None
+) -> dict[str, Any]:
     """Store one surface. Without normals, viewers take those of the triangles, which is what a plane has."""
     points = (surface.points @ rotation.T).astype("<f4")
     texture = ((surface.uv + 0.5) / [image.width, image.height]).astype("<f4")
@@ -118,9 +121,13 @@ def _mesh(surface: Surface, rotation: FloatArray, image: Image, contents: _Conte
         "TEXCOORD_0": contents.add_array(texture, _FLOAT, _ARRAY),
     }
     indices = contents.add_array(surface.triangles.astype(kind).ravel(), component, _INDICES)
-    slope = f"{surface.plane.slope_deg:.1f} deg" if surface.plane.slope_known else "slope not known"
-    name = f"plane {surface.plane.id} ({slope})"
+    slopes = [_slope(plane) for plane in (surface.plane, other) if plane is not None]
+    name = f"plane {surface.plane.id} ({' or '.join(slopes)})"
     return {"name": name, "primitives": [{"attributes": attributes, "indices": indices, "material": 0}]}
+
+
+def _slope(plane: Plane | AlternativePlane) -> str:
+    return f"{plane.slope_deg:.1f} deg" if plane.slope_known else "slope not known"
 
 
 def _texture(image: Image, contents: _Contents) -> dict[str, Any]:
@@ -147,14 +154,19 @@ def _frame(report: Report, rotation: FloatArray) -> dict[str, Any]:
         "unit": report.scale.unit,
         "axes": "x right, y up, -z ahead; the origin is camera 1",
         "model_from_camera1": [[_rounded(value) for value in row] for row in rotation],
+        "ambiguity": report.ambiguity.status,
     }
 
 
-def _facts(plane: Plane) -> dict[str, Any]:
+def _facts(plane: Plane, other: AlternativePlane | None) -> dict[str, Any]:
+    facts = {"id": plane.id, **_slope_facts(plane), "verdict": plane.verdict, "status": plane.status}
+    return facts if other is None else {**facts, "second_answer": _slope_facts(other)}
+
+
+def _slope_facts(plane: Plane | AlternativePlane) -> dict[str, float | None]:
     slope_deg = plane.slope_deg if plane.slope_known else None
     numbers = {"slope_deg": slope_deg, "slope_sigma_deg": plane.slope_sigma_deg, "aspect_deg": plane.aspect_deg}
-    facts = {name: None if value is None else _rounded(value) for name, value in numbers.items()}
-    return {"id": plane.id, **facts, "verdict": plane.verdict, "status": plane.status}
+    return {name: None if value is None else _rounded(value) for name, value in numbers.items()}
 
 
 def _rounded(value: float) -> float | None:

@@ -69,7 +69,16 @@ def report_to_ply(report: Report, image: Image | None = None, surfaces: Sequence
         "scalars of the cameras are 0; scalar_patch_id is the id in slopes.json",
         f"scalar_slope_deg and quality are {UNKNOWN_SLOPE:g} where the slope is not known",
     ]
-    return _encode(_joined(meshes), comments)
+    return _encode(_joined(meshes), [*comments, *_second_answer(report)])
+
+
+def _second_answer(report: Report) -> list[str]:
+    """Comments on what else may be true: a mesh can show one answer only."""
+    told = []
+    for other in report.ambiguity.others.values():
+        slope = f"slope {other.slope_deg:.2f} deg, 1-sigma {other.slope_sigma_deg:.2f} deg"
+        told.append(f"patch {other.id} in the second answer: {slope if other.slope_known else 'not known'}")
+    return ["two answers: this is the first, a second one fits as well", *told] if told else []
 
 
 def plane_mesh(plane: Plane, camera: Camera) -> Mesh | None:
