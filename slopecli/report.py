@@ -323,6 +323,7 @@ def _ambiguity(
     return AmbiguityReport(
         found.status,
         found.delta_chi2,
+        found.delta_chi2_prior,
         ways if found.status == "unresolved" else None,
         Alternative(_motion(other.solution, length), tuple(seconds)),
     )

@@ -95,11 +95,14 @@ class Correspondences:
 
 @dataclass(frozen=True, eq=False)
 class Ambiguity:
-    """Whether geometry leaves a second answer. `delta_chi2`: how much worse the alternative fits (None if none)."""
+    """Whether geometry leaves a second answer. delta_chi2: how much worse the alternative fits, None without one;
+    delta_chi2_prior: the part of it that what was known of the motion supplies, None where nothing was.
+    """
 
     status: Literal["none", "resolved", "unresolved"] = "none"
     delta_chi2: float | None = None
     alternative: Solution | None = None
+    delta_chi2_prior: float | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -246,6 +249,7 @@ class Alternative:
 class AmbiguityReport:
     status: Literal["none", "resolved", "unresolved"]
     delta_chi2: float | None = None
+    delta_chi2_prior: float | None = None
     resolve_with: str | None = None
     alternative: Alternative | None = None
 
@@ -259,10 +263,7 @@ class AmbiguityReport:
 
 @dataclass(frozen=True, eq=False)
 class Plane:
-    """One answered patch. normal_cam1 points out of the surface, towards camera 1. distance and roughness: see docs.
-
-    p_safe : where two answers are left the smaller of both.
-    """
+    """One answered patch. normal_cam1 points out of the surface. distance, roughness and p_safe: see docs/output.md."""
 
     id: int
     source: Source

@@ -232,4 +232,5 @@ def make_ambiguity(report: Report) -> AmbiguityReport:
         )
         for plane in report.planes
     )
-    return AmbiguityReport("unresolved", 1.3, "a third image, or a known altitude", Alternative(report.motion, planes))
+    second = Alternative(report.motion, planes)
+    return AmbiguityReport("unresolved", 1.3, resolve_with="a third image, or a known altitude", alternative=second)

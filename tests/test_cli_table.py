@@ -115,12 +115,16 @@ def test_talk_warns_of_a_second_answer_only_if_there_is_one() -> None:
     assert "P(safe) is the smaller of the two; interval and aspect are the first answer's" in warning
 
 
-def test_only_a_curious_reader_hears_of_a_second_answer_that_is_ruled_out() -> None:
+def test_a_second_answer_that_is_ruled_out_is_said_with_its_margin_and_whose_that_is() -> None:
     report = make_report()
-    resolved = replace(report, ambiguity=replace(make_ambiguity(report), status="resolved", delta_chi2=412.0))
-    assert not any("second motion" in line for line in talk_lines(resolved))
-    (line,) = (line for line in talk_lines(resolved, verbose=True) if "second motion" in line)
-    assert "ruled out: chi-square larger by 412" in line
+    resolved = replace(make_ambiguity(report), status="resolved", delta_chi2=412.0)
+    (line,) = (line for line in talk_lines(replace(report, ambiguity=resolved)) if "second motion" in line)
+    assert line == (
+        "info: a second motion is ruled out (chi-square larger by 412, of 1170 matches); slopes.json has it"
+    )
+    known = replace(resolved, delta_chi2=91.2, delta_chi2_prior=68.6)
+    (line,) = (line for line in talk_lines(replace(report, ambiguity=known)) if "second motion" in line)
+    assert "(chi-square larger by 91.2, 22.6 by the images and 68.6 by the motion given, of 1170 matches)" in line
 
 
 # ---- planes found in the image ----

@@ -120,6 +120,25 @@ def test_a_prior_decides_between_two_answers(known: str) -> None:
         assert np.abs(tilts(scene, found)).max() < 2 * DEG
 
 
+@pytest.mark.parametrize("sigma_deg", [5.0, 1e-9])
+def test_however_sharp_a_prior_the_answer_it_rules_out_is_kept_with_the_margin(sigma_deg: float) -> None:
+    """A sharp one leaves no second minimum, but the images alone admit that answer all the same."""
+    undecided = [seed for seed in range(8) if solved(flat_descent(seed, 45.0)).ambiguity.status == "unresolved"]
+    assert len(undecided) >= 5
+    for seed in undecided:
+        scene = flat_descent(seed, 45.0)
+        found = solved(scene, MotionPrior.checked(direction=scene.T, direction_sigma=sigma_deg * DEG))
+        assert found.ambiguity.status == "resolved"
+        assert found.ambiguity.alternative is not None
+        assert np.abs(tilts(scene, found)).max() < 2 * DEG
+        assert np.abs(tilts(scene, found.ambiguity.alternative)).max() > 10 * DEG
+        by_prior, in_all = found.ambiguity.delta_chi2_prior, found.ambiguity.delta_chi2
+        assert in_all == pytest.approx(by_prior, abs=20.0, rel=1e-9)  # the images are all but neutral
+        apart = 2 * np.sin(40.7 / 2 * DEG)  # of the two motions, as test_second_answer has it
+        assert by_prior == pytest.approx((apart / max(sigma_deg * DEG, 1e-7)) ** 2, rel=0.2)
+        assert solved(scene).ambiguity.delta_chi2_prior is None
+
+
 def test_a_motion_known_exactly_is_kept_and_only_planes_are_solved() -> None:
     scene = make_scene(np.random.default_rng(2), trajectory_deg=30.0)
     found = solved(scene, MotionPrior.checked(scene.R, 1e-9, 3.0 * scene.T, 1e-9))

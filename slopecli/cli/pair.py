@@ -107,7 +107,7 @@ def _deliver(report: Report, image1: Image, parameters: dict[str, Any], talk: Ta
             keep["debug_images"] = parameters["debug_images"]
             written = write_outputs(report, image1, parameters["output"], **keep)
     print_result(report_to_json(report) if parameters["as_json"] else result_table(report))
-    for line in talk_lines(report, verbose=talk.verbose):
+    for line in talk_lines(report):
         talk.say(line)
     if written:
         talk.say(f"wrote {', '.join(map(str, written))}")

@@ -108,7 +108,7 @@ def _deliver(report: Report, parameters: dict[str, Any], talk: Talk) -> None:
     if parameters["output"]:
         written = store_outputs({RESULT: (text + "\n").encode("ascii")}, parameters["output"])
     print_result(text if parameters["as_json"] else result_table(report))
-    for line in talk_lines(report, verbose=talk.verbose):
+    for line in talk_lines(report):
         talk.say(line)
     for path in written:
         talk.say(f"wrote {path}")

@@ -99,14 +99,11 @@ def _padded(column: str, cell: str, width: int) -> str:
     return click.style(padded, fg=VERDICT_COLOURS[cell]) if coloured else padded
 
 
-def talk_lines(report: Report, *, verbose: bool = False) -> Iterator[str]:
+def talk_lines(report: Report) -> Iterator[str]:
     """What a reader of the table should know besides: the reference of the slopes, ambiguity, refusals, diagnostics."""
     yield _up_line(report)
-    if report.ambiguity.status == "unresolved":
+    if report.ambiguity.status != "none":
         yield _ambiguity_line(report)
-    elif verbose and report.ambiguity.delta_chi2 is not None:
-        margin = f"chi-square larger by {report.ambiguity.delta_chi2:.4g}, of {report.fit.n_inliers} matches"
-        yield f"info: a second motion is ruled out: {margin}; slopes.json has it"
     for one in report.rejected:
         yield f"{report.noun} {one.id}: no answer: {one.reason}: {one.message}"
     for diagnostic in report.diagnostics:
@@ -126,8 +123,11 @@ def _up_line(report: Report) -> str:
 
 
 def _ambiguity_line(report: Report) -> str:
-    delta, remedy = report.ambiguity.delta_chi2, report.ambiguity.resolve_with
-    worse = "" if delta is None else f" (chi-square larger by {delta:.1f}, of {report.fit.n_inliers} matches)"
+    from slopecli.second_answer import margin
+
+    worse, remedy = margin(report.ambiguity, report.fit.n_inliers), report.ambiguity.resolve_with
+    if report.ambiguity.status == "resolved":
+        return f"info: a second motion is ruled out{worse}; slopes.json has it"
     doubt = f'two answers: a second motion, with the slopes after "or", fits as well{worse}'
     verdict = f"no {report.noun} is called safe unless it is in both, P(safe) is the smaller of the two; "
     verdict += "interval and aspect are the first answer's, slopes.json has the second's"

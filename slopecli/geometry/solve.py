@@ -64,7 +64,8 @@ def solve_planes(
     -------
     solution : `Solution`. `converged` is False when the iteration did not settle or a plane is not in front of both
         cameras at every point kept. `ambiguity` holds the other root when it is visible too: "resolved" when its
-        chi-square is larger by more than chance makes it (`ambiguity.by_chance`), else "unresolved".
+        chi-square, that of the prior included, is larger by more than chance makes it (`ambiguity.by_chance`), else
+        "unresolved". Where a sharp prior leaves no such root, it is the one of the correspondences alone.
 
     Raises
     ------
@@ -94,7 +95,10 @@ def solve_planes(
         return _with_ambiguity(fit, solver, sigma, noise_gain, noise is not None)
     known = with_prior(fit, prior, max(sigma * noise_gain, _ROUNDING))
     grown = float(known.cost[0] - fit.cost[0]) / max(sigma * noise_gain, _ROUNDING) ** 2
-    return replace(_with_ambiguity(known, solver, sigma, noise_gain, noise is not None), prior_chi2=max(grown, 0.0))
+    solution = _with_ambiguity(known, solver, sigma, noise_gain, noise is not None)
+    if len(known.cost) == 1 < len(fit.cost):
+        solution = replace(solution, ambiguity=_given_up(known, fit, solution, sigma, noise_gain, noise is not None))
+    return replace(solution, prior_chi2=max(grown, 0.0))
 
 
 def _check_options(solver: str, noise: float | None, noise_gain: float, prior: MotionPrior | None) -> None:
@@ -182,7 +186,29 @@ def _with_ambiguity(fit: Fit, solver: str, noise: float, noise_gain: float, nois
     status: Literal["resolved", "unresolved"] = "resolved" if rules_out(worse_by, by_prior, chance) else "unresolved"
     joined = status == "unresolved" and roots_are_joined(fit, noise * noise_gain)
     best, alternative = (_solution(fit, i, solver, noise, noise_gain, joined) for i in (0, 1))
-    return replace(best, ambiguity=Ambiguity(status, worse_by, alternative))
+    return replace(best, ambiguity=Ambiguity(status, worse_by, alternative, by_prior if fit.prior else None))
+
+
+def _given_up(
+    known: Fit, free: Fit, solution: Solution, noise: float, noise_gain: float, noise_given: bool
+) -> Ambiguity:
+    """The root that images alone admit besides, where what is known of the motion is so sharp that it leaves but one.
+
+    known, free : the fits with and without that knowledge.  solution : the root that is left.
+    """
+    apart = np.linalg.norm(free.state.R[:2] - solution.R, axis=(1, 2)) + np.linalg.norm(
+        free.state.T[:2] - solution.T, axis=1
+    )
+    twin = int(np.argmax(apart))
+    alternative = _solution(free, twin, solution.solver, noise, noise_gain)
+    prior = known.prior.prior if known.prior else MotionPrior()
+    left = prior.chi2(alternative)
+    worse_by = float(free.cost[twin] - known.cost[0]) / max(noise * noise_gain, _ROUNDING) ** 2 + left
+    by_prior = left - prior.chi2(solution)
+    chance = by_chance(separate_freedom(free), np.inf if noise_given else degrees_of_freedom(free.observations))
+    # where neither speaks against it, both were dents of one minimum
+    ruled_out = by_prior > by_chance(0.0) or worse_by - by_prior > chance
+    return Ambiguity("resolved", worse_by, alternative, by_prior) if ruled_out else Ambiguity()
 
 
 def _beside(own: Solution, joint: Solution) -> Solution:

@@ -13,6 +13,7 @@ from slopecli.io.colormap import SLOPE_RANGE_DEG, slope_colours
 from slopecli.io.lettering import LEADING, Text, text_width, wrapped, write
 from slopecli.io.marks import Picture
 from slopecli.options import Options
+from slopecli.second_answer import margin
 from slopecli.types import Report
 
 WARNING = (255, 224, 130)
@@ -103,19 +104,18 @@ def tolerance_deg(report: Report) -> float:
 
 
 def _ambiguity_sentence(report: Report) -> str:
-    ambiguity, n = report.ambiguity, report.fit.n_inliers
-    worse = (
-        "" if ambiguity.delta_chi2 is None else f" (chi-square larger by {ambiguity.delta_chi2:.1f}, of {n} matches)"
-    )
-    advice = "" if ambiguity.resolve_with is None else f" Resolve it with {ambiguity.resolve_with}."
+    worse, remedy = margin(report.ambiguity, report.fit.n_inliers), report.ambiguity.resolve_with
+    advice = "" if remedy is None else f" Resolve it with {remedy}."
     return f'Two answers: a second motion, with the slopes after "or", fits these images as well{worse}.{advice}'
 
 
 def _caption(report: Report) -> str:
     confidence = float(report.options.get("confidence", Options.confidence))
+    ruled_out = report.ambiguity.status == "resolved"
+    second = f" A second motion is ruled out{margin(report.ambiguity, report.fit.n_inliers)}." if ruled_out else ""
     return (
         f"Patch: id, slope ± 1 sigma. Slope against {UP_WORDS[report.up.source]}. "
-        f"Safe, unsafe: below, above {tolerance_deg(report):g}° with probability {confidence:g} or more."
+        f"Safe, unsafe: below, above {tolerance_deg(report):g}° with probability {confidence:g} or more.{second}"
     )
 
 

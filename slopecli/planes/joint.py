@@ -113,7 +113,7 @@ def solve_jointly(
         prior=prior,
         noise_gain=doubt * correlation_gain(residuals),
     )
-    return _beyond_systematics(_facing(solution, scene.T), scene.camera2.focal_px, prior)
+    return _beyond_systematics(_facing(solution, scene.T), scene.camera2.focal_px)
 
 
 def solve_given(
@@ -151,16 +151,15 @@ def excess_px(solution: Solution, delta_chi2: float, focal_px: float) -> float:
     return float(solution.noise * np.sqrt(max(delta_chi2, 0.0) / max(int(solution.inlier.sum()), 1)) * focal_px)
 
 
-def _beyond_systematics(solution: Solution, focal_px: float, prior: MotionPrior | None) -> Solution:
+def _beyond_systematics(solution: Solution, focal_px: float) -> Solution:
     """A second root is ruled out only if it fits worse by more than calibration and interpolation can feign.
 
     What is known of the motion besides owes nothing to either: what that says against the other root stands.
     """
     found = solution.ambiguity
-    if found.status != "resolved" or found.delta_chi2 is None or found.alternative is None:
+    if found.status != "resolved" or found.delta_chi2 is None:
         return solution
-    known = 0.0 if prior is None else prior.chi2(found.alternative) - prior.chi2(solution)
     feigned = int(solution.inlier.sum()) * (SYSTEMATIC_PX / (solution.noise * focal_px)) ** 2
-    if rules_out(found.delta_chi2, known, feigned):
+    if rules_out(found.delta_chi2, found.delta_chi2_prior or 0.0, feigned):
         return solution
     return replace(solution, ambiguity=replace(found, status="unresolved"))
