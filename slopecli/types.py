@@ -96,13 +96,14 @@ class Correspondences:
 @dataclass(frozen=True, eq=False)
 class Ambiguity:
     """Whether geometry leaves a second answer. delta_chi2: how much worse the alternative fits, None without one;
-    delta_chi2_prior: the part of it that what was known of the motion supplies, None where nothing was.
+    delta_chi2_prior: the part of it that is the prior's, None without. joined: two dents of one broad minimum.
     """
 
     status: Literal["none", "resolved", "unresolved"] = "none"
     delta_chi2: float | None = None
     alternative: Solution | None = None
     delta_chi2_prior: float | None = None
+    joined: bool = False
 
 
 @dataclass(frozen=True, eq=False)

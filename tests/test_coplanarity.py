@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from solution_factory import make_solution, with_second_root
 
 from slopecli.geometry import measure_slopes, solve_planes
 from slopecli.geometry.coplanarity import AT, merge_coplanar
 from slopecli.geometry.priors import MotionPrior
 from slopecli.geometry.robust import chi2_quantile
-from slopecli.simulate import Scene, make_scene, project
+from slopecli.simulate import UP, Scene, make_scene, project
 from slopecli.types import FloatArray, Solution
 
 EVERY = np.arange(9)
@@ -78,6 +79,32 @@ def test_where_two_answers_run_into_each_other_nothing_is_merged_into_nonsense()
         assert (
             np.degrees(np.abs(leans(merged, scene))).max() < 1.5 * np.degrees(np.abs(leans(solution, scene))).max() + 2
         )
+
+
+def test_two_answers_that_run_into_each_other_are_known_as_such_and_left_alone() -> None:
+    rng, joined = np.random.default_rng(9), 0
+    for trajectory_deg in (0.0,) * 10 + (45.0,) * 5:
+        scene = flat(rng, trajectory_deg)
+        solution = solve_planes(scene.x1, scene.x2, scene.patch)
+        joined += solution.ambiguity.joined
+        assert not (solution.ambiguity.joined and trajectory_deg)
+        if solution.ambiguity.joined:
+            merged, groups = merge_coplanar(solution, EVERY)
+            assert merged is solution
+            assert groups == []
+    assert joined >= 5
+
+
+def test_doubt_stays_in_the_answer_that_has_nothing_to_merge() -> None:
+    """Level in one answer; in the other every patch faces its own way, and keeps the doubt about its matches."""
+    level, doubt = with_second_root(make_solution([0, 0, 0]), [25, 40, 55]), np.radians([1.0, 1.0, 1.0])
+    merged, groups = merge_coplanar(level, np.arange(3), doubt)
+    assert [group.members for group in groups] == [(0, 1, 2)]
+    assert merged.ambiguity.alternative is not None
+    assert level.ambiguity.alternative is not None
+    before, after = (measure_slopes(one, UP) for one in (level.ambiguity.alternative, merged.ambiguity.alternative))
+    assert after.slope_rad == pytest.approx(before.slope_rad)
+    assert after.sigma_rad == pytest.approx(np.hypot(before.sigma_rad, doubt), rel=1e-3)
 
 
 def test_slopes_that_differ_are_left_alone() -> None:

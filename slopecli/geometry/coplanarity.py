@@ -19,7 +19,6 @@ from slopecli.types import FloatArray, IntArray, Solution
 AT: dict[str, float] = {"plane": 3.090, "normal": 1.645}
 ROUNDS = 6  # of linearising what holds; it settles in two or three
 SETTLED = 1e-10
-UNSOUND = 1e-9  # share of the largest variance by which one may be negative: beyond it the covariance is none
 LEAST_SHARE = 1e-12  # of the largest variance: a smaller one is rounding
 
 Shared = Literal["plane", "normal"]
@@ -47,19 +46,25 @@ def merge_coplanar(
     candidates : patches that may be grouped.
     doubt_rad : (m,) 1-sigma of tilt of each plane that no residual shows; it weighs in, and is in the covariance after.
     """
-    joint = joint_covariance(solution, doubt_rad)
-    values = np.linalg.eigvalsh(joint)
-    if values[0] < -UNSOUND * values[-1]:
+    found = solution.ambiguity
+    if found.joined:
         return solution, []
-    groups = coplanar_groups(solution.scaled_normals, joint, candidates)
+    merged, groups = _merged(solution, candidates, doubt_rad)
     if not groups:
         return solution, []
-    merged = held_together(solution, joint, groups)
-    other = solution.ambiguity.alternative
-    if other is not None:
-        alternative, _ = merge_coplanar(other, candidates, doubt_rad)
-        merged = replace(merged, ambiguity=replace(solution.ambiguity, alternative=alternative))
+    if found.alternative is not None:
+        alternative, _ = _merged(found.alternative, candidates, doubt_rad)
+        merged = replace(merged, ambiguity=replace(found, alternative=alternative))
     return merged, groups
+
+
+def _merged(solution: Solution, candidates: IntArray, doubt_rad: FloatArray | None) -> tuple[Solution, list[Group]]:
+    """One root with its groups held together, if it has any; the doubt is in its covariance either way."""
+    joint = joint_covariance(solution, doubt_rad)
+    groups = coplanar_groups(solution.scaled_normals, joint, candidates)
+    if not groups:
+        return replace(solution, normal_covariance=_blocks(joint, len(solution.scaled_normals))), []
+    return held_together(solution, joint, groups), groups
 
 
 def joint_covariance(solution: Solution, doubt_rad: FloatArray | None = None) -> FloatArray:
@@ -82,6 +87,11 @@ def joint_covariance(solution: Solution, doubt_rad: FloatArray | None = None) ->
         block = slice(3 * i, 3 * i + 3)
         joint[block, block] = solution.normal_covariance[i] + doubt[i] ** 2 * across[i]
     return joint
+
+
+def _blocks(joint: FloatArray, m: int) -> FloatArray:
+    """(m, 3, 3) covariance of each scaled normal, of a joint one."""
+    return np.einsum("ijik->ijk", joint[: 3 * m, : 3 * m].reshape(m, 3, m, 3)).copy()
 
 
 def coplanar_groups(normals: FloatArray, joint: FloatArray, candidates: IntArray) -> list[Group]:
@@ -185,13 +195,12 @@ def held_together(solution: Solution, joint: FloatArray, groups: list[Group]) ->
     left = 0.5 * (left + left.T)
     turn, move = change[3 * m : 3 * m + 3], solution.tangent @ change[3 * m + 3 :]
     T = solution.T + move
-    blocks = left[: 3 * m, : 3 * m].reshape(m, 3, m, 3)
     return replace(
         solution,
         R=rotation_from_vector(turn) @ solution.R,
         T=T / np.linalg.norm(T),
         scaled_normals=normals,
-        normal_covariance=np.einsum("ijik->ijk", blocks).copy(),
+        normal_covariance=_blocks(left, m),
         motion_covariance=left[3 * m :, 3 * m :],
         joint_normals=left[: 3 * m, : 3 * m],
     )

@@ -186,7 +186,7 @@ def _with_ambiguity(fit: Fit, solver: str, noise: float, noise_gain: float, nois
     status: Literal["resolved", "unresolved"] = "resolved" if rules_out(worse_by, by_prior, chance) else "unresolved"
     joined = status == "unresolved" and roots_are_joined(fit, noise * noise_gain)
     best, alternative = (_solution(fit, i, solver, noise, noise_gain, joined) for i in (0, 1))
-    return replace(best, ambiguity=Ambiguity(status, worse_by, alternative, by_prior if fit.prior else None))
+    return replace(best, ambiguity=Ambiguity(status, worse_by, alternative, by_prior if fit.prior else None, joined))
 
 
 def _given_up(
