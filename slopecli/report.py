@@ -40,6 +40,7 @@ from slopecli.types import (
     Source,
     Up,
 )
+from slopecli.wording import beside
 
 # options of how images are matched and planes found
 OF_IMAGES = {
@@ -212,7 +213,7 @@ def _plane(
     doubts = _doubts(match, matched.patches.noun, float(solution.relief[k]), inlier_share)
     whole = matched.footprints[number].largest_share
     if not doubts and whole < LEAST_WHOLE:
-        doubts = [f"scattered: its largest piece is {100 * whole:.0f} % of it"]
+        doubts = [f"scattered: its largest piece is {beside(100 * whole, 100 * LEAST_WHOLE)} % of it"]
     if not solution.converged:  # planes share its motion, so none of them is better than it
         doubts.append(UNSETTLED)
     sigma_deg = float(np.degrees(slope.sigma_rad[0]))
@@ -251,10 +252,7 @@ def _plane(
 
 
 def _too_vague(sigma_deg: float, limit_deg: float) -> str:
-    """In words, with as few digits of the sigma as show that it is above the limit."""
-    texts = (f"{sigma_deg:.{digits}f}" for digits in range(9))
-    shown = next((text for text in texts if float(text) > limit_deg), f"{sigma_deg:g}")
-    return f"sigma {shown}° is above --max-sigma {limit_deg:g}°"
+    return f"sigma {beside(sigma_deg, limit_deg)}° is above --max-sigma {limit_deg:g}°"
 
 
 def _rms(H: FloatArray, matched: Matched, kept: BoolArray) -> float:
@@ -271,7 +269,7 @@ def _doubts(match: WindowMatch, noun: str, roughness: float, inlier_share: float
     if match.origin == "borrowed":
         return [match.reason]
     if match.share < LEAST_SEEN:
-        return [f"only {100 * match.share:.0f} % of the {noun} could be matched"]
+        return [f"only {beside(100 * match.share, 100 * LEAST_SEEN)} % of the {noun} could be matched"]
     if roughness > ROUGH or match.left_out > MOST_LEFT_OUT or inlier_share < 1 - MOST_LEFT_OUT:
         return [NON_PLANAR]
     return []

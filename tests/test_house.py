@@ -22,7 +22,7 @@ FLOORS = (
     "vision",
     "planes",
     "simulate",
-    "diagnosis measure kinds known_motion study timing",
+    "diagnosis measure kinds known_motion study timing wording",
     "findings second_answer",
     "report plan claims",
     "pipeline",

@@ -20,6 +20,7 @@ from slopecli.plan import flight as flight_module
 from slopecli.planes.windows import grid_windows
 from slopecli.simulate import UP, field_of_view_camera, project
 from slopecli.types import Camera, FloatArray, IntArray, Solution
+from slopecli.wording import beside
 
 CAMERA = field_of_view_camera()  # the paper's: 1024 x 1024 px, 60 degrees
 NINE = tuple(grid_windows(3, 3, 1024, 1024))
@@ -118,6 +119,20 @@ def test_terrain_that_is_one_plane_has_two_answers_and_uneven_terrain_has_one() 
     assert "two answers are likely" in " ".join(one.message for one in flat.diagnostics)
     assert not make_plan(CAMERA, NINE, PAPER).second_answer.likely
     assert not make_plan(CAMERA, NINE, replace(PAPER, uneven_deg=0.0, trajectory_deg=90.0)).second_answer.likely
+
+
+def test_what_the_first_of_two_answers_is_off_by_is_that_of_solved_pairs() -> None:
+    """RMS over 60 pairs of the first answer, of which about half are the wrong one by tens of degrees: within 25 %."""
+    options = replace(PAPER, uneven_deg=0.0, points=100, noise_px=0.2)
+    found = make_plan(CAMERA, SEEN, options)
+    assert found.second_answer.first_error_deg > 20 * found.median_sigma_deg
+    level = Flight(CAMERA, SEEN, along(45.0), np.tile(DOWN, (9, 1)), UP, points=100, noise_px=0.2, roughness=0.0)
+    errors = []
+    for seed in range(60):
+        solution = solve_planes(*trial(level, PAPER_BASELINE, np.random.default_rng([6, seed])))
+        errors.append(np.degrees(measure_slopes(solution, UP).slope_rad))
+    rms = float(np.median(np.sqrt(np.mean(np.square(errors), axis=0))))
+    assert found.second_answer.first_error_deg == pytest.approx(rms, rel=0.25)
 
 
 def test_straight_at_level_ground_the_sigma_is_that_of_pairs_not_of_a_covariance() -> None:
@@ -220,6 +235,31 @@ def test_short_baseline_and_focus_of_expansion_are_said() -> None:
     codes = [one.code for one in make_plan(CAMERA, NINE, replace(PAPER, trajectory_deg=0.0, height=200.0)).diagnostics]
     assert "low-parallax" in codes
     assert "foe-in-window" in codes
+
+
+def test_a_share_just_below_the_limit_is_not_rounded_onto_it() -> None:
+    assert [beside(share, 50.0) for share in (43.21, 49.6, 49.98, 50.0)] == ["43", "49.6", "49.98", "50"]
+    assert [beside(sigma, 10.0) for sigma in (24.2, 10.04)] == ["24", "10.04"]
+
+
+def test_a_pair_none_of_whose_slopes_would_be_told_is_no_plan() -> None:
+    with pytest.raises(NoAnswer, match=r"up-uncertain.*all 9 windows are left open, as what is up is known to 89 deg"):
+        make_plan(CAMERA, NINE, replace(PAPER, up_sigma_deg=89.0))
+    with pytest.raises(NoAnswer, match=r"up-uncertain.*what is up is itself known to 1 deg"):
+        make_plan(CAMERA, NINE, replace(PAPER, height=None, sigma_deg=0.5, up_sigma_deg=1.0))
+
+
+def test_the_baseline_for_a_sigma_is_none_that_estimate_would_call_too_short() -> None:
+    level = replace(PAPER, trajectory_deg=90.0, uneven_deg=0.0, height=80.0, sigma_deg=0.5, roughness=0.002)
+    found = make_plan(CAMERA, NINE, level)
+    assert found.parallax_px == pytest.approx(3.0, rel=1e-3)
+    assert found.worst_sigma_deg < 0.4
+    (note,) = (one for one in found.diagnostics if one.code == "low-parallax")
+    assert note.severity == "info"
+    assert "a shorter baseline gives 0.5° as well, but less than the 3 px of parallax" in note.message
+    sharper = make_plan(CAMERA, NINE, replace(level, sigma_deg=0.25))  # it takes more parallax than that anyway
+    assert sharper.worst_sigma_deg == pytest.approx(0.25, rel=1e-3)
+    assert not [one for one in sharper.diagnostics if one.code == "low-parallax"]
 
 
 def test_windows_that_estimate_would_not_tell_are_poor() -> None:

@@ -132,8 +132,16 @@ def test_windows_refused_and_second_answers_are_said() -> None:
     far = slopemap("plan", "--fov", "60", "--size", "1024x1024", "--trajectory", "90", "--height", "2")
     assert re.search(r"^ 1 +- +- +\d+ %  no answer: image 2 does not show its ground$", far.stdout, re.MULTILINE)
     flat = slopemap("plan", *FLIGHT, "--roughness", "0")
-    assert "two answers: likely" in flat.stdout
+    assert re.search(
+        r"^sigma: .* in the median, for who knows which of two answers is right$", flat.stdout, re.MULTILINE
+    )
+    assert re.search(r"^two answers: likely \(.*\); the first by itself is off by \d\d°$", flat.stdout, re.MULTILINE)
     assert "warning: single-plane: two answers are likely" in flat.stderr
+    assert "this baseline gives" not in flat.stderr
+    wanted = slopemap("plan", *PAPER, "--height", "80", "--sigma", "0.2", "--roughness", "0")
+    assert wanted.returncode == 0
+    assert "sigmas hold for who knows which is right, the first by itself is off by" in wanted.stderr
+    assert "and this baseline gives 0.2° to no one else; give estimate the motion" in wanted.stderr
     assert slopemap("plan", *FLIGHT, "--roughness", "0", "-q").stderr == ""
 
 

@@ -65,7 +65,8 @@ class Size(click.ParamType):
     "sigma_deg",
     metavar="DEG",
     type=Between(0, 60, min_open=True),
-    help="Instead of --baseline: the shortest that gives slopes this 1-sigma; without --height as a share of it.",
+    help="Instead of --baseline: the shortest that gives slopes this 1-sigma, and enough parallax; without --height as "
+    "a share of it.",
 )
 @click.option(
     "--of",

@@ -28,10 +28,13 @@ def _cells(one: PlannedWindow) -> tuple[str, ...]:
 def _summary(plan: Plan) -> Iterator[str]:
     yield f"baseline: {_baseline(plan)}"
     worst, median = sigma_text(plan.worst_sigma_deg), sigma_text(plan.median_sigma_deg)
-    yield f"sigma: {worst} in the worst window, {median} in the median"
+    second = plan.second_answer
+    of_two = ", for who knows which of two answers is right" if second.share else ""
+    yield f"sigma: {worst} in the worst window, {median} in the median{of_two}"
     yield f"parallax: {plan.parallax_px:.1f} px in the median"
-    said = "likely" if plan.second_answer.likely else "possible" if plan.second_answer.share else "unlikely"
-    yield f"two answers: {said} ({100 * plan.second_answer.share:.0f} % of simulated pairs)"
+    said = "likely" if second.likely else "possible" if second.share else "unlikely"
+    alone = f"; the first by itself is off by {sigma_text(second.first_error_deg)}" if second.share else ""
+    yield f"two answers: {said} ({100 * second.share:.0f} % of simulated pairs){alone}"
 
 
 def _baseline(plan: Plan) -> str:

@@ -38,7 +38,12 @@ def draw_plan(plan: Plan) -> NDArray[np.uint8]:
     sheets = [picture, _legend(plan, width, text_px)]
     if plan.second_answer.likely:
         sheets.insert(
-            0, banner("Two answers are likely: a second motion will explain the pair as well.", width, text_px)
+            0,
+            banner(
+                "Two answers are likely: a second motion will explain the pair as well. Sigmas are the right one's.",
+                width,
+                text_px,
+            ),
         )
     return converted(np.vstack(sheets), cv2.COLOR_RGB2BGR)
 

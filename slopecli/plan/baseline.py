@@ -27,10 +27,12 @@ def sigma_of(sigma_rad: FloatArray, of: Of) -> float:
     return float(known.max() if of == "worst" else np.median(known))
 
 
-def needed_baseline(flight: Flight, sigma_rad: float, of: Of = "worst") -> float:
+def needed_baseline(flight: Flight, sigma_rad: float, of: Of = "worst", *, ample: bool = False) -> float:
     """The shortest baseline, in heights, that gives a 1-sigma in the worst or median window.
 
     Every window must keep at least half of it in image 2.
+
+    ample : it must give so much parallax, too, that `estimate` does not ask for a longer one.
 
     Raises
     ------
@@ -41,8 +43,8 @@ def needed_baseline(flight: Flight, sigma_rad: float, of: Of = "worst") -> float
     too_short, best = 0.0, (np.inf, 0.0)
     for baseline in map(float, tried):
         seen = see(flight, baseline)
-        if _reaches(flight, seen, sigma_rad, of):
-            return _bisected(too_short, baseline, lambda b: _reaches(flight, see(flight, b), sigma_rad, of))[1]
+        if _reaches(flight, seen, sigma_rad, of, ample):
+            return _bisected(too_short, baseline, lambda b: _reaches(flight, see(flight, b), sigma_rad, of, ample))[1]
         best = min(best, (sigma_of(slope_sigmas(flight, seen), of), baseline))
         too_short = baseline
     raise _unreachable(flight, sigma_rad, of, best)
@@ -62,14 +64,14 @@ def _longest(flight: Flight) -> float:
     return kept
 
 
-def _reaches(flight: Flight, seen: Seen, sigma_rad: float, of: Of) -> bool:
+def _reaches(flight: Flight, seen: Seen, sigma_rad: float, of: Of, ample: bool) -> bool:
     if sigma_of(slope_sigmas(flight, seen), of) > sigma_rad:
         return False
     try:
-        check_parallax(parallax_px(seen.x1, seen.x2, flight.camera.focal_px), flight.noise_px)
+        warnings = check_parallax(parallax_px(seen.x1, seen.x2, flight.camera.focal_px), flight.noise_px)
     except NoAnswer:
         return False
-    return True
+    return not (ample and warnings)
 
 
 def _bisected(low: float, high: float, holds: Callable[[float], bool]) -> tuple[float, float]:
@@ -82,6 +84,12 @@ def _bisected(low: float, high: float, holds: Callable[[float], bool]) -> tuple[
 
 def _unreachable(flight: Flight, sigma_rad: float, of: Of, best: tuple[float, float]) -> NoAnswer:
     wanted = f"{np.degrees(sigma_rad):.3g} deg in the {of} window"
+    if flight.up_sigma_rad >= sigma_rad:
+        return NoAnswer(
+            "up-uncertain",
+            f"no baseline reaches {wanted}: what is up is itself known to {np.degrees(flight.up_sigma_rad):.3g} deg",
+            "ask for a larger sigma than --up-sigma, or know up better",
+        )
     if not np.isfinite(best[0]):
         lost = 1 + int(np.argmin(shares(flight, SHORTEST)))
         return NoAnswer(

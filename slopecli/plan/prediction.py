@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal, NamedTuple
 
 import numpy as np
@@ -33,7 +33,8 @@ class Forecast:
         run into each other and a covariance says too much.
     share : of each window seen in image 2.  parallax_px : median in each window.
     median_parallax_px : of all points.  zoom : scale of image 2 over image 1, or its inverse, in the window of most.
-    second_answer : share of the simulated pairs that have two answers.
+    second_answer : share of the simulated pairs that have two answers: sigmas are those of the right one.
+    first_error_rad : RMS error of the slopes, in the median window, of whoever takes the first answer all the same.
     """
 
     baseline: float
@@ -44,14 +45,19 @@ class Forecast:
     median_parallax_px: float
     zoom: float
     second_answer: float
+    first_error_rad: float
     diagnostics: tuple[Diagnostic, ...]
 
 
 class Trials(NamedTuple):
-    """Simulated pairs: share of them with two answers, and RMS error of the slopes (k,), rad, the right root taken."""
+    """Simulated pairs: share of them with two answers, and RMS errors of the slopes (k,), rad.
+
+    error_rad : the right root taken.  first_error_rad : the first one.
+    """
 
     second_answer: float
     error_rad: FloatArray
+    first_error_rad: FloatArray
 
 
 def forecast(flight: Flight, baseline: float) -> Forecast:
@@ -74,6 +80,8 @@ def forecast(flight: Flight, baseline: float) -> Forecast:
     joined = float(np.median(trials.error_rad)) < JOINED * float(np.median(sigma))
     sigma = trials.error_rad if joined else sigma
     sigma = np.where(sigma <= np.radians(UNKNOWN_DEG), sigma, np.nan)
+    if np.isnan(sigma).all():
+        raise _open(flight, seen)
     depth = seen.prediction.depth_ratio[0]
     return Forecast(
         baseline=baseline,
@@ -84,8 +92,18 @@ def forecast(flight: Flight, baseline: float) -> Forecast:
         median_parallax_px=float(np.median(parallax)),
         zoom=max(float(np.median(np.maximum(depth, 1.0 / depth)[seen.patch == k])) for k in _places(seen)),
         second_answer=trials.second_answer,
+        first_error_rad=float(np.median(trials.first_error_rad)),
         diagnostics=tuple(diagnostics),
     )
+
+
+def _open(flight: Flight, seen: Seen) -> NoAnswer:
+    """Why no slope is told: what is up, or the images."""
+    what = f"the slopes of all {len(flight.windows)} windows are left open"
+    if slope_sigmas(replace(flight, up_sigma_rad=0.0), seen).min() <= np.radians(UNKNOWN_DEG):
+        reason = f"{what}, as what is up is known to {np.degrees(flight.up_sigma_rad):.3g} deg only"
+        return NoAnswer("up-uncertain", reason, "know up better (--up, --up-sigma)")
+    return NoAnswer("low-parallax", what, "lengthen the baseline, give larger windows, or fly in another direction")
 
 
 def slope_sigmas(flight: Flight, seen: Seen) -> FloatArray:
@@ -132,7 +150,7 @@ def simulate(flight: Flight, seen: Seen) -> Trials:
     ------
     NoAnswer, DegenerateConfiguration : as the solver, if it answers none.
     """
-    unresolved, squares, trouble = 0, [], None
+    unresolved, squares, firsts, trouble = 0, [], [], None
     true = normal_angle(-seen.normals, flight.up)
     for trial in range(TRIALS):
         try:
@@ -145,9 +163,11 @@ def simulate(flight: Flight, seen: Seen) -> Trials:
         roots = [solution] if rival is None else [solution, rival]
         errors = [(normal_angle(-root.scaled_normals, flight.up) - true) ** 2 for root in roots]
         squares.append(min(errors, key=lambda error: float(error.sum())))
+        firsts.append(errors[0])
     if not squares and trouble is not None:
         raise trouble
-    return Trials(unresolved / len(squares), np.sqrt(np.mean(squares, axis=0) + flight.up_sigma_rad**2))
+    right, first = (np.sqrt(np.mean(errors, axis=0) + flight.up_sigma_rad**2) for errors in (squares, firsts))
+    return Trials(unresolved / len(squares), right, first)
 
 
 def _ruled_out(flight: Flight, seen: Seen, solution: Solution) -> bool:

@@ -8,7 +8,8 @@ from typing import Literal
 
 import numpy as np
 
-from slopecli.errors import InputError
+from slopecli.diagnosis import LOW_PARALLAX_PX
+from slopecli.errors import InputError, NoAnswer
 from slopecli.geometry.camera import pixels_from_rays
 from slopecli.geometry.epipolar import focus_of_expansion
 from slopecli.options import Options
@@ -25,11 +26,13 @@ from slopecli.plan.flight import (
 )
 from slopecli.plan.prediction import TRIALS, Forecast, forecast
 from slopecli.types import Camera, Diagnostic, FloatArray, Up
+from slopecli.wording import beside
 
 CAMERA_UP = (0.0, 0.0, -1.0)  # the camera looks straight down
 LIKELY = 0.5  # share of simulated pairs with two answers from which they are called likely
 LARGEST_ZOOM = 2.0  # scale between the images beyond which features are matched badly
 VAGUE_DEG = Options().max_sigma_deg
+TOLERATED = 0.01  # share of the sigma asked for by which the one found may miss it
 ROUNDING = 1e-12  # what is left of sines and cosines that are zero
 Vector = tuple[float, float, float]
 
@@ -81,10 +84,14 @@ class Wanted:
 
 @dataclass(frozen=True)
 class SecondAnswer:
-    """share: of the simulated pairs that have two answers."""
+    """share: of the simulated pairs that have two answers. All sigmas are those of the right one.
+
+    first_error_deg : RMS error of the slopes, in the median window, of whoever takes the first answer all the same.
+    """
 
     likely: bool
     share: float
+    first_error_deg: float | None
 
 
 @dataclass(frozen=True)
@@ -136,7 +143,7 @@ def make_plan(camera: Camera, windows: Sequence[Window], options: PlanOptions) -
     flight = _flight(camera, windows, options)
     unit, height, baseline = _lengths(options)
     if options.sigma_deg is not None:
-        baseline = height * needed_baseline(flight, float(np.radians(options.sigma_deg)), options.of)
+        baseline = height * _baseline_for(flight, float(np.radians(options.sigma_deg)), options.of)
     cast = forecast(flight, baseline / height)
     focus = _focus(flight)
     planned = tuple(_window(i, flight, cast) for i in range(len(windows)))
@@ -156,11 +163,19 @@ def make_plan(camera: Camera, windows: Sequence[Window], options: PlanOptions) -
         sigma_source=cast.source,
         parallax_px=cast.median_parallax_px,
         zoom=cast.zoom,
-        second_answer=SecondAnswer(cast.second_answer >= LIKELY, cast.second_answer),
+        second_answer=SecondAnswer(cast.second_answer >= LIKELY, cast.second_answer, _degrees(cast.first_error_rad)),
         windows=planned,
-        diagnostics=tuple(_diagnostics(cast, planned, focus)),
+        diagnostics=tuple(_diagnostics(cast, planned, focus, options)),
         epipole1_px=focus,
     )
+
+
+def _baseline_for(flight: Flight, sigma_rad: float, of: Of) -> float:
+    """In heights; rather longer than the sigma needs than so short that estimate would ask for a longer one."""
+    try:
+        return needed_baseline(flight, sigma_rad, of, ample=True)
+    except NoAnswer:
+        return needed_baseline(flight, sigma_rad, of)
 
 
 def sigma_text(sigma_deg: float | None) -> str:
@@ -247,16 +262,22 @@ def _status(share: float, sigma: float | None) -> tuple[Literal["ok", "poor", "r
         return "refused", "image 2 does not show its ground" if lost else "its slope is left open"
     if sigma > VAGUE_DEG:
         return "poor", f"estimate tells no slope whose sigma is above {VAGUE_DEG:g}° (--max-sigma)"
-    return ("poor", f"image 2 shows only {100 * share:.0f} % of it") if share < HALF_SEEN else ("ok", None)
+    return (
+        ("poor", f"image 2 shows only {beside(100 * share, 100 * HALF_SEEN)} % of it")
+        if share < HALF_SEEN
+        else ("ok", None)
+    )
 
 
 def _diagnostics(
-    cast: Forecast, windows: Sequence[PlannedWindow], focus: tuple[float, float] | None
+    cast: Forecast, windows: Sequence[PlannedWindow], focus: tuple[float, float] | None, options: PlanOptions
 ) -> list[Diagnostic]:
     found = list(cast.diagnostics)
     found += [_focus_in(one) for one in windows if focus is not None and _holds(one.window, focus)]
     if cast.second_answer >= LIKELY:
-        found.append(_second_answer(cast))
+        found.append(_second_answer(cast, options.sigma_deg))
+    if options.sigma_deg is not None and _is_better(cast, options.sigma_deg, options.of):
+        found.append(_for_parallax(cast, options.sigma_deg))
     if cast.source == "simulation":
         said = "two answers run into each other; sigmas are those of simulated pairs, not of a covariance"
         found.append(Diagnostic("single-plane", "info", said))
@@ -278,14 +299,32 @@ def _focus_in(one: PlannedWindow) -> Diagnostic:
     return Diagnostic("foe-in-window", "info", said, float(one.id), "move sideways as well")
 
 
-def _second_answer(cast: Forecast) -> Diagnostic:
+def _second_answer(cast: Forecast, wanted_deg: float | None) -> Diagnostic:
+    off = sigma_text(_degrees(cast.first_error_rad))
+    wanted = "" if wanted_deg is None else f", and this baseline gives {wanted_deg:g}° to no one else"
     return Diagnostic(
         "single-plane",
         "warning",
         f"two answers are likely: so it is in {round(cast.second_answer * TRIALS)} of {TRIALS} simulated pairs, as a "
-        "second motion explains them as well",
+        "second motion explains them as well; sigmas hold for who knows which is right, the first by itself is off by "
+        f"{off} (RMS, median window){wanted}",
         cast.second_answer,
         "give estimate the motion (--direction-prior, --pose), fly level, or choose ground with more relief",
+    )
+
+
+def _is_better(cast: Forecast, wanted_deg: float, of: Of) -> bool:
+    """Whether the sigma is clearly smaller than the one asked for: the parallax was what took the baseline."""
+    return sigma_of(cast.sigma_rad, of) < (1.0 - TOLERATED) * float(np.radians(wanted_deg))
+
+
+def _for_parallax(cast: Forecast, wanted_deg: float) -> Diagnostic:
+    return Diagnostic(
+        "low-parallax",
+        "info",
+        f"a shorter baseline gives {wanted_deg:g}° as well, but less than the {LOW_PARALLAX_PX:g} px of parallax that "
+        "slopes need; this is the shortest with both",
+        cast.median_parallax_px,
     )
 
 
