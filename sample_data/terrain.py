@@ -117,10 +117,11 @@ class Rock:
     shade: float
 
 
-def scatter_rocks(rng: np.random.Generator, count: int = 2600) -> list[Rock]:
+def scatter_rocks(
+    rng: np.random.Generator, count: int = 2600, extent: float = SIZE * CELL / 2 - 0.6, smallest: float = 0.021
+) -> list[Rock]:
     """Rocks with a power-law size distribution, the largest first, so that small ones may lie in front of them."""
-    extent = SIZE * CELL / 2 - 0.6
-    radius = np.minimum(0.021 * rng.uniform(size=count) ** (-1 / 1.9), 0.40)
+    radius = np.minimum(smallest * rng.uniform(size=count) ** (-1 / 1.9), 0.40)
     rocks = []
     for r in np.sort(radius)[::-1]:
         cuts = np.concatenate([rng.standard_normal((7, 2)), rng.uniform(0.2, 1.3, (7, 1))], axis=1)
@@ -163,34 +164,34 @@ def albedo(rng: np.random.Generator, stone: FloatArray) -> FloatArray:
     return 0.21 * np.exp(np.where(stone > 0, rock_tone, tone))
 
 
-def light(height: FloatArray) -> FloatArray:
-    """Irradiance of sun and sky on the surface, 1 for level ground in full sun."""
-    dy, dx = np.gradient(height, CELL)
+def light(height: FloatArray, cell: float = CELL) -> FloatArray:
+    """Irradiance of sun and sky on the surface, 1 for level ground in full sun; `cell` m between grid points."""
+    dy, dx = np.gradient(height, cell)
     elevation = np.deg2rad(SUN_ELEVATION_DEG)
     towards = np.cos(elevation) * np.array(SUN_STEP) / 5
     norm = np.sqrt(1 + dx * dx + dy * dy)
     facing = np.clip((np.sin(elevation) - towards[0] * dx - towards[1] * dy) / norm, 0, None)
-    sun = facing * (1 - shadow(height)) / np.sin(elevation)
-    return 0.86 * sun + 0.14 * sky(height) * (0.5 + 0.5 / norm)
+    sun = facing * (1 - shadow(height, cell)) / np.sin(elevation)
+    return 0.86 * sun + 0.14 * sky(height, cell) * (0.5 + 0.5 / norm)
 
 
-def sky(height: FloatArray) -> FloatArray:
+def sky(height: FloatArray, cell: float = CELL) -> FloatArray:
     """Openness to the sky: hollows are darker, judged from the height over the mean of the surroundings."""
     from scipy.ndimage import gaussian_filter
 
     openness = np.zeros_like(height)
     for radius in (6, 24):
-        openness += np.tanh((height - gaussian_filter(height, radius, truncate=2.5)) / (radius * CELL * 0.5))
+        openness += np.tanh((height - gaussian_filter(height, radius, truncate=2.5)) / (radius * cell * 0.5))
     return np.clip(1 + 0.45 * openness, 0.25, 1.4)
 
 
-def shadow(height: FloatArray) -> FloatArray:
+def shadow(height: FloatArray, cell: float = CELL) -> FloatArray:
     """Shade 0..1: how far the horizon towards the sun stands above the sun's rays, softened over a few mm.
 
     The highest obstacle within 2**k steps is found from those within 2**(k-1) steps; the first five sub-steps, of one
     cell each, are interpolated, every later one falls on whole cells.
     """
-    drop = np.tan(np.deg2rad(SUN_ELEVATION_DEG)) * CELL
+    drop = np.tan(np.deg2rad(SUN_ELEVATION_DEG)) * cell
     obstacle = np.full_like(height, -np.inf)
     for k in range(1, 6):
         obstacle = np.maximum(obstacle, shifted(height, k * SUN_STEP[0] / 5, k * SUN_STEP[1] / 5) - k * drop)
@@ -203,8 +204,8 @@ def shadow(height: FloatArray) -> FloatArray:
 def shifted(grid: FloatArray, dx: float, dy: float) -> FloatArray:
     """The grid seen from (dx, dy) >= 0 cells on, interpolated; the edge is repeated beyond the border."""
     for axis, step in ((1, dx), (0, dy)):
-        index = np.arange(SIZE)
-        low, high = (np.minimum(index + int(step) + k, SIZE - 1) for k in (0, 1))
+        index = np.arange(grid.shape[axis])
+        low, high = (np.minimum(index + int(step) + k, len(index) - 1) for k in (0, 1))
         near = grid.take(low, axis)
         fraction = step - int(step)
         grid = near if fraction == 0 else (1 - fraction) * near + fraction * grid.take(high, axis)
