@@ -35,7 +35,7 @@ from random_terrain import GROUNDS, SIDE_PX, random_pair  # noqa: E402
 FloatArray = NDArray[np.float64]
 Window = tuple[int, int, int, int]
 
-PAIRS = 12  # of each kind of ground
+PAIRS = 7  # of each kind of ground
 SIDES_PX = 60, 130  # of windows
 MOSTLY_SEEN = 0.9  # of a window, in image 2; the rest counts as partly seen
 LIMIT_DEG = Options().tolerance_deg

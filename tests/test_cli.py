@@ -254,7 +254,7 @@ def test_demo_check_finds_a_wrong_and_a_missing_slope(
     answer: tuple[subprocess.CompletedProcess[str], Path], tmp_path: Path
 ) -> None:
     result = json.loads((answer[1] / "slopes.json").read_text())
-    result["planes"][0]["slope_deg"] += 5
+    result["planes"][0]["slope_deg"] += 5 * result["planes"][0]["slope_sigma_deg"]
     del result["planes"][1]
     (tmp_path / "slopes.json").write_text(json.dumps(result))
     done = check_demo(tmp_path / "slopes.json")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 
 import numpy as np
 
@@ -13,6 +14,7 @@ from slopecli.planes.evidence import Evidence
 from slopecli.planes.polish import polish
 from slopecli.planes.robust import robust_plane
 from slopecli.planes.scene import FINE_PX, Scene, axis_variance, view_of
+from slopecli.planes.unseen import unseen_rad
 from slopecli.planes.window_match import WindowMatch, no_match, overdispersion
 from slopecli.planes.windows import MIN_SIDE_PX, Window, inside_window
 from slopecli.types import FloatArray
@@ -38,6 +40,8 @@ MIN_CELLS, MIN_SHARE = 8, 0.04  # of the window, without which its plane is chan
 # matched over less than this share, or agreeing less than this, a window may tilt otherwise than its matches say
 SCARCE_SHARE, SCARCE_RAD = 0.3, np.radians(10.0)
 FAINT_SCORE, FAINT_RAD = 0.8, np.radians(10.0)
+# both at once is how ground that is not the same matches: what little agrees has been picked, and its plane is a guess
+GUESS_SCORE, GUESS_RAD = 0.7, np.radians(30.0)
 
 
 def match_window(window: Window, scene: Scene) -> WindowMatch:
@@ -136,7 +140,20 @@ def _dense_match(window: Window, scene: Scene, normal: FloatArray) -> WindowMatc
     cells = dense_cells(view.grid, view.mapping(normal), scene.pyramid2, scene.shape2, cell, finest=0)
     cells = cells.take(inside_window(cells.uv1, window))
     possible = max(1.0, window[2] * window[3] * float(np.prod(view.grid.scale)) / cell**2)
-    return polish(match_of_cells(cells, scene, possible), window, scene, cell)
+    match = polish(match_of_cells(cells, scene, possible), window, scene, cell)
+    if match.origin != "own":
+        return match
+    unseen = unseen_rad(window, match.uv1, _height_px(match, scene), scene.evidence)
+    return replace(match, doubt_rad=match.doubt_rad + unseen)
+
+
+def _height_px(match: WindowMatch, scene: Scene) -> float:
+    """RMS height of the matches off the plane nearest to them, in pixels of image 1 at their distance."""
+    w, _ = inverse_depth(scene.R, scene.T, match.x1, match.x2)
+    rows = homogeneous(match.x1) / w[:, None]  # points, as N.P = 1 is the plane
+    normal = np.linalg.lstsq(rows, np.ones(len(rows)), rcond=None)[0]
+    off = (rows @ normal - 1) / np.linalg.norm(normal) * w
+    return float(np.sqrt(np.mean(off**2))) * scene.camera1.focal_px
 
 
 def match_of_cells(cells: Cells, scene: Scene, possible: float) -> WindowMatch:
@@ -154,7 +171,7 @@ def match_of_cells(cells: Cells, scene: Scene, possible: float) -> WindowMatch:
     w, leverage = inverse_depth(scene.R, scene.T, x1[good], x2[good])
     plane = robust_plane(x1[good], w, leverage, FLOOR_PX / focal / cells.pixel_scale)
     score = float(np.median(cells.agreement[good]))
-    doubt = SCARCE_RAD * max(0.0, 1 - share / SCARCE_SHARE) + FAINT_RAD * max(0.0, 1 - score / FAINT_SCORE)
+    doubt = _poor_match_rad(share, score)
     doubt += plane.doubt_rad(homogeneous(x1[good]) * leverage[:, None], w * leverage)
     keep = np.flatnonzero(good)[plane.inlier]
     across = epipolar_residual(scene.R, scene.T, x1[keep], x2[keep]) * focal
@@ -163,3 +180,10 @@ def match_of_cells(cells: Cells, scene: Scene, possible: float) -> WindowMatch:
         cells.uv1[keep], cells.uv2[keep], x1[keep], x2[keep], cells.index[keep], variance, "own", score, share,
         doubt_rad=doubt, left_out=1 - float(plane.inlier.mean()),
     )  # fmt: skip
+
+
+def _poor_match_rad(share: float, score: float) -> float:
+    """1-sigma of the tilt of a patch of which little is matched, or matched poorly, or, far worse, both."""
+    scarce, faint = max(0.0, 1 - share / SCARCE_SHARE), max(0.0, 1 - score / FAINT_SCORE)
+    guess = min(2 * scarce, 1.0) * min(max(0.0, 2 * (1 - score / GUESS_SCORE)), 1.0)
+    return float(SCARCE_RAD * scarce + FAINT_RAD * faint + GUESS_RAD * guess)

@@ -1,0 +1,85 @@
+"""What is not seen of a window widens its sigma: by where the gaps are, and by how the ground around bends."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from slopecli.planes.evidence import Evidence
+from slopecli.planes.unseen import bend_rad, unseen_rad
+from slopecli.types import FloatArray
+
+WINDOW = (100, 80, 160, 160)
+FOCAL = 500.0
+
+
+def evidence_of(bend_deg: float, count: int = 3000) -> Evidence:
+    """Ground 5 baselines off that tilts by so much more from one block of 80 px to the next, then by so much less."""
+    uv1 = np.random.default_rng(0).uniform(0, 480, (count, 2))
+    x1 = (uv1 - 240) / FOCAL
+    width = 80 / FOCAL
+    zigzag = width * np.abs(((x1[:, 0] + 240 / FOCAL) / width) % 2 - 1)
+    w = 0.2 + 0.2 * np.tan(np.radians(bend_deg)) * zigzag
+    ones = np.ones(count)
+    return Evidence(uv1, x1, x1, w, ones, ones, FOCAL, count)
+
+
+def matches(spacing: float = 8.0) -> FloatArray:
+    x, y, w, h = WINDOW
+    u, v = np.meshgrid(np.arange(x + 2, x + w, spacing), np.arange(y + 2, y + h, spacing))
+    return np.column_stack([u.ravel(), v.ravel()])
+
+
+def doubt_deg(uv1: FloatArray, bend_deg: float = 10.0, height_px: float = 0.0) -> float:
+    return float(np.degrees(unseen_rad(WINDOW, uv1, height_px, evidence_of(bend_deg))))
+
+
+def test_a_window_seen_all_over_leaves_no_doubt() -> None:
+    assert doubt_deg(matches()) == 0.0
+
+
+def test_half_a_window_leaves_half_the_bend_in_doubt() -> None:
+    uv1 = matches()
+    bend = float(np.degrees(bend_rad(evidence_of(10.0), 80)))
+    assert doubt_deg(uv1[uv1[:, 0] < 180]) == pytest.approx(bend / 2, rel=0.15)
+    assert doubt_deg(uv1[uv1[:, 1] > 160]) == pytest.approx(bend / 2, rel=0.15)
+
+
+def test_the_smaller_the_part_that_is_seen_the_larger_the_doubt() -> None:
+    uv1 = matches()
+    doubts = [doubt_deg(uv1[uv1[:, 0] < 100 + part * 160]) for part in (0.2, 0.4, 0.6, 0.8, 1.0)]
+    assert np.all(np.diff(doubts) < 0)
+
+
+def test_gaps_between_matches_matter_less_than_a_side_that_is_missing() -> None:
+    uv1 = matches()
+    thinned = uv1[np.random.default_rng(1).random(len(uv1)) < 0.6]
+    side = uv1[uv1[:, 0] < 100 + 0.6 * 160]
+    assert doubt_deg(thinned) < 0.3 * doubt_deg(side)
+
+
+def test_ground_that_bends_more_leaves_more_doubt() -> None:
+    half = matches()[:200]
+    assert doubt_deg(half, 2.0) < doubt_deg(half, 10.0) < doubt_deg(half, 25.0)
+
+
+def test_what_is_rough_where_it_is_seen_is_rough_where_it_is_not() -> None:
+    side = matches()
+    side = side[side[:, 0] < 244]
+    assert doubt_deg(side, height_px=5.0) > doubt_deg(side, height_px=2.0) > doubt_deg(side)
+    # a tenth of the window at its edge, 5 px high, tilts the least squares over 160 px by 0.1 5 72 / (160^2 / 12)
+    assert doubt_deg(side, 0.0, 5.0) == pytest.approx(np.degrees(0.1 * 5 * 72 / (160**2 / 12)), rel=0.3)
+
+
+def test_ground_hardly_seen_may_bend_as_ground_does() -> None:
+    assert np.degrees(bend_rad(evidence_of(0.0, 3), 80)) == pytest.approx(10.0)
+    assert np.degrees(bend_rad(evidence_of(0.0, 0), 80)) == pytest.approx(10.0)
+
+
+def test_no_bend_is_believed_to_be_nothing() -> None:
+    assert 1.0 < np.degrees(bend_rad(evidence_of(0.0), 80)) < 5.0
+
+
+def test_the_bend_is_that_of_the_ground() -> None:
+    # along one of two axes, from +15 to -15 degrees about the mean at every step
+    assert 6.0 < np.degrees(bend_rad(evidence_of(15.0), 80)) < 16.0
