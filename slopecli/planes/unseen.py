@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
+
 import numpy as np
 
 from slopecli.geometry.epipolar import homogeneous
@@ -64,6 +66,7 @@ def _lever(at: FloatArray, seen: BoolArray) -> float:
     return min(float(np.linalg.norm(gain, 2)), 1.0)
 
 
+@lru_cache(maxsize=4)  # windows of a grid are all of one size
 def bend_rad(evidence: Evidence, side_px: float) -> float:
     """RMS change of tilt, about either axis, from one block of ground to the next, `side_px` on in image 1."""
     extent = np.ptp(evidence.uv1, axis=0) if len(evidence) else np.zeros(2)
