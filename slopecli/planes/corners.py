@@ -9,6 +9,7 @@ from slopecli.planes.borrow import borrow
 from slopecli.planes.matching import plane_from_overview, search_plane
 from slopecli.planes.robust import robust_plane
 from slopecli.planes.scene import FINE_PX, Scene, view_of
+from slopecli.planes.unseen import with_doubt_of_gaps
 from slopecli.planes.window_match import WindowMatch, no_match
 from slopecli.planes.windows import Window, inside_window
 from slopecli.types import FloatArray
@@ -51,7 +52,7 @@ def _correlate(window: Window, scene: Scene, normal: FloatArray) -> WindowMatch:
         return no_match("too few corners matched")
     w, leverage = inverse_depth(scene.R, scene.T, x1[ok], x2[ok])
     kept = np.flatnonzero(ok)[robust_plane(x1[ok], w, leverage, SIGMA_PX / scale / scene.camera2.focal_px).inlier]
-    return WindowMatch(
+    match = WindowMatch(
         uv1=uv1[kept],
         uv2=uv2[kept],
         x1=x1[kept],
@@ -62,3 +63,4 @@ def _correlate(window: Window, scene: Scene, normal: FloatArray) -> WindowMatch:
         score=float(np.median(correlation[kept])),
         share=len(kept) / len(corners),
     )
+    return with_doubt_of_gaps(match, window, scene)

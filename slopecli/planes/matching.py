@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import replace
 
 import numpy as np
 
@@ -14,7 +13,7 @@ from slopecli.planes.evidence import Evidence
 from slopecli.planes.polish import polish
 from slopecli.planes.robust import robust_plane
 from slopecli.planes.scene import FINE_PX, Scene, axis_variance, view_of
-from slopecli.planes.unseen import unseen_rad
+from slopecli.planes.unseen import with_doubt_of_gaps
 from slopecli.planes.window_match import WindowMatch, no_match, overdispersion
 from slopecli.planes.windows import MIN_SIDE_PX, Window, inside_window
 from slopecli.types import FloatArray
@@ -140,20 +139,7 @@ def _dense_match(window: Window, scene: Scene, normal: FloatArray) -> WindowMatc
     cells = dense_cells(view.grid, view.mapping(normal), scene.pyramid2, scene.shape2, cell, finest=0)
     cells = cells.take(inside_window(cells.uv1, window))
     possible = max(1.0, window[2] * window[3] * float(np.prod(view.grid.scale)) / cell**2)
-    match = polish(match_of_cells(cells, scene, possible), window, scene, cell)
-    if match.origin != "own":
-        return match
-    unseen = unseen_rad(window, match.uv1, _height_px(match, scene), scene.evidence)
-    return replace(match, doubt_rad=match.doubt_rad + unseen)
-
-
-def _height_px(match: WindowMatch, scene: Scene) -> float:
-    """RMS height of the matches off the plane nearest to them, in pixels of image 1 at their distance."""
-    w, _ = inverse_depth(scene.R, scene.T, match.x1, match.x2)
-    rows = homogeneous(match.x1) / w[:, None]  # points, as N.P = 1 is the plane
-    normal = np.linalg.lstsq(rows, np.ones(len(rows)), rcond=None)[0]
-    off = (rows @ normal - 1) / np.linalg.norm(normal) * w
-    return float(np.sqrt(np.mean(off**2))) * scene.camera1.focal_px
+    return with_doubt_of_gaps(polish(match_of_cells(cells, scene, possible), window, scene, cell), window, scene)
 
 
 def match_of_cells(cells: Cells, scene: Scene, possible: float) -> WindowMatch:

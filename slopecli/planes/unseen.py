@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import lru_cache
 
 import numpy as np
 
 from slopecli.geometry.epipolar import homogeneous
+from slopecli.geometry.motion import inverse_depth
 from slopecli.planes.evidence import Evidence
+from slopecli.planes.scene import Scene
+from slopecli.planes.window_match import WindowMatch
 from slopecli.planes.windows import Window
 from slopecli.types import BoolArray, FloatArray
 
@@ -19,6 +23,23 @@ BEND_RAD, BEND_COUNT = (
     np.radians(10.0),
     3.0,
 )  # what is believed of the ground before it is seen, and worth how many pairs
+
+
+def with_doubt_of_gaps(match: WindowMatch, window: Window, scene: Scene) -> WindowMatch:
+    """The match, its doubt grown by what its window's parts without matches leave open; a borrowed one as it is."""
+    if match.origin != "own":
+        return match
+    unseen = unseen_rad(window, match.uv1, _height_px(match, scene), scene.evidence)
+    return replace(match, doubt_rad=match.doubt_rad + unseen)
+
+
+def _height_px(match: WindowMatch, scene: Scene) -> float:
+    """RMS height of the matches off the plane nearest to them, in pixels of image 1 at their distance."""
+    w, _ = inverse_depth(scene.R, scene.T, match.x1, match.x2)
+    points = homogeneous(match.x1) / w[:, None]
+    normal = np.linalg.lstsq(points, np.ones(len(points)), rcond=None)[0]
+    off = (points @ normal - 1) / np.linalg.norm(normal) * w
+    return float(np.sqrt(np.mean(off**2))) * scene.camera1.focal_px
 
 
 def unseen_rad(window: Window, uv1: FloatArray, height_px: float, evidence: Evidence) -> float:
