@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -321,3 +322,15 @@ def test_no_match_carries_its_reason() -> None:
     match = no_match("too dark", "low-texture")
     assert (match.origin, match.reason, match.code) == ("none", "too dark", "low-texture")
     assert match.uv1.shape == (0, 2)
+
+
+@pytest.mark.parametrize("seed", [2, 3, 4])
+def test_what_matches_by_chance_is_a_guess(seed: int) -> None:
+    """Image 2 shows other ground there: some of it always agrees."""
+    pair, other = render(R, T, [GROUND]), render(R, T, [GROUND], seed=seed)
+    x, y, w, h = WINDOW
+    grey2 = pair.grey2.copy()
+    around = np.s_[max(y - 60, 0) : y + h + 60, max(x - 60, 0) : x + w + 60]
+    grey2[around] = other.grey2[around]
+    match = match_window(WINDOW, scene_of(replace(pair, grey2=grey2)))
+    assert match.origin != "own" or match.doubt_rad > np.radians(20)

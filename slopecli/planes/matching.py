@@ -40,7 +40,7 @@ MIN_CELLS, MIN_SHARE = 8, 0.04  # of the window, without which its plane is chan
 SCARCE_SHARE, SCARCE_RAD = 0.3, np.radians(10.0)
 FAINT_SCORE, FAINT_RAD = 0.8, np.radians(10.0)
 # both at once is how ground that is not the same matches: what little agrees has been picked, and its plane is a guess
-GUESS_SCORE, GUESS_RAD = 0.7, np.radians(30.0)
+CHANCE_SCORE, CLEAR_SCORE, GUESS_RAD = 0.8, 0.95, np.radians(30.0)
 
 
 def match_window(window: Window, scene: Scene) -> WindowMatch:
@@ -171,5 +171,5 @@ def match_of_cells(cells: Cells, scene: Scene, possible: float) -> WindowMatch:
 def _poor_match_rad(share: float, score: float) -> float:
     """1-sigma of the tilt of a patch of which little is matched, or matched poorly, or, far worse, both."""
     scarce, faint = max(0.0, 1 - share / SCARCE_SHARE), max(0.0, 1 - score / FAINT_SCORE)
-    guess = min(2 * scarce, 1.0) * min(max(0.0, 2 * (1 - score / GUESS_SCORE)), 1.0)
-    return float(SCARCE_RAD * scarce + FAINT_RAD * faint + GUESS_RAD * guess)
+    guess = min(2 * scarce, 1.0) * min(max(0.0, (CLEAR_SCORE - score) / (CLEAR_SCORE - CHANCE_SCORE)), 1.0)
+    return float(np.hypot(SCARCE_RAD * scarce + FAINT_RAD * faint, GUESS_RAD * guess))
