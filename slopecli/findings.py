@@ -14,6 +14,7 @@ from slopecli.geometry.epipolar import focus_of_expansion, homogeneous
 from slopecli.geometry.motion import inverse_depth
 from slopecli.options import Options
 from slopecli.planes.changes import Change
+from slopecli.planes.window_match import WindowMatch
 from slopecli.types import BoolArray, Camera, Correspondences, Diagnostic, FloatArray, Plane, Solution, Source
 
 POOR_FIT_PX = 0.5  # noise of matches beyond which the cameras are in doubt, or the images
@@ -22,6 +23,7 @@ ALONG_DEG, FLAT_DEG = 15.0, 5.0  # motion off the normal of the ground, and RMS 
 FLAT_PX, NOISE_OFF = 0.2, 4.0  # off one plane, px and sigmas: within either, relief tells nothing of the motion
 MOST_OF_IT, PLANE_ROUNDS = 0.9, 5
 MOST_APART = 0.25  # of the distance to the scene: images taken farther apart show too little of the same
+MOSTLY_UNSEEN = 0.5  # share of the variance of a slope
 TOUCHED, MOST_NAMED = 0.02, 5  # share of a patch that changed from which on it is named, and how many are at most
 NON_PLANAR = "non-planar-patch"  # as a diagnostic, and as the reason of a plane
 # what to do about it
@@ -77,14 +79,17 @@ def of_geometry(
     length_m: float | None,
     focal_px: float | None,
     options: Options,
+    matched: dict[int, WindowMatch],
 ) -> list[Diagnostic]:
     """What the shape of the ground and the way of the camera over it make hard, or would make easier.
 
     length_m : between the cameras, where it is known.  focal_px : of camera 2, None for rays without a camera.
+    matched : of every plane, by its id.
     """
     apart = apart_of(solution, matches, length_m)
     found = on_one_plane(solution, matches, focal_px) + towards_flat_ground(planes, solution, apart)
-    return found + short_of_tolerance(planes, solution, apart, options)
+    doubts = {number: float(np.degrees(match.doubt_rad)) for number, match in matched.items()}
+    return found + partly_seen(planes, matched) + short_of_tolerance(planes, doubts, solution, apart, options)
 
 
 def apart_of(solution: Solution, matches: Correspondences, length_m: float | None) -> Apart:
@@ -94,15 +99,40 @@ def apart_of(solution: Solution, matches: Correspondences, length_m: float | Non
     return Apart(abs(float(np.median(inverse_depth))), length_m)
 
 
-def short_of_tolerance(planes: Sequence[Plane], solution: Solution, apart: Apart, options: Options) -> list[Diagnostic]:
+def partly_seen(planes: Sequence[Plane], matched: dict[int, WindowMatch]) -> list[Diagnostic]:
+    """Windows whose sigma is mostly owed to ground that the images do not both show."""
+    mostly = [p for p in planes if np.degrees(matched[p.id].unseen_rad) ** 2 > MOSTLY_UNSEEN * p.slope_sigma_deg**2]
+    if not mostly:
+        return []
+    one = len(mostly) == 1
+    numbers = ", ".join(str(plane.id) for plane in mostly)
+    shares = sorted(100 * matched[plane.id].share for plane in mostly)
+    part = f"{shares[0]:.0f} %" if one else f"{shares[0]:.0f} to {shares[-1]:.0f} %"
+    most = max(plane.slope_sigma_deg for plane in mostly)
+    return [
+        Diagnostic(
+            "partly-seen",
+            "info",
+            f"only {part} of {mostly[0].noun}{'' if one else 's'} {numbers} could be matched: most of the sigma, "
+            f"{'' if one else 'up to '}{most:.2g}°, is for ground that is not seen",
+            float(len(mostly)),
+            "choose windows in what both images show, or give the image that shows less of the ground first",
+        )
+    ]
+
+
+def short_of_tolerance(
+    planes: Sequence[Plane], doubts: dict[int, float], solution: Solution, apart: Apart, options: Options
+) -> list[Diagnostic]:
     """Planes that are undecided, or not known to `max_sigma`, and would not be after a longer move that can be made.
 
-    Sigmas go down as the move grows. Nothing is said where two answers are left: those are what is undecided.
+    Sigmas go down as the move grows, but for what is in doubt whatever the parallax: `doubts`, deg, by plane id.
+    Nothing is said where two answers are left: those are what is undecided.
     """
     if solution.ambiguity.status == "unresolved":
         return []
     wanted = {plane.id: _wanted_sigma(plane, options) for plane in planes}
-    factors = {plane.id: plane.slope_sigma_deg / max(wanted[plane.id], 1e-9) for plane in planes}
+    factors = {p.id: _times_as_far(p.slope_sigma_deg, wanted[p.id], doubts[p.id]) for p in planes}
     helped = [plane for plane in planes if WORTH < factors[plane.id] <= MOST_APART / apart.share]
     if not helped:
         return []
@@ -115,6 +145,12 @@ def short_of_tolerance(planes: Sequence[Plane], solution: Solution, apart: Apart
     factor = factors[shown[-1].id]
     message = f"too little parallax for the tolerance: {', '.join(named + more)}"
     return [Diagnostic("low-parallax", "info", message, factor, apart.farther(factor))]
+
+
+def _times_as_far(sigma: float, wanted: float, doubt: float) -> float:
+    """How many times the parallax makes the wanted sigma of a given one, where a part of both does not change."""
+    changing, left = sigma**2 - doubt**2, wanted**2 - doubt**2
+    return float(np.sqrt(max(changing, 0.0) / left)) if left > 0.0 else np.inf
 
 
 def _wanted_sigma(plane: Plane, options: Options) -> float:

@@ -83,6 +83,7 @@ def build_report(
             f"the matches of all {len(matched.matches)} {matched.patches.noun}s leave their slopes open",
             f"choose larger {matched.patches.noun}s, or such with texture that both images show",
         )
+    own = {plane.id: matched.matches[i] for i, plane in zip(matched.answered, every, strict=True)}
     relief = {plane.id: float(r) for plane, r in zip(every, solution.relief, strict=True)}
     epipole = epipole1_px(solution, cameras[0])
     length_m = length if scale.unit == "m" else None
@@ -107,7 +108,7 @@ def build_report(
         diagnostics=(
             *diagnostics,
             *changed(changes, planes, labels),
-            *of_geometry(planes, solution, matched.correspondences, length_m, focal_px, options),
+            *of_geometry(planes, solution, matched.correspondences, length_m, focal_px, options, own),
             *diagnose(planes, relief, solution, epipole, fit.noise_px, labels),
         ),
         labels=labels,

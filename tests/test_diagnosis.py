@@ -169,6 +169,17 @@ def test_a_slope_that_is_not_known_wants_parallax_too() -> None:
     assert info.value == pytest.approx(report.planes[0].slope_sigma_deg / 10)
 
 
+def test_a_window_seen_by_half_is_told_and_no_longer_move_is_recommended_for_it() -> None:
+    """14 degrees, 0.3 by its matches and 2 by what is hidden: no parallax decides that."""
+    doubt = {"doubt_rad": np.radians(2.0), "unseen_rad": np.radians(2.0), "share": 0.55}
+    report = make_report_of(make_solution([14.0, 5.0], sigma_deg=0.3), match_changes={0: doubt})
+    assert report.planes[0].verdict == "undecided"
+    (info,) = report.diagnostics
+    assert (info.code, info.severity, info.value) == ("partly-seen", "info", 1.0)
+    assert "only 55 % of window 1 could be matched" in info.message
+    assert "2°, is for ground that is not seen" in info.message
+
+
 def test_nothing_is_said_of_parallax_where_two_answers_are_undecided() -> None:
     solution = with_second_root(make_solution([14.0, 5.0], sigma_deg=0.5), [30, 30])
     assert "low-parallax" not in reported(make_report_of(solution))

@@ -19,10 +19,8 @@ ACROSS = 16  # cells a window is divided into along its longer side, to count wh
 LEAST_CELL_PX = 3.0  # and not smaller than this
 MIN_IN_BLOCK = 6  # matches that give a block of ground its plane
 BLOCK_CELLS = 4.0  # a block is at least so many spacings of matches wide
-BEND_RAD, BEND_COUNT = (
-    np.radians(10.0),
-    3.0,
-)  # what is believed of the ground before it is seen, and worth how many pairs
+# what is believed of the ground before it is seen, and worth how many pairs of blocks
+BEND_RAD, BEND_COUNT = np.radians(10.0), 3.0
 
 
 def with_doubt_of_gaps(match: WindowMatch, window: Window, scene: Scene) -> WindowMatch:
@@ -30,7 +28,7 @@ def with_doubt_of_gaps(match: WindowMatch, window: Window, scene: Scene) -> Wind
     if match.origin != "own":
         return match
     unseen = unseen_rad(window, match.uv1, _height_px(match, scene), scene.evidence)
-    return replace(match, doubt_rad=match.doubt_rad + unseen)
+    return replace(match, doubt_rad=match.doubt_rad + unseen, unseen_rad=unseen)
 
 
 def _height_px(match: WindowMatch, scene: Scene) -> float:

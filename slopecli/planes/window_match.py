@@ -19,8 +19,9 @@ class WindowMatch:
     uv1, uv2 (n, 2) px; variance_px (n, 2): relative noise variance along and across the epipolar line, px^2;
     index (n, 2): row and column of the cells; origin "own" when they lie in the window, "borrowed" when they are of
     the plane around it; score: correlation of the images after matching; share of the window matched; reason and code:
-    why it is borrowed or none; doubt_rad: 1-sigma of the tilt beyond what the residuals show; left_out: share
-    of the matches found that stand off the plane by far more than the rest, or across a step.
+    why it is borrowed or none; doubt_rad: 1-sigma of the tilt beyond what the residuals show; unseen_rad: what of
+    it is owed to parts without matches; left_out: share of the matches found that stand off the plane by far more than
+    the rest, or across a step.
     """
 
     uv1: FloatArray
@@ -35,6 +36,7 @@ class WindowMatch:
     reason: str = ""
     code: str = ""
     doubt_rad: float = 0.0
+    unseen_rad: float = 0.0
     left_out: float = 0.0
 
 
