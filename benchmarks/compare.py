@@ -2,8 +2,9 @@
 
     OPENBLAS_NUM_THREADS=1 python benchmarks/compare.py [--into docs/benchmarks.md]
 
-Accuracy of the solvers beside OpenCV, PoseLib and pycolmap (solvers.py), and time of the solver (solver_speed.py).
-Times are of the processor, so other work on the machine matters little.
+Accuracy of the solvers beside OpenCV, PoseLib and pycolmap (solvers.py), time of the solver (solver_speed.py) and of
+the whole program, stage by stage (whole_program.py). Times are of the processor, so other work on the machine matters
+little.
 """
 
 from __future__ import annotations
@@ -18,6 +19,7 @@ from pathlib import Path
 
 import solver_speed
 import solvers
+import whole_program
 from documents import write_between
 
 PACKAGES = ("numpy", "opencv-contrib-python-headless", "poselib", "pycolmap")
@@ -54,6 +56,7 @@ SECTIONS: dict[str, Callable[[], str]] = {
     "machine": machine,
     "solvers": solvers.report,
     "time": solver_speed.report,
+    "program": whole_program.report,
 }
 
 

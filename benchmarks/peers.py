@@ -10,6 +10,7 @@ has.
 from __future__ import annotations
 
 import importlib
+import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from types import ModuleType
@@ -28,12 +29,16 @@ THRESHOLD_PX = 1.0  # beyond which every peer takes a correspondence for a misma
 
 @dataclass(frozen=True, eq=False)
 class Answer:
-    """R (3, 3), T (3,) and normals (m, 3) of any length, in the frames of `types.Solution`; a second one if told."""
+    """R (3, 3), T (3,) and normals (m, 3) of any length, in the frames of `types.Solution`; a second one if told.
+
+    planes_s : processor time spent by this script, not the peer, on planes under the peer's pose.
+    """
 
     R: FloatArray
     T: FloatArray
     normals: FloatArray
     second: Answer | None = None
+    planes_s: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -56,7 +61,7 @@ def find_peers() -> tuple[list[Peer], list[str]]:
         try:
             library = importlib.import_module(module)
         except ImportError:
-            absent.append(f"{title}: skipped, {module} is not installed (pip install slopemap[peers])")
+            absent.append(f"{title}: skipped, {module} is not installed (pip install '.[peers]')")
         else:
             peers.append(Peer(title, lambda scene, a=answer, lib=library: a(scene, lib)))
     return peers, absent
@@ -136,6 +141,7 @@ def _pycolmap(scene: Scene, pycolmap: ModuleType) -> Answer:
 def _with_planes(scene: Scene, R: FloatArray, t: FloatArray, inlier: np.ndarray) -> Answer:
     """The plane of every patch under a motion P2 = R P1 + t: inverse depths w = n . (x1, 1) by least squares."""
     x1 = homogeneous(scene.x1)
+    start = time.process_time()
     # image 2: x2 ~ R x1 + w t; across either axis that is one equation in w, both are kept
     y, x2 = x1 @ R.T, scene.x2
     coefficient = t[:2] - x2 * t[2]
@@ -144,7 +150,7 @@ def _with_planes(scene: Scene, R: FloatArray, t: FloatArray, inlier: np.ndarray)
     for patch in range(len(scene.normals)):
         own = inlier & (scene.patch == patch)
         normals.append(_plane(coefficient[own][:, :, None] * x1[own][:, None, :], value[own]))
-    return Answer(R, -R.T @ t, np.array(normals))
+    return Answer(R, -R.T @ t, np.array(normals), planes_s=time.process_time() - start)
 
 
 def _plane(design: FloatArray, value: FloatArray) -> FloatArray:
