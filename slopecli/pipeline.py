@@ -18,12 +18,14 @@ from slopecli.diagnosis import (
     refuse_mirrored,
     refuse_unmatched,
 )
+from slopecli.given_review import review
 from slopecli.known_motion import contradiction, motion_prior
 from slopecli.options import Options
 from slopecli.planes import PLANE_FINDERS
 from slopecli.planes.coplanar import merge_patches
 from slopecli.planes.given import RAYS, Given, matched_from
-from slopecli.planes.joint import join_patches, solve_given, solve_jointly
+from slopecli.planes.given_solution import solve_given
+from slopecli.planes.joint import join_patches, solve_jointly
 from slopecli.planes.survey import survey
 from slopecli.planes.window_finder import wanted_windows
 from slopecli.report import build_report
@@ -130,10 +132,13 @@ def solve(given: Given, cameras: tuple[Camera, Camera] | None, options: Options,
     matched = matched_from(given, both)
     sigma = float(np.median(given.sigma)) if noise is None and given.sigma is not None else noise
     sigma_rad = None if sigma is None else sigma * (1e-3 if cameras is None else 1.0 / both[1].focal_px)
-    solution = solve_given(matched, options.solver, sigma_rad, prior)
-    if prior and (warning := contradiction(prior, solution, None)):
+    solved = solve_given(matched, options.solver, sigma_rad, prior)
+    if prior and (warning := contradiction(prior, solved.solution, None)):
         diagnostics.append(warning)
-        solution = solve_given(matched, options.solver, sigma_rad)
+        solved = solve_given(matched, options.solver, sigma_rad)
+    matched, notes = review(solved, matched, sigma_rad, both[1])
+    diagnostics += notes
+    solution = solved.solution
     if options.merge_coplanar:
         matched, solution, notes = merge_patches(matched, solution)
         diagnostics += notes

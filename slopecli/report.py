@@ -225,8 +225,8 @@ def _plane(
         n_inliers=int(kept.sum()),
         rms_px=_px(rms, cameras[1]),
         rms_mrad=_mrad(rms, cameras[1]),
-        # points of a user's own are held coplanar: nothing is said of relief
-        roughness=float("nan") if matched.patches.source == "given" else float(solution.relief[k]),
+        # points of a user's own are held coplanar where they can be: nothing is said of relief then
+        roughness=_roughness(solution, k, matched.patches.source),
         homography_px=homography_in_pixels(H, cameras[0].K, cameras[1].K),
         verdict=judge(p_safe, p_other, both_known and not doubts, options.confidence),
         p_safe=p_safe,
@@ -234,6 +234,10 @@ def _plane(
         reason="; ".join(doubts) or None,
         slope_known=known,
     )
+
+
+def _roughness(solution: Solution, k: int, source: Source) -> float:
+    return float(solution.relief[k]) if source != "given" or solution.relief.any() else float("nan")
 
 
 def _too_vague(sigma_deg: float, limit_deg: float) -> str:
@@ -260,7 +264,7 @@ def _rms(H: FloatArray, matched: Matched, kept: BoolArray) -> float:
 
 def _doubts(match: WindowMatch, noun: str, roughness: float, inlier_share: float) -> list[str]:
     """Why the plane of a patch should not be leaned on; empty when there is nothing against it."""
-    if match.origin == "borrowed":
+    if match.reason:  # borrowed, or of a user's own and not what they were said to be
         return [match.reason]
     if match.share < LEAST_SEEN:
         return [f"only {100 * match.share:.0f} % of the {noun} could be matched"]

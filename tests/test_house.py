@@ -23,7 +23,7 @@ FLOORS = (
     "planes",
     "simulate",
     "diagnosis measure kinds known_motion second_answer study timing",
-    "report plan claims",
+    "report plan claims given_review",
     "pipeline",
     "io",
     "batch",
