@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import asdict, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from slopecli.diagnosis import NON_PLANAR, diagnose, epipole1_px, unexplained
 from slopecli.errors import InputError, NoAnswer
@@ -81,8 +82,7 @@ def build_report(
     epipole = epipole1_px(solution, cameras[0])
     fit = _fit(solution, matched, cameras[1])
     ids = [plane.id for plane in planes]
-    shown = [matched.footprints[i] for i, plane in zip(matched.answered, every, strict=True) if plane.id in ids]
-    labels = paint_labels(shown, ids, (images[0].height or 0, images[0].width or 0))
+    labels = _labels(matched, every, ids, images[0])
     if matched.patches.found:
         diagnostics = [*diagnostics, unexplained(labels)]
     return Report(
@@ -101,6 +101,14 @@ def build_report(
         epipole1_px=epipole,
         segmentation=matched.patches.segmentation,
     )
+
+
+def _labels(matched: Matched, every: list[Plane], ids: list[int], image: Image | ImageInfo) -> NDArray[np.uint16]:
+    """(h, w) id of every pixel's plane; a user's own points have no pixels, and their planes any number."""
+    if matched.patches.source == "given":
+        return np.zeros((0, 0), np.uint16)
+    shown = [matched.footprints[i] for i, plane in zip(matched.answered, every, strict=True) if plane.id in ids]
+    return paint_labels(shown, ids, (image.height or 0, image.width or 0))
 
 
 def _info(image: Image | ImageInfo) -> ImageInfo:

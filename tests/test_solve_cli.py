@@ -237,6 +237,15 @@ def test_a_patch_that_makes_no_plane_is_named_among_those_refused(tmp_path: Path
 GOOD = "x1,y1,x2,y2,patch\n" + "\n".join(f"0.{i},0.{i * i},0.1{i},0.2{i},1" for i in range(9))
 
 
+@pytest.mark.parametrize("largest", [70_008, 2**31 - 1])
+def test_numbers_of_patches_may_be_large(largest: int, tmp_path: Path, ask: Ask) -> None:
+    scene = scene_of(noise_px=0.3)
+    patch = np.where(scene.patch < 0, -1, scene.patch + largest - 8)
+    status, out, _ = ask(write_rows(tmp_path / "m.csv", scene, rays=True, patch=patch), "--json")
+    assert status == 0
+    assert [plane["id"] for plane in json.loads(out)["planes"]] == list(range(largest - 8, largest + 1))
+
+
 @pytest.mark.parametrize(
     ("text", "said"),
     [
