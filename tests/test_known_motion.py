@@ -44,9 +44,11 @@ def write(path: Path, values: object) -> str:
 def test_both_conventions_of_a_position_are_read(tmp_path: Path) -> None:
     ours = load_pose(write(tmp_path / "a.json", {"R": R.tolist(), "T": T.tolist()}))
     opencv = load_pose(write(tmp_path / "b.json", {"R": R.tolist(), "t": (-R @ T).tolist()}))
+    column = load_pose(write(tmp_path / "d.json", {"R": R.tolist(), "t": (-R @ T)[:, None].tolist()}))
+    both = load_pose(write(tmp_path / "e.json", {"R": R.tolist(), "T": T.tolist(), "t": (-R @ T).tolist()}))
     motion = {"rotation_cam2_from_cam1": R.tolist(), "baseline_cam1": T.tolist()}
     answered = {"motion": motion, "scale": {"unit": "m", "source": "pose"}}
-    for pose in (ours, opencv, load_pose(write(tmp_path / "c.json", answered))):
+    for pose in (ours, opencv, column, both, load_pose(write(tmp_path / "c.json", answered))):
         assert np.array(pose.rotation).reshape(3, 3) == pytest.approx(R, abs=1e-6)
         assert pose.baseline_m == pytest.approx(tuple(T), abs=1e-9)
 
@@ -62,6 +64,10 @@ def test_both_conventions_of_a_position_are_read(tmp_path: Path) -> None:
         ({"R": (-np.eye(3)).tolist(), "T": [0, 0, 1]}, "no rotation"),
         ({"R": np.eye(3).tolist(), "T": [0, 0, 0]}, "T is zero"),
         ({"R": np.eye(3).tolist(), "T": [0, "up", 0]}, "'T' is not 3"),
+        ({"R": np.eye(3).tolist(), "T": [[0, 1, 0]]}, "'T' is not 3"),
+        ({"R": np.eye(3).tolist(), "T": [0, 1, 0], "t": [0, 1, 0]}, "'T' and 't' contradict each other"),
+        ({"R": np.eye(3).tolist(), "T": [1e300, 1e300, 1e300]}, "its T is .* m long"),
+        ({"R": np.eye(3).tolist(), "T": [1e-320, 0, 0]}, "its T is .* m long"),
         ({"motion": {}, "scale": {"unit": "baseline"}}, "in baselines, not metres"),
     ],
 )
