@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
+from slopecli.errors import InputError
 from slopecli.geometry.priors import MotionPrior
 from slopecli.options import Options
 from slopecli.planes.joint import SYSTEMATIC_PX, excess_px
@@ -11,6 +14,7 @@ from slopecli.types import Diagnostic, FloatArray, Solution
 
 # chi-square at 0.999 by the number of directions a prior fixes
 CONTRADICTED = {2: 13.8, 3: 16.3, 5: 20.5}
+USELESS_DEG = 90.0  # a 1-sigma that leaves every direction open
 EXACT_RAD = 1e-6  # 1-sigma of a pose, which comes without one: far less than images can tell
 
 
@@ -19,7 +23,7 @@ def motion_prior(options: Options) -> MotionPrior | None:
 
     Raises
     ------
-    InputError : a quaternion or direction of length zero, or a sigma that is not positive.
+    InputError : a quaternion or direction of length zero, or a sigma that is not positive or says nothing.
     """
     if options.pose is not None:
         R = np.array(options.pose.rotation).reshape(3, 3)
@@ -27,6 +31,12 @@ def motion_prior(options: Options) -> MotionPrior | None:
     if options.rotation_prior is None and options.direction_prior is None:
         return None
     rotation, direction = options.rotation_prior, options.direction_prior
+    for name, given in (("rotation", rotation), ("direction", direction)):
+        if given is not None and not given[-1] < USELESS_DEG:
+            raise InputError(
+                f"the {name} known beforehand has a sigma of {given[-1]:g} deg, which says nothing; give one below "
+                f"{USELESS_DEG:g} deg, or leave it out"
+            )
     return MotionPrior.checked(
         None if rotation is None else rotation_of_quaternion(np.array(rotation[:4])),
         np.inf if rotation is None else float(np.radians(rotation[4])),
@@ -37,7 +47,10 @@ def motion_prior(options: Options) -> MotionPrior | None:
 
 def rotation_of_quaternion(q: FloatArray) -> FloatArray:
     """(3, 3) rotation of a quaternion w, x, y, z of any length but zero."""
-    w, x, y, z = q / max(float(np.linalg.norm(q)), np.finfo(float).tiny)
+    length = math.hypot(*q)
+    if not 0.0 < length < math.inf:
+        raise InputError(f"the quaternion {q.tolist()} has no direction; it must be four finite numbers, not all zero")
+    w, x, y, z = q / length
     return np.array(
         [
             [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],

@@ -93,6 +93,24 @@ def test_quaternions_are_rotations() -> None:
     assert rotation_of_quaternion(7 * q) == pytest.approx(rotation_from_vector(w), abs=1e-12)
 
 
+def test_a_prior_that_says_nothing_is_refused() -> None:
+    for useless in (
+        Options(direction_prior=(0, 0, 1, 180.0)),
+        Options(rotation_prior=(1, 0, 0, 0, np.inf)),
+        Options(rotation_prior=(0, 0, 0, 0, 1.0)),
+    ):
+        with pytest.raises(InputError, match=r"says nothing|has no direction"):
+            motion_prior(useless)
+
+
+def test_a_direction_of_any_length_is_one() -> None:
+    for length in (1e-200, 1.0, 1e200):
+        prior = motion_prior(Options(direction_prior=(length, length, 0, 1), rotation_prior=(0, length, 0, 0, 1)))
+        assert prior is not None
+        assert prior.direction == pytest.approx([0.5**0.5, 0.5**0.5, 0])
+        assert prior.rotation == pytest.approx(np.diag([1, -1, -1]))
+
+
 def test_sigmas_are_degrees() -> None:
     prior = motion_prior(Options(rotation_prior=(1, 0, 0, 0, 0.5), direction_prior=(0, 0, 2, 3)))
     assert prior is not None
@@ -145,6 +163,10 @@ def test_what_the_images_contradict_is_left_out_and_said() -> None:
     [
         (("--rotation-prior", "0,0,1"), "QW,QX,QY,QZ,SIGMA"),
         (("--rotation-prior", "0,0,1,0"), "SIGMA must be > 0"),
+        (("--rotation-prior", "0,0,1,180"), "SIGMA must be > 0 and < 90 deg"),
+        (("--rotation-prior", "1,0,0,0,1e300"), "SIGMA must be > 0 and < 90 deg"),
+        (("--rotation-prior", "1e308,0,0,1"), "angle must be at most 360 deg"),
+        (("--direction-prior", "0,0,1,90"), "SIGMA must be > 0 and < 90 deg"),
         (("--rotation-prior", "0,0,0,0,1"), "must not be zero"),
         (("--direction-prior", "0,0,0,1"), "must not be zero"),
         (("--direction-prior", "0,0,1,0.5", "--solver", "ha"), "--direction-prior is for --solver mle"),

@@ -167,6 +167,15 @@ def test_scale_merging_and_the_largest_sigma_reach_the_answer(tmp_path: Path, as
     assert all("--max-sigma 0.01" in plane["reason"] for plane in result["planes"])
 
 
+def test_directions_may_have_any_length(tmp_path: Path, ask: Ask) -> None:
+    matches = write_rows(tmp_path / "m.csv", scene_of(3, 0.3), rays=True)
+    plain, huge, tiny = (
+        ask(matches, f"--up={length},0,-{length}", "--north", f"0,{length},0") for length in ("1", "1e200", "1e-200")
+    )
+    assert plain[0] == 0
+    assert plain == huge == tiny
+
+
 def test_a_camera_that_only_turned_gives_no_answer(tmp_path: Path, ask: Ask) -> None:
     scene = scene_of()
     turned = np.column_stack([scene.x1, np.ones(len(scene.x1))]) @ scene.R.T
