@@ -15,7 +15,7 @@ from slopecli.types import Diagnostic, FloatArray, Solution
 # chi-square at 0.999 by the number of directions a prior fixes
 CONTRADICTED = {2: 13.8, 3: 16.3, 5: 20.5}
 USELESS_DEG = 90.0  # a 1-sigma that leaves every direction open
-EXACT_RAD = 1e-6  # 1-sigma of a pose, which comes without one: far less than images can tell
+EXACT_RAD = 1e-6  # 1-sigma of a pose that comes without one: far less than images can tell
 
 
 def motion_prior(options: Options) -> MotionPrior | None:
@@ -26,23 +26,28 @@ def motion_prior(options: Options) -> MotionPrior | None:
     InputError : a quaternion or direction of length zero, or a sigma that is not positive or says nothing.
     """
     if options.pose is not None:
-        R = np.array(options.pose.rotation).reshape(3, 3)
-        return MotionPrior.checked(R, EXACT_RAD, np.array(options.pose.baseline_m), EXACT_RAD)
+        R, sigma_deg = np.array(options.pose.rotation).reshape(3, 3), options.pose_sigma_deg
+        sigma = EXACT_RAD if sigma_deg is None else _sigma("pose", sigma_deg)
+        return MotionPrior.checked(R, sigma, np.array(options.pose.baseline_m), sigma)
     if options.rotation_prior is None and options.direction_prior is None:
         return None
     rotation, direction = options.rotation_prior, options.direction_prior
-    for name, given in (("rotation", rotation), ("direction", direction)):
-        if given is not None and not given[-1] < USELESS_DEG:
-            raise InputError(
-                f"the {name} known beforehand has a sigma of {given[-1]:g} deg, which says nothing; give one below "
-                f"{USELESS_DEG:g} deg, or leave it out"
-            )
     return MotionPrior.checked(
         None if rotation is None else rotation_of_quaternion(np.array(rotation[:4])),
-        np.inf if rotation is None else float(np.radians(rotation[4])),
+        np.inf if rotation is None else _sigma("rotation", rotation[4]),
         None if direction is None else np.array(direction[:3]),
-        np.inf if direction is None else float(np.radians(direction[3])),
+        np.inf if direction is None else _sigma("direction", direction[3]),
     )
+
+
+def _sigma(name: str, sigma_deg: float) -> float:
+    """In rad, when it says anything."""
+    if not sigma_deg < USELESS_DEG:
+        raise InputError(
+            f"the {name} known beforehand has a sigma of {sigma_deg:g} deg, which says nothing; give one below "
+            f"{USELESS_DEG:g} deg, or leave it out"
+        )
+    return math.radians(sigma_deg)
 
 
 def rotation_of_quaternion(q: FloatArray) -> FloatArray:
@@ -60,7 +65,9 @@ def rotation_of_quaternion(q: FloatArray) -> FloatArray:
     )
 
 
-def contradiction(prior: MotionPrior, solution: Solution, focal_px: float | None) -> Diagnostic | None:
+def contradiction(
+    prior: MotionPrior, solution: Solution, focal_px: float | None, options: Options
+) -> Diagnostic | None:
     """A warning where the images contradict what was known beforehand, by more than chance and systematic errors.
 
     focal_px : of camera 2; None for matches whose noise is the user's word, with nothing systematic to allow for.
@@ -71,11 +78,15 @@ def contradiction(prior: MotionPrior, solution: Solution, focal_px: float | None
     if chi2 <= CONTRADICTED[fixed] or feigned:
         return None
     what = {2: "direction", 3: "rotation", 5: "motion"}[fixed]
+    scale, option = "", "a larger sigma"
+    if options.pose is not None:
+        what, option = "pose", "its own sigma by --pose-sigma"
+        scale = "; lengths still rest on its distance, which nothing has checked"
     return Diagnostic(
         "prior-contradicted",
         "warning",
         f"the images contradict the {what} given, so it was left out: chi-square {chi2:.3g}, by chance it is below "
-        f"{CONTRADICTED[fixed]:g}",
+        f"{CONTRADICTED[fixed]:g}{scale}",
         chi2,
-        "check its axes and its direction (camera 2 from camera 1), or give it a larger sigma",
+        f"check its axes and its direction (camera 2 from camera 1), or give it {option}",
     )

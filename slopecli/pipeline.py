@@ -99,7 +99,7 @@ def estimate(
     # all patches together: one motion, one normal each, one epipolar geometry
     matched = join_patches(patches, scene)
     solution = solve_jointly(matched, scene, motions, options.solver, prior)
-    if prior and (warning := contradiction(prior, solution, camera2.focal_px)):
+    if prior and (warning := contradiction(prior, solution, camera2.focal_px, options)):
         diagnostics.append(warning)
         solution = solve_jointly(matched, scene, motions, options.solver)
     if options.merge_coplanar:
@@ -133,7 +133,7 @@ def solve(given: Given, cameras: tuple[Camera, Camera] | None, options: Options,
     sigma = float(np.median(given.sigma)) if noise is None and given.sigma is not None else noise
     sigma_rad = None if sigma is None else sigma * (1e-3 if cameras is None else 1.0 / both[1].focal_px)
     solved = solve_given(matched, options.solver, sigma_rad, prior)
-    if prior and (warning := contradiction(prior, solved.solution, None)):
+    if prior and (warning := contradiction(prior, solved.solution, None, options)):
         diagnostics.append(warning)
         solved = solve_given(matched, options.solver, sigma_rad)
     matched, notes = review(solved, matched, sigma_rad, both[1])

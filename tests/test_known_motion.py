@@ -15,7 +15,10 @@ from slopecli.errors import InputError
 from slopecli.geometry.epipolar import rotation_from_vector
 from slopecli.io.poses import load_pose
 from slopecli.known_motion import motion_prior, rotation_of_quaternion
-from slopecli.options import Options
+from slopecli.options import Options, Pose
+from slopecli.pipeline import solve
+from slopecli.planes.given import Given
+from slopecli.simulate import make_scene
 
 DESCENT = Path(__file__).resolve().parent.parent / "sample_data" / "descent"
 TRUTH = json.loads((DESCENT / "truth.json").read_text())
@@ -131,6 +134,29 @@ def test_a_pose_gives_metres_and_is_the_motion_of_the_answer(tmp_path: Path) -> 
     assert result["options"]["pose"]["baseline_m"] == pytest.approx(T)
 
 
+def test_a_pose_of_a_sensor_has_a_sigma_and_is_not_thrown_out() -> None:
+    """0.3 deg off about each axis, as of an inertial sensor: it is contradicted if called exact, else it helps."""
+    scene = make_scene(np.random.default_rng(1), noise_px=0.3, slopes_deg=[0.0] * 9, height_spread=0.0)
+    off = rotation_from_vector(np.radians([0.3, -0.3, 0.3]))
+    pose = Pose(tuple((off @ scene.R).ravel()), tuple(12.5 * (off @ scene.T)))
+    given, cameras = Given(scene.uv1, scene.uv2, scene.patch), (scene.camera, scene.camera)
+    plain, exact, known = (
+        solve(given, cameras, options)
+        for options in (Options(baseline_m=12.5), Options(pose=pose), Options(pose=pose, pose_sigma_deg=0.3))
+    )
+    (warning,) = (one for one in exact.diagnostics if one.code == "prior-contradicted")
+    assert "the pose given" in warning.message
+    assert "lengths still rest on its distance" in warning.message
+    assert "--pose-sigma" in (warning.remedy or "")
+    assert "prior-contradicted" not in {one.code for one in known.diagnostics}
+    assert known.scale == exact.scale
+    assert np.linalg.norm(known.motion.baseline_cam1) == pytest.approx(12.5)
+    assert (plain.ambiguity.status, known.ambiguity.status != "unresolved") == ("unresolved", True)
+    for before, after in zip(plain.planes, known.planes, strict=True):
+        assert after.slope_sigma_deg < 1.05 * before.slope_sigma_deg
+        assert after.slope_deg < 4 * after.slope_sigma_deg
+
+
 def test_a_rotation_vector_and_its_quaternion_are_the_same_prior() -> None:
     vector, _ = answer("--rotation-prior", "0,0,90,20")
     quaternion, _ = answer("--rotation-prior", "0.7071067811865476,0,0,0.7071067811865476,20")
@@ -171,6 +197,8 @@ def test_what_the_images_contradict_is_left_out_and_said() -> None:
         (("--direction-prior", "0,0,0,1"), "must not be zero"),
         (("--direction-prior", "0,0,1,0.5", "--solver", "ha"), "--direction-prior is for --solver mle"),
         (("--pose", "x.json", "--baseline", "2"), "contradict each other"),
+        (("--pose-sigma", "0.3"), "--pose-sigma is of a --pose"),
+        (("--pose", "x.json", "--pose-sigma", "90"), "0<x<90"),
         (("--pose", "x.json", "--rotation-prior", "0,0,1,1"), "contradict each other"),
     ],
 )
