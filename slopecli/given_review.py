@@ -4,14 +4,48 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import numpy as np
+
 from slopecli.diagnosis import NON_PLANAR
+from slopecli.errors import NoAnswer
+from slopecli.geometry.epipolar import homogeneous
 from slopecli.planes.given import RAYS
 from slopecli.planes.given_solution import GivenSolution
 from slopecli.planes.joint import Matched
-from slopecli.types import Camera, Diagnostic
+from slopecli.types import Camera, Diagnostic, Solution
 
 FAR = 2.0  # times the noise, beyond which residuals are not what was said of them
+MOST_UNLIKE = 0.5  # share of the scatter of points in image 2 beyond which nothing says where its left and right are
+UNRELATED = 0.1  # of the spread of the points in image 2: larger residuals are no noise
 NOISY_PX = 2.0  # no matcher is worse, and who marks points by hand can say that he is
+
+
+def alike(matched: Matched) -> bool:
+    """Whether image 2 looks like image 1, moved, turned, stretched or mirrored: an affine map explains most of it."""
+    points = matched.correspondences
+    design = homogeneous(points.x1)
+    left = points.x2 - design @ np.linalg.lstsq(design, points.x2, rcond=None)[0]
+    return float(left.var()) < MOST_UNLIKE * float(points.x2.var(axis=0).mean())
+
+
+def refuse_strangers(solution: Solution, matched: Matched, camera2: Camera) -> None:
+    """Raise NoAnswer where rows agree on no motion: those of two pairs, or of no pair at all."""
+    spread = float(np.sqrt(matched.correspondences.x2.var(axis=0).mean()))
+    if solution.noise <= UNRELATED * spread:
+        return
+    unit, per = _unit(camera2)
+    raise NoAnswer(
+        "no-overlap",
+        f"the rows agree on no motion of the camera: residuals are {solution.noise * per:.3g} {unit}, and "
+        f"the points are spread over {spread * per:.3g} {unit} (1-sigma)",
+        "check that x1,y1 and x2,y2 are the same point in either image, of one pair, and the camera",
+        value=solution.noise / spread,
+    )
+
+
+def _unit(camera2: Camera) -> tuple[str, float]:
+    """The unit of residuals, and how many of it a normalised coordinate is."""
+    return ("mrad", 1e3) if camera2 is RAYS else ("px", camera2.focal_px)
 
 
 def review(
@@ -21,7 +55,7 @@ def review(
 
     noise : as said beforehand, see `solve_given`; None where nothing was.
     """
-    unit, per = ("mrad", 1e3) if camera2 is RAYS else ("px", camera2.focal_px)
+    unit, per = _unit(camera2)
     seen, measured = solved.flatness, solved.solution.noise
     m = len(matched.answered)
     modelled = solved.solution.relief.any()

@@ -18,7 +18,7 @@ from slopecli.diagnosis import (
     refuse_mirrored,
     refuse_unmatched,
 )
-from slopecli.given_review import review
+from slopecli.given_review import alike, refuse_strangers, review
 from slopecli.known_motion import contradiction, motion_prior
 from slopecli.options import Options
 from slopecli.planes import PLANE_FINDERS
@@ -125,17 +125,21 @@ def solve(given: Given, cameras: tuple[Camera, Camera] | None, options: Options,
     Raises
     ------
     InputError : no three rows off a line lie on one plane.
-    DegenerateConfiguration, NoAnswer : there are too few correspondences, or no parallax.
+    DegenerateConfiguration, NoAnswer : there are too few correspondences, no parallax, a mirrored image, or rows that
+        agree on no motion.
     """
     both = cameras or (RAYS, RAYS)
     prior, diagnostics = motion_prior(options), list[Diagnostic]()
     matched = matched_from(given, both)
+    if alike(matched):
+        refuse_mirrored(matched.correspondences.x1, matched.correspondences.x2)
     sigma = float(np.median(given.sigma)) if noise is None and given.sigma is not None else noise
     sigma_rad = None if sigma is None else sigma * (1e-3 if cameras is None else 1.0 / both[1].focal_px)
     solved = solve_given(matched, options.solver, sigma_rad, prior)
     if prior and (warning := contradiction(prior, solved.solution, None, options)):
         diagnostics.append(warning)
         solved = solve_given(matched, options.solver, sigma_rad)
+    refuse_strangers(solved.solution, matched, both[1])
     matched, notes = review(solved, matched, sigma_rad, both[1])
     diagnostics += notes
     solution = solved.solution

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import pytest
 
+from slopecli.errors import NoAnswer
 from slopecli.options import Options
 from slopecli.pipeline import solve
 from slopecli.planes.given import Given
@@ -110,6 +112,21 @@ def test_honest_planes_and_rough_ground_are_answered(flight: float) -> None:
             assert np.isfinite(report.planes[0].roughness) == bool(relief)
     # 108 slopes; 95 % of them, and planes of a scene share the error of its motion
     assert inside / total > 0.86
+
+
+def test_rows_of_no_pair_have_no_answer() -> None:
+    scene, rng = facets(), np.random.default_rng(1)
+    for rays in (True, False):
+        for unrelated in (rng.permutation(len(scene.x2)), np.r_[0:100, 100 + rng.permutation(170)]):
+            with pytest.raises(NoAnswer, match="agree on no motion"):
+                solved(replace(scene, x2=scene.x2[unrelated]), rays=rays)
+
+
+def test_a_mirrored_image_has_no_answer() -> None:
+    for axis in ([-1, 1], [1, -1]):
+        scene = facets(rotation_deg=3.0)
+        with pytest.raises(NoAnswer, match="image 2 is mirrored"):
+            solved(replace(scene, x2=scene.x2 * axis))
 
 
 def test_exact_rows_are_exact_whatever_the_noise_given() -> None:

@@ -102,8 +102,9 @@ def _standing_off(
             continue
         h = height[patch]
         centre = np.median(h[kept])
-        scale = 1.4826 * np.median(np.abs(h[kept] - centre))
-        far = kept & (np.abs(h - centre) > _STAND_OFF * np.hypot(scale, noise_height[patch]))
+        with np.errstate(invalid="ignore"):  # heights of a patch behind the camera are infinite; NaN is not far
+            scale = 1.4826 * np.median(np.abs(h[kept] - centre))
+            far = kept & (np.abs(h - centre) > _STAND_OFF * np.hypot(scale, noise_height[patch]))
         if far.sum() < _MINORITY * kept.sum():
             off[patch] = far
     return off
