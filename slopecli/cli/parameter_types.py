@@ -75,6 +75,18 @@ class Grid(click.ParamType):
         return int(match[1]), int(match[2])
 
 
+class Size(click.ParamType):
+    """WIDTHxHEIGHT, px."""
+
+    name = "size"
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> tuple[int, int]:
+        match = re.fullmatch(r"([1-9]\d{0,5})x([1-9]\d{0,5})", str(value))
+        if match is None:
+            self.fail(f"{value!r} is not WIDTHxHEIGHT in px, for example 1024x768.", param, ctx)
+        return int(match[1]), int(match[2])
+
+
 class Up(CommaSeparated):
     """`camera`, `dominant-plane` or a vector."""
 
@@ -171,6 +183,7 @@ DIRECTION_PRIOR = CommaSeparated(
     f"the direction must not be zero and {SIGMA_IS}",
 )
 GRID = Grid()
+SIZE = Size()
 PATH = PathText()
 POSITIVE = Between(min=0, min_open=True)
 
