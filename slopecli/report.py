@@ -14,7 +14,7 @@ from slopecli.geometry.homography import homography_in_pixels, homography_of_pla
 from slopecli.geometry.metrics import rotation_angle
 from slopecli.geometry.slope import slope_interval, surface_normals
 from slopecli.measure import Measured, judge, measure
-from slopecli.options import MOST_SIGMA_DEG, Options
+from slopecli.options import Options
 from slopecli.planes.footprint import paint_labels
 from slopecli.planes.given import RAYS
 from slopecli.planes.joint import Matched
@@ -33,13 +33,13 @@ from slopecli.types import (
     ImageInfo,
     Motion,
     Plane,
-    Rejected,
     Report,
     Scale,
     Solution,
     Source,
     Up,
 )
+from slopecli.unanswered import answered, causes, commonest, rejected
 
 # options of how images are matched and planes found
 OF_IMAGES = {
@@ -71,13 +71,11 @@ def build_report(
     other = _second_root(solution, matched, options)
     scale, length = _scale(solution, matched, main.up, options)
     every = [_plane(k, main, other, matched, cameras, options) for k in range(len(matched.answered))]
-    planes = tuple(_scaled(plane, scale, length) for plane in every if _answered(plane))
+    planes = tuple(_scaled(plane, scale, length) for plane in every if answered(plane))
+    unknown = causes(every, main, matched, options)
     if not planes:
-        raise NoAnswer(
-            "low-texture",
-            f"the matches of all {len(matched.matches)} {matched.patches.noun}s leave their slopes open",
-            f"choose larger {matched.patches.noun}s, or such with texture that both images show",
-        )
+        cause, whose = commonest(unknown), f"all {len(matched.matches)} {matched.patches.noun}s"
+        raise NoAnswer(cause.code, f"the matches of {whose} leave their slopes open: {cause.message}", cause.remedy)
     relief = {plane.id: float(r) for plane, r in zip(every, solution.relief, strict=True)}
     epipole = epipole1_px(solution, cameras[0])
     fit = _fit(solution, matched, cameras[1])
@@ -95,7 +93,7 @@ def build_report(
         fit=fit,
         ambiguity=_ambiguity(main, other, matched, ids, length, options.max_sigma_deg),
         planes=planes,
-        rejected=_rejected(matched, every),
+        rejected=rejected(matched, every, unknown),
         diagnostics=(*diagnostics, *diagnose(planes, relief, solution, epipole, fit.noise_px, labels)),
         labels=labels,
         epipole1_px=epipole,
@@ -281,19 +279,6 @@ def _doubts(match: WindowMatch, noun: str, roughness: float, inlier_share: float
     return []
 
 
-def _answered(plane: Plane) -> bool:
-    """Whether the matches say where the plane faces, and that it lies before the camera (NaN compares false).
-
-    A window was asked about, so it keeps what little is known of it; a plane that is only claimed must be known.
-    """
-    return plane.slope_sigma_deg <= MOST_SIGMA_DEG and plane.distance > 0 and (plane.slope_known or not plane.found)
-
-
-def _open(plane: Plane) -> str:
-    vague = "" if plane.slope_known else f": 1-sigma {plane.slope_sigma_deg:.0f}°"
-    return f"its matches leave the slope open{vague}"
-
-
 def _scaled(plane: Plane, scale: Scale, length: float) -> Plane:
     """The plane with its lengths in the report's unit; roughness becomes a height only when that is metres."""
     distance = plane.distance * length
@@ -327,18 +312,3 @@ def _ambiguity(
         ways if found.status == "unresolved" else None,
         Alternative(_motion(other.solution, length), planes),
     )
-
-
-def _rejected(matched: Matched, planes: list[Plane]) -> tuple[Rejected, ...]:
-    """Patches without matches, and those whose matches leave the slope open."""
-    bare = [
-        Rejected(matched.patches.id_of(i), footprint.polygon_px, match.code, match.reason)
-        for i, (footprint, match) in enumerate(zip(matched.footprints, matched.matches, strict=True))
-        if match.origin == "none"
-    ]
-    vague = [
-        Rejected(plane.id, plane.polygon_px, "low-texture", f"too little texture: {_open(plane)}")
-        for plane in planes
-        if not _answered(plane)
-    ]
-    return tuple(sorted(bare + vague, key=lambda rejected: rejected.id))

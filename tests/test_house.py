@@ -23,6 +23,7 @@ FLOORS = (
     "planes",
     "simulate",
     "diagnosis measure kinds known_motion second_answer study timing",
+    "unanswered",
     "report plan claims given_review",
     "pipeline",
     "io",

@@ -170,6 +170,14 @@ def test_scale_merging_and_the_largest_sigma_reach_the_answer(tmp_path: Path, as
     assert all("--max-sigma 0.01" in plane["reason"] for plane in result["planes"])
 
 
+def test_an_up_that_is_hardly_known_is_named_as_the_cause(tmp_path: Path, ask: Ask) -> None:
+    status, out, err = ask(write_rows(tmp_path / "m.csv", scene_of(noise_px=0.3), rays=True), "--up-sigma", "89.9")
+    assert (status, out) == (3, "")
+    assert "up-unknown" in err
+    assert "--up-sigma" in err
+    assert "texture" not in err
+
+
 def test_directions_may_have_any_length(tmp_path: Path, ask: Ask) -> None:
     matches = write_rows(tmp_path / "m.csv", scene_of(3, 0.3), rays=True)
     plain, huge, tiny = (
