@@ -185,6 +185,7 @@ REFUSED = {
     "output is a file": ([*FLIGHT, "-o", __file__], 1, "is not a folder"),
     "no parallax": ([*PAPER, "--height", "100000"], 3, "pure-rotation"),
     "no overlap": ([*PAPER, "--height", "0.3"], 3, "no-overlap"),
+    "up hardly known": ([*PAPER, "--sigma", "0.5", "--up-sigma", "1"], 3, "up itself is known to 1 deg; ask for"),
     "no such sigma": ([*PAPER, "--sigma", "0.001"], 3, "no baseline reaches 0.001 deg in the worst window"),
 }
 

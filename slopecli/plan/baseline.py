@@ -89,6 +89,12 @@ def _unreachable(flight: Flight, sigma_rad: float, of: Of, best: tuple[float, fl
             f"no baseline reaches {wanted}: window {lost} does not see the ground, or not from both places",
             "leave that window out with --window, or turn the camera to the ground with --up",
         )
+    if flight.up_sigma_rad >= sigma_rad:
+        return NoAnswer(
+            "up-unknown",
+            f"no baseline reaches {wanted}: up itself is known to {np.degrees(flight.up_sigma_rad):.3g} deg",
+            "ask for a larger sigma than that of up, or give a smaller --up-sigma",
+        )
     if best[0] > np.radians(UNKNOWN_DEG):
         return NoAnswer(
             "single-plane",
