@@ -96,7 +96,7 @@ def _beyond_the_given(measured: float, noise: float, unit: str) -> list[Diagnost
     times = measured / noise
     if times <= FAR:
         message = (
-            f"residuals show {measured:.3g} {unit}, more than the noise given, {noise:.3g} {unit}; they are believed"
+            f"residuals show {measured:.3g} {unit}, more than the noise given, {noise:.3g} {unit}; sigmas rest on them"
         )
         return [Diagnostic("noise-exceeded", "info", message, measured)]
     return [
