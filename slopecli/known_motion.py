@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
 
+from slopecli.errors import InputError
 from slopecli.geometry.priors import MotionPrior
 from slopecli.options import Options
 from slopecli.planes.joint import SYSTEMATIC_PX, excess_px
@@ -13,7 +15,8 @@ from slopecli.types import Diagnostic, FloatArray, Solution
 
 # chi-square at 0.999 by the number of directions a prior fixes
 CONTRADICTED = {2: 13.8, 3: 16.3, 5: 20.5}
-EXACT_RAD = 1e-6  # 1-sigma of a pose, which comes without one: far less than images can tell
+USELESS_DEG = 90.0  # a 1-sigma that leaves every direction open
+EXACT_RAD = 1e-6  # 1-sigma of a pose that comes without one: far less than images can tell
 
 
 def motion_prior(options: Options) -> MotionPrior | None:
@@ -21,19 +24,20 @@ def motion_prior(options: Options) -> MotionPrior | None:
 
     Raises
     ------
-    InputError : a quaternion or direction of length zero, or a sigma that is not positive.
+    InputError : a quaternion or direction of length zero, or a sigma that is not positive or says nothing.
     """
     if options.pose is not None:
-        R = np.array(options.pose.rotation).reshape(3, 3)
-        return MotionPrior.checked(R, EXACT_RAD, np.array(options.pose.baseline_m), EXACT_RAD)
+        R, sigma_deg = np.array(options.pose.rotation).reshape(3, 3), options.pose_sigma_deg
+        sigma = EXACT_RAD if sigma_deg is None else _sigma("pose", sigma_deg)
+        return MotionPrior.checked(R, sigma, np.array(options.pose.baseline_m), sigma)
     if options.rotation_prior is None and options.direction_prior is None:
         return None
     rotation, direction = options.rotation_prior, options.direction_prior
     return MotionPrior.checked(
         None if rotation is None else rotation_of_quaternion(np.array(rotation[:4])),
-        np.inf if rotation is None else float(np.radians(rotation[4])),
+        np.inf if rotation is None else _sigma("rotation", rotation[4]),
         None if direction is None else np.array(direction[:3]),
-        np.inf if direction is None else float(np.radians(direction[3])),
+        np.inf if direction is None else _sigma("direction", direction[3]),
     )
 
 
@@ -44,9 +48,22 @@ def known_length_m(options: Options) -> float | None:
     return options.baseline_m
 
 
+def _sigma(name: str, sigma_deg: float) -> float:
+    """In rad, when it says anything."""
+    if not sigma_deg < USELESS_DEG:
+        raise InputError(
+            f"the {name} known beforehand has a sigma of {sigma_deg:g} deg, which says nothing; give one below "
+            f"{USELESS_DEG:g} deg, or leave it out"
+        )
+    return math.radians(sigma_deg)
+
+
 def rotation_of_quaternion(q: FloatArray) -> FloatArray:
     """(3, 3) rotation of a quaternion w, x, y, z of any length but zero."""
-    w, x, y, z = q / max(float(np.linalg.norm(q)), np.finfo(float).tiny)
+    length = math.hypot(*q)
+    if not 0.0 < length < math.inf:
+        raise InputError(f"the quaternion {q.tolist()} has no direction; it must be four finite numbers, not all zero")
+    w, x, y, z = q / length
     return np.array(
         [
             [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
@@ -68,7 +85,9 @@ class Contradiction:
     diagnostic: Diagnostic
 
 
-def contradiction(prior: MotionPrior, solution: Solution, focal_px: float | None) -> Contradiction | None:
+def contradiction(
+    prior: MotionPrior, solution: Solution, focal_px: float | None, options: Options
+) -> Contradiction | None:
     """Where the images contradict what was known beforehand by more than chance, and what to make of it.
 
     focal_px : of camera 2; None for matches whose noise is the user's word, with nothing systematic to allow for.
@@ -88,6 +107,10 @@ def contradiction(prior: MotionPrior, solution: Solution, focal_px: float | None
         )
         remedy = "check the camera file, or give it a larger sigma"
         return Contradiction(doubt, Diagnostic("prior-contradicted", "info", message, chi2, remedy))
-    message = f"the images contradict the {what} given, so it was left out: {said}"
-    remedy = "check its axes and its direction (camera 2 from camera 1), or give it a larger sigma"
+    scale, option = "", "a larger sigma"
+    if options.pose is not None:
+        what, option = "pose", "its own sigma by --pose-sigma"
+        scale = "; lengths still rest on its distance, which nothing has checked"
+    message = f"the images contradict the {what} given, so it was left out: {said}{scale}"
+    remedy = f"check its axes and its direction (camera 2 from camera 1), or give it {option}"
     return Contradiction(None, Diagnostic("prior-contradicted", "warning", message, chi2, remedy))

@@ -8,7 +8,7 @@ from typing import Literal
 import numpy as np
 
 from slopecli.errors import InputError
-from slopecli.geometry.epipolar import homogeneous
+from slopecli.geometry.epipolar import homogeneous, unit_vector
 from slopecli.geometry.slope import measure_slopes, probability_below, surface_normals
 from slopecli.options import Options
 from slopecli.planes.joint import Matched
@@ -72,10 +72,10 @@ def _up_vector(options: Options) -> FloatArray:
     if isinstance(options.up, str) and options.up != "camera":
         raise InputError(f"up is {options.up!r}; it must be camera, dominant-plane or three numbers X,Y,Z")
     vector = np.array(CAMERA_UP if isinstance(options.up, str) else options.up, float)
-    length = float(np.linalg.norm(vector)) if vector.shape == (3,) else 0.0
-    if not (np.isfinite(length) and length > 0.0):
+    unit = unit_vector(vector) if vector.shape == (3,) else np.zeros(3)
+    if not unit.any():
         raise InputError(f"up is {options.up}; it must be three finite numbers, not all zero")
-    return vector / length
+    return unit
 
 
 def dominant_plane(matched: Matched) -> int:

@@ -37,7 +37,8 @@ class Options:
     north: tuple[float, float, float] | None = None  # None: the image's up direction
     rotation_prior: tuple[float, ...] | None = None  # quaternion w, x, y, z of camera 2 from camera 1; 1-sigma, deg
     direction_prior: tuple[float, ...] | None = None  # of the motion, in camera-1 axes: x, y, z; 1-sigma, deg
-    pose: Pose | None = None  # the motion itself, in metres: only planes are solved
+    pose: Pose | None = None  # the motion itself, in metres: only planes are solved, unless it has a sigma
+    pose_sigma_deg: float | None = None  # 1-sigma of its rotation and of its direction; None: they are exact
     baseline_m: float | None = None
     altitude_m: float | None = None
     tolerance_deg: float = 15.0  # what landers bear (paper, section I)

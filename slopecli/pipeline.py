@@ -21,13 +21,15 @@ from slopecli.diagnosis import (
     refuse_unmatched,
 )
 from slopecli.geometry.motion import MotionEstimate
+from slopecli.given_review import alike, refuse_strangers, review
 from slopecli.known_motion import contradiction, known_length_m, motion_prior
 from slopecli.options import Options
 from slopecli.planes import PLANE_FINDERS, glance
 from slopecli.planes.changes import find_changes
 from slopecli.planes.coplanar import merge_patches
 from slopecli.planes.given import RAYS, Given, matched_from
-from slopecli.planes.joint import join_patches, solve_given, solve_jointly
+from slopecli.planes.given_solution import solve_given
+from slopecli.planes.joint import join_patches, solve_jointly
 from slopecli.planes.lens import lens_misfit
 from slopecli.planes.scene import Scene
 from slopecli.planes.survey import survey
@@ -100,7 +102,7 @@ def estimate(
     # all patches together: one motion, one normal each, one epipolar geometry
     matched = join_patches(patches, scene)
     solution = solve_jointly(matched, scene, motions, options.solver, prior)
-    if prior and (found := contradiction(prior, solution, camera2.focal_px)):
+    if prior and (found := contradiction(prior, solution, camera2.focal_px, options)):
         diagnostics.append(found.diagnostic)
         left = prior if found.doubt else None
         solution = solve_jointly(matched, scene, motions, options.solver, left, found.doubt or 1.0)
@@ -127,17 +129,24 @@ def solve(given: Given, cameras: tuple[Camera, Camera] | None, options: Options,
     Raises
     ------
     InputError : no three rows off a line lie on one plane.
-    DegenerateConfiguration, NoAnswer : there are too few correspondences, or no parallax.
+    DegenerateConfiguration, NoAnswer : there are too few correspondences, no parallax, a mirrored image, or rows that
+        agree on no motion.
     """
     both = cameras or (RAYS, RAYS)
     prior, diagnostics = motion_prior(options), list[Diagnostic]()
     matched = matched_from(given, both)
+    if alike(matched):
+        refuse_mirrored(matched.correspondences.x1, matched.correspondences.x2)
     sigma = float(np.median(given.sigma)) if noise is None and given.sigma is not None else noise
     sigma_rad = None if sigma is None else sigma * (1e-3 if cameras is None else 1.0 / both[1].focal_px)
-    solution = solve_given(matched, options.solver, sigma_rad, prior)
-    if prior and (found := contradiction(prior, solution, None)):
+    solved = solve_given(matched, options.solver, sigma_rad, prior)
+    if prior and (found := contradiction(prior, solved.solution, None, options)):
         diagnostics.append(found.diagnostic)
-        solution = solve_given(matched, options.solver, sigma_rad)
+        solved = solve_given(matched, options.solver, sigma_rad)
+    refuse_strangers(solved.solution, matched, both[1])
+    matched, notes = review(solved, matched, sigma_rad, both[1])
+    diagnostics += notes
+    solution = solved.solution
     if options.merge_coplanar:
         matched, solution, notes = merge_patches(matched, solution)
         diagnostics += notes

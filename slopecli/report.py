@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import asdict, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from slopecli.errors import InputError, NoAnswer
 from slopecli.findings import NON_PLANAR, changed, diagnose, epipole1_px, of_geometry, unexplained
@@ -14,7 +15,7 @@ from slopecli.geometry.homography import homography_in_pixels, homography_of_pla
 from slopecli.geometry.metrics import rotation_angle
 from slopecli.geometry.slope import slope_interval, surface_normals
 from slopecli.measure import Measured, judge, measure, signed_distance
-from slopecli.options import MOST_SIGMA_DEG, Options
+from slopecli.options import Options
 from slopecli.planes.changes import Change
 from slopecli.planes.footprint import paint_labels
 from slopecli.planes.given import RAYS
@@ -33,13 +34,13 @@ from slopecli.types import (
     ImageInfo,
     Motion,
     Plane,
-    Rejected,
     Report,
     Scale,
     Solution,
     Source,
     Up,
 )
+from slopecli.unanswered import answered, causes, commonest, rejected
 from slopecli.wording import beside
 
 # options of how images are matched and planes found
@@ -76,13 +77,11 @@ def build_report(
     other = _second_root(solution, matched, options)
     scale, length = _scale(solution, matched, main.up, options)
     every = [_plane(k, main, other, matched, cameras, options) for k in range(len(matched.answered))]
-    planes = tuple(_scaled(plane, scale, length) for plane in every if _answered(plane))
+    planes = tuple(_scaled(plane, scale, length) for plane in every if answered(plane))
+    unknown = causes(every, main, matched, options)
     if not planes:
-        raise NoAnswer(
-            "low-texture",
-            f"the matches of all {len(matched.matches)} {matched.patches.noun}s leave their slopes open",
-            f"choose larger {matched.patches.noun}s, or such with texture that both images show",
-        )
+        cause, whose = commonest(unknown), f"all {len(matched.matches)} {matched.patches.noun}s"
+        raise NoAnswer(cause.code, f"the matches of {whose} leave their slopes open: {cause.message}", cause.remedy)
     own = {plane.id: matched.matches[i] for i, plane in zip(matched.answered, every, strict=True)}
     relief = {plane.id: float(r) for plane, r in zip(every, solution.relief, strict=True)}
     epipole = epipole1_px(solution, cameras[0])
@@ -90,8 +89,7 @@ def build_report(
     focal_px = None if cameras[1] is RAYS else cameras[1].focal_px
     fit = _fit(solution, matched, cameras[1])
     ids = [plane.id for plane in planes]
-    shown = [matched.footprints[i] for i, plane in zip(matched.answered, every, strict=True) if plane.id in ids]
-    labels = paint_labels(shown, ids, (images[0].height or 0, images[0].width or 0))
+    labels = _labels(matched, every, ids, images[0])
     if matched.patches.found:
         diagnostics = [*diagnostics, unexplained(labels)]
     return Report(
@@ -104,7 +102,7 @@ def build_report(
         fit=fit,
         ambiguity=_ambiguity(main, other, matched, planes, length, options),
         planes=planes,
-        rejected=_rejected(matched, every),
+        rejected=rejected(matched, every, unknown),
         diagnostics=(
             *diagnostics,
             *changed(changes, planes, labels),
@@ -115,6 +113,14 @@ def build_report(
         epipole1_px=epipole,
         segmentation=matched.patches.segmentation,
     )
+
+
+def _labels(matched: Matched, every: list[Plane], ids: list[int], image: Image | ImageInfo) -> NDArray[np.uint16]:
+    """(h, w) id of every pixel's plane; a user's own points have no pixels, and their planes any number."""
+    if matched.patches.source == "given":
+        return np.zeros((0, 0), np.uint16)
+    shown = [matched.footprints[i] for i, plane in zip(matched.answered, every, strict=True) if plane.id in ids]
+    return paint_labels(shown, ids, (image.height or 0, image.width or 0))
 
 
 def _info(image: Image | ImageInfo) -> ImageInfo:
@@ -241,8 +247,8 @@ def _plane(
         n_inliers=int(kept.sum()),
         rms_px=_px(rms, cameras[1]),
         rms_mrad=_mrad(rms, cameras[1]),
-        # points of a user's own are held coplanar: nothing is said of relief
-        roughness=float("nan") if matched.patches.source == "given" else float(solution.relief[k]),
+        # points of a user's own are held coplanar where they can be: nothing is said of relief then
+        roughness=_roughness(solution, k, matched.patches.source),
         homography_px=homography_in_pixels(H, cameras[0].K, cameras[1].K),
         verdict=judge(p_safe, p_other, both_known and not doubts, options.confidence),
         p_safe=p_safe if p_other is None else min(p_safe, p_other),
@@ -250,6 +256,10 @@ def _plane(
         reason="; ".join(doubts) or None,
         slope_known=known,
     )
+
+
+def _roughness(solution: Solution, k: int, source: Source) -> float:
+    return float(solution.relief[k]) if source != "given" or solution.relief.any() else float("nan")
 
 
 def _too_vague(sigma_deg: float, limit_deg: float) -> str:
@@ -267,26 +277,13 @@ def _rms(H: FloatArray, matched: Matched, kept: BoolArray) -> float:
 
 def _doubts(match: WindowMatch, noun: str, roughness: float, inlier_share: float) -> list[str]:
     """Why the plane of a patch should not be leaned on; empty when there is nothing against it."""
-    if match.origin == "borrowed":
+    if match.reason:  # borrowed, or of a user's own and not what they were said to be
         return [match.reason]
     if match.share < LEAST_SEEN:
         return [f"only {beside(100 * match.share, 100 * LEAST_SEEN)} % of the {noun} could be matched"]
     if roughness > ROUGH or match.left_out > MOST_LEFT_OUT or inlier_share < 1 - MOST_LEFT_OUT:
         return [NON_PLANAR]
     return []
-
-
-def _answered(plane: Plane) -> bool:
-    """Whether the matches say where the plane faces, and that it lies before the camera (NaN compares false).
-
-    A window was asked about, so it keeps what little is known of it; a plane that is only claimed must be known.
-    """
-    return plane.slope_sigma_deg <= MOST_SIGMA_DEG and plane.distance > 0 and (plane.slope_known or not plane.found)
-
-
-def _open(plane: Plane) -> str:
-    vague = "" if plane.slope_known else f": 1-sigma {plane.slope_sigma_deg:.0f}°"
-    return f"its matches leave the slope open{vague}"
 
 
 def _scaled(plane: Plane, scale: Scale, length: float) -> Plane:
@@ -334,18 +331,3 @@ def _second_length(other: Measured, matched: Matched, length: float, options: Op
         return _scale(other.solution, matched, other.up, options)[1]
     except InputError:
         return length
-
-
-def _rejected(matched: Matched, planes: list[Plane]) -> tuple[Rejected, ...]:
-    """Patches without matches, and those whose matches leave the slope open."""
-    bare = [
-        Rejected(matched.patches.id_of(i), footprint.polygon_px, match.code, match.reason)
-        for i, (footprint, match) in enumerate(zip(matched.footprints, matched.matches, strict=True))
-        if match.origin == "none"
-    ]
-    vague = [
-        Rejected(plane.id, plane.polygon_px, "low-texture", f"too little texture: {_open(plane)}")
-        for plane in planes
-        if not _answered(plane)
-    ]
-    return tuple(sorted(bare + vague, key=lambda rejected: rejected.id))

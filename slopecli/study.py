@@ -15,7 +15,7 @@ from slopecli.geometry.metrics import direction_angle, normal_angle, rotation_an
 from slopecli.geometry.solve import solve_planes
 from slopecli.geometry.uncertainty import cramer_rao_bound
 from slopecli.simulate import Scene, field_of_view_camera, make_scene
-from slopecli.study_options import StudyOptions
+from slopecli.study_options import FEWEST_ALONE, StudyOptions
 from slopecli.types import Camera, FloatArray
 
 SOLVERS = ("mle", "ha", "lh")
@@ -268,7 +268,7 @@ def alignment_spread(options: StudyOptions, camera: Camera, noise_px: float = 0.
         noise_px=noise_px,
         camera=camera,
         grid=(3, 3),
-        points=options.points,
+        points=max(options.points, FEWEST_ALONE),
         max_slope_deg=options.max_slope_deg,
         height_spread=options.height_spread,
     )

@@ -10,7 +10,7 @@ import numpy as np
 
 from slopecli.geometry.solve import solve_planes
 from slopecli.simulate import Scene, make_scene
-from slopecli.study_options import StudyOptions
+from slopecli.study_options import FEWEST_ALONE, StudyOptions
 from slopecli.types import Camera
 
 SMALLEST, STEP = 4, 4  # windows in the measurement, and how many times more the next has
@@ -36,6 +36,7 @@ def measure_times(
         sizes.append(sizes[-1] * STEP)
     if options.most_windows < SMALLEST:
         return []
+    solvers = [s for s in options.solvers if s == "mle" or options.points >= FEWEST_ALONE]
     timings: list[Timing] = []
     for number, windows in enumerate(sizes):
         side = round(np.sqrt(windows))
@@ -48,7 +49,7 @@ def measure_times(
             max_slope_deg=options.max_slope_deg,
             height_spread=options.height_spread,
         )
-        timings += [_time(scene, s, windows) for s in options.solvers if _expected_s(timings, s) < PATIENCE_S]
+        timings += [_time(scene, s, windows) for s in solvers if _expected_s(timings, s) < PATIENCE_S]
         if on_progress is not None:
             on_progress(number + 1, len(sizes))
     return timings

@@ -60,6 +60,20 @@ def test_a_slope_known_too_badly_is_not_printed() -> None:
     assert "12.0" not in row
 
 
+@pytest.mark.parametrize(("sigma_deg", "shown"), [(0.17, "0.17"), (1.26, "1.3"), (0.004, "0.004"), (10.4, "10")])
+def test_how_little_is_known_is_told_in_figures(sigma_deg: float, shown: str) -> None:
+    report = make_report()
+    vague = replace(report.planes[0], slope_sigma_deg=sigma_deg, slope_known=False)
+    assert f"  unknown (± {shown}°)  " in rows_of(result_table(replace(report, planes=(vague,))))[0]
+
+
+@pytest.mark.parametrize(("sigma_deg", "shown"), [(0.0, "0.00"), (0.0049, "<0.01"), (1e-9, "<0.01"), (0.0051, "0.01")])
+def test_no_sigma_but_none_is_zero(sigma_deg: float, shown: str) -> None:
+    report = make_report()
+    sure = replace(report.planes[0], slope_sigma_deg=sigma_deg)
+    assert f"  4.00 ± {shown}°  " in rows_of(result_table(replace(report, planes=(sure,))))[0]
+
+
 def test_a_poor_plane_says_why() -> None:
     report = make_report()
     poor = replace(report.planes[0], status="poor", reason="non-planar-patch")

@@ -222,9 +222,9 @@ def listed(heading: str) -> set[str]:
 
 
 def test_diagnostics_page_lists_the_codes_there_are() -> None:
-    given = {code for tree in SOURCES for code in codes_in(tree, {"Diagnostic": 0, "NoAnswer": 0})}
+    given = {code for tree in SOURCES for code in codes_in(tree, {"Diagnostic": 0, "NoAnswer": 0, "Cause": 0})}
     assert listed("Codes") == given
-    rejected = {code for tree in SOURCES for code in codes_in(tree, {"no_match": 1, "Rejected": 2})}
+    rejected = {code for tree in SOURCES for code in codes_in(tree, {"no_match": 1, "Rejected": 2, "Cause": 0})}
     assert rejected | {"poor-fit", "no-overlap"} == listed("Windows without an answer")
 
 
@@ -232,7 +232,7 @@ def test_diagnostics_page_tells_refusals_from_warnings() -> None:
     """Those of pairs that were taken; `slopemap plan` refuses what it is asked for, too."""
     taken = [path for path in (ROOT / "slopecli").rglob("*.py") if path.parent.name != "plan"]
     trees = [ast.parse(path.read_text(encoding="utf-8")) for path in taken]
-    refused = {code for tree in trees for code in codes_in(tree, {"NoAnswer": 0})}
+    refused = {code for tree in trees for code in codes_in(tree, {"NoAnswer": 0, "Cause": 0})}
     assert set(re.findall(r"^\| `([a-z-]+)` \| refusal \|", DIAGNOSTICS, re.MULTILINE)) == refused
 
 

@@ -15,7 +15,10 @@ from slopecli.errors import InputError
 from slopecli.geometry.epipolar import rotation_from_vector, rotation_vector
 from slopecli.io.poses import load_pose
 from slopecli.known_motion import motion_prior, rotation_of_quaternion
-from slopecli.options import Options
+from slopecli.options import Options, Pose
+from slopecli.pipeline import solve
+from slopecli.planes.given import Given
+from slopecli.simulate import make_scene
 
 DESCENT = Path(__file__).resolve().parent.parent / "sample_data" / "descent"
 TRUTH = json.loads((DESCENT / "truth.json").read_text())
@@ -44,9 +47,11 @@ def write(path: Path, values: object) -> str:
 def test_both_conventions_of_a_position_are_read(tmp_path: Path) -> None:
     ours = load_pose(write(tmp_path / "a.json", {"R": R.tolist(), "T": T.tolist()}))
     opencv = load_pose(write(tmp_path / "b.json", {"R": R.tolist(), "t": (-R @ T).tolist()}))
+    column = load_pose(write(tmp_path / "d.json", {"R": R.tolist(), "t": (-R @ T)[:, None].tolist()}))
+    both = load_pose(write(tmp_path / "e.json", {"R": R.tolist(), "T": T.tolist(), "t": (-R @ T).tolist()}))
     motion = {"rotation_cam2_from_cam1": R.tolist(), "baseline_cam1": T.tolist()}
     answered = {"motion": motion, "scale": {"unit": "m", "source": "pose"}}
-    for pose in (ours, opencv, load_pose(write(tmp_path / "c.json", answered))):
+    for pose in (ours, opencv, column, both, load_pose(write(tmp_path / "c.json", answered))):
         assert np.array(pose.rotation).reshape(3, 3) == pytest.approx(R, abs=1e-6)
         assert pose.baseline_m == pytest.approx(tuple(T), abs=1e-9)
 
@@ -62,6 +67,10 @@ def test_both_conventions_of_a_position_are_read(tmp_path: Path) -> None:
         ({"R": (-np.eye(3)).tolist(), "T": [0, 0, 1]}, "no rotation"),
         ({"R": np.eye(3).tolist(), "T": [0, 0, 0]}, "T is zero"),
         ({"R": np.eye(3).tolist(), "T": [0, "up", 0]}, "'T' is not 3"),
+        ({"R": np.eye(3).tolist(), "T": [[0, 1, 0]]}, "'T' is not 3"),
+        ({"R": np.eye(3).tolist(), "T": [0, 1, 0], "t": [0, 1, 0]}, "'T' and 't' contradict each other"),
+        ({"R": np.eye(3).tolist(), "T": [1e300, 1e300, 1e300]}, "its T is .* m long"),
+        ({"R": np.eye(3).tolist(), "T": [1e-320, 0, 0]}, "its T is .* m long"),
         ({"motion": {}, "scale": {"unit": "baseline"}}, "in baselines, not metres"),
     ],
 )
@@ -87,6 +96,24 @@ def test_quaternions_are_rotations() -> None:
     assert rotation_of_quaternion(7 * q) == pytest.approx(rotation_from_vector(w), abs=1e-12)
 
 
+def test_a_prior_that_says_nothing_is_refused() -> None:
+    for useless in (
+        Options(direction_prior=(0, 0, 1, 180.0)),
+        Options(rotation_prior=(1, 0, 0, 0, np.inf)),
+        Options(rotation_prior=(0, 0, 0, 0, 1.0)),
+    ):
+        with pytest.raises(InputError, match=r"says nothing|has no direction"):
+            motion_prior(useless)
+
+
+def test_a_direction_of_any_length_is_one() -> None:
+    for length in (1e-200, 1.0, 1e200):
+        prior = motion_prior(Options(direction_prior=(length, length, 0, 1), rotation_prior=(0, length, 0, 0, 1)))
+        assert prior is not None
+        assert prior.direction == pytest.approx([0.5**0.5, 0.5**0.5, 0])
+        assert prior.rotation == pytest.approx(np.diag([1, -1, -1]))
+
+
 def test_sigmas_are_degrees() -> None:
     prior = motion_prior(Options(rotation_prior=(1, 0, 0, 0, 0.5), direction_prior=(0, 0, 2, 3)))
     assert prior is not None
@@ -105,6 +132,29 @@ def test_a_pose_gives_metres_and_is_the_motion_of_the_answer(tmp_path: Path) -> 
     assert result["motion"]["rotation_cam2_from_cam1"] == pytest.approx(R, abs=1e-5)
     assert result["motion"]["rotation_sigma_deg"] < 1e-3
     assert result["options"]["pose"]["baseline_m"] == pytest.approx(T)
+
+
+def test_a_pose_of_a_sensor_has_a_sigma_and_is_not_thrown_out() -> None:
+    """0.3 deg off about each axis, as of an inertial sensor: it is contradicted if called exact, else it helps."""
+    scene = make_scene(np.random.default_rng(1), noise_px=0.3, slopes_deg=[0.0] * 9, height_spread=0.0)
+    off = rotation_from_vector(np.radians([0.3, -0.3, 0.3]))
+    pose = Pose(tuple((off @ scene.R).ravel()), tuple(12.5 * (off @ scene.T)))
+    given, cameras = Given(scene.uv1, scene.uv2, scene.patch), (scene.camera, scene.camera)
+    plain, exact, known = (
+        solve(given, cameras, options)
+        for options in (Options(baseline_m=12.5), Options(pose=pose), Options(pose=pose, pose_sigma_deg=0.3))
+    )
+    (warning,) = (one for one in exact.diagnostics if one.code == "prior-contradicted")
+    assert "the pose given" in warning.message
+    assert "lengths still rest on its distance" in warning.message
+    assert "--pose-sigma" in (warning.remedy or "")
+    assert "prior-contradicted" not in {one.code for one in known.diagnostics}
+    assert known.scale == exact.scale
+    assert np.linalg.norm(known.motion.baseline_cam1) == pytest.approx(12.5)
+    assert (plain.ambiguity.status, known.ambiguity.status != "unresolved") == ("unresolved", True)
+    for before, after in zip(plain.planes, known.planes, strict=True):
+        assert after.slope_sigma_deg < 1.05 * before.slope_sigma_deg
+        assert after.slope_deg < 4 * after.slope_sigma_deg
 
 
 def test_a_rotation_vector_and_its_quaternion_are_the_same_prior() -> None:
@@ -151,10 +201,16 @@ def test_what_lenses_may_feign_widens_the_sigmas() -> None:
     [
         (("--rotation-prior", "0,0,1"), "QW,QX,QY,QZ,SIGMA"),
         (("--rotation-prior", "0,0,1,0"), "SIGMA must be > 0"),
+        (("--rotation-prior", "0,0,1,180"), "SIGMA must be > 0 and < 90 deg"),
+        (("--rotation-prior", "1,0,0,0,1e300"), "SIGMA must be > 0 and < 90 deg"),
+        (("--rotation-prior", "1e308,0,0,1"), "angle must be at most 360 deg"),
+        (("--direction-prior", "0,0,1,90"), "SIGMA must be > 0 and < 90 deg"),
         (("--rotation-prior", "0,0,0,0,1"), "must not be zero"),
         (("--direction-prior", "0,0,0,1"), "must not be zero"),
         (("--direction-prior", "0,0,1,0.5", "--solver", "ha"), "--direction-prior is for --solver mle"),
         (("--pose", "x.json", "--baseline", "2"), "contradict each other"),
+        (("--pose-sigma", "0.3"), "--pose-sigma is of a --pose"),
+        (("--pose", "x.json", "--pose-sigma", "90"), "0<x<90"),
         (("--pose", "x.json", "--rotation-prior", "0,0,1,1"), "contradict each other"),
     ],
 )

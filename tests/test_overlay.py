@@ -261,6 +261,7 @@ def test_slope_text_shows_as_many_digits_as_mean_something() -> None:
     assert text(12.34, 0.42) == ("12.3°", "± 0.4°")
     assert text(12.34, 0.056) == ("12.3°", "± 0.06°")
     assert text(12.34, 14.7) == ("12°", "± 15°")
+    assert text(12.34, 0.004) == ("12.3°", "± <0.01°")
     assert text(12.34, float("nan")) == ("12.3°", "")
 
 

@@ -243,9 +243,9 @@ def test_a_share_just_below_the_limit_is_not_rounded_onto_it() -> None:
 
 
 def test_a_pair_none_of_whose_slopes_would_be_told_is_no_plan() -> None:
-    with pytest.raises(NoAnswer, match=r"up-uncertain.*all 9 windows are left open, as what is up is known to 89 deg"):
+    with pytest.raises(NoAnswer, match=r"up-unknown.*all 9 windows are left open, as what is up is known to 89 deg"):
         make_plan(CAMERA, NINE, replace(PAPER, up_sigma_deg=89.0))
-    with pytest.raises(NoAnswer, match=r"up-uncertain.*what is up is itself known to 1 deg"):
+    with pytest.raises(NoAnswer, match=r"up-unknown.*up itself is known to 1 deg"):
         make_plan(CAMERA, NINE, replace(PAPER, height=None, sigma_deg=0.5, up_sigma_deg=1.0))
 
 

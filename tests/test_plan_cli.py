@@ -128,6 +128,14 @@ def test_ground_and_up_are_those_asked_for() -> None:
     assert answer["worst_sigma_deg"] > 0.5
 
 
+def test_a_window_whose_middle_is_on_the_horizon_is_refused_without_a_word_of_numpy() -> None:
+    flight = ("--trajectory", "90", "--height", "80", "--baseline", "8")
+    done = slopemap("plan", *CAMERA, *flight, "--up", "0,-1,0")
+    assert done.returncode == 0
+    assert "no answer" in done.stdout.splitlines()[1]
+    assert "Warning" not in done.stderr
+
+
 def test_windows_refused_and_second_answers_are_said() -> None:
     far = slopemap("plan", "--fov", "60", "--size", "1024x1024", "--trajectory", "90", "--height", "2")
     assert re.search(r"^ 1 +- +- +\d+ %  no answer: image 2 does not show its ground$", far.stdout, re.MULTILINE)
@@ -185,6 +193,7 @@ REFUSED = {
     "output is a file": ([*FLIGHT, "-o", __file__], 1, "is not a folder"),
     "no parallax": ([*PAPER, "--height", "100000"], 3, "pure-rotation"),
     "no overlap": ([*PAPER, "--height", "0.3"], 3, "no-overlap"),
+    "up hardly known": ([*PAPER, "--sigma", "0.5", "--up-sigma", "1"], 3, "up itself is known to 1 deg; ask for"),
     "no such sigma": ([*PAPER, "--sigma", "0.001"], 3, "no baseline reaches 0.001 deg in the worst window"),
 }
 

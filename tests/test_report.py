@@ -388,6 +388,17 @@ def test_a_plane_found_is_dropped_above_the_largest_sigma() -> None:
     assert len(make_report_of(solution, Options(max_sigma_deg=30), source="region").planes) == 2
 
 
+def test_an_up_that_is_not_known_is_not_blamed_on_texture() -> None:
+    solution = make_solution([2, 2])
+    with pytest.raises(NoAnswer, match=r"^up-unknown: .* that of up, 20°; .*--up-sigma"):
+        make_report_of(solution, Options(up_sigma_deg=20), source="region")
+    with pytest.raises(NoAnswer, match=r"^low-texture: .*too little texture"):
+        make_report_of(make_solution([2, 2], sigma_deg=30), Options(up_sigma_deg=1), source="region")
+    with pytest.raises(NoAnswer, match=r"^slope-open: .*its rows leave the slope open: 1-sigma") as told:
+        make_report_of(make_solution([2, 2], sigma_deg=80), source="given")
+    assert "texture" not in str(told.value)
+
+
 def test_never_safe_where_the_slope_of_the_other_root_is_not_known() -> None:
     solution = with_second_root(make_solution([2]), [2], sigma_deg=20)
     assert only_plane(make_report_of(solution, Options(tolerance_deg=85.0, confidence=0.9))).verdict == "undecided"

@@ -187,3 +187,13 @@ def test_code_of_the_page_runs() -> None:
     names: dict[str, object] = {}
     exec(code, names)
     assert len(names["flight"]) == 2  # type: ignore[arg-type]
+
+
+def test_three_points_in_a_window_are_enough_for_mle_and_the_others_say_why_not(tmp_path: Path) -> None:
+    few = ["--points", "3", "--terrains", "1", "--noise", "0.3", "--solvers", "mle,ha", "--most-windows", "16"]
+    assert run("-o", str(tmp_path), *few, "--jobs", "1", "-q") == 0
+    with open(tmp_path / "trials.csv", encoding="utf-8") as file:
+        trials = list(csv.DictReader(file))
+    assert {row["solver"] for row in trials if row["reason"]} == {"ha"}
+    with open(tmp_path / "timing.csv", encoding="utf-8") as file:
+        assert {row["solver"] for row in csv.DictReader(file)} == {"mle"}

@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import csv
+import io
 import json
+import os
 import re
+import threading
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -167,6 +170,23 @@ def test_scale_merging_and_the_largest_sigma_reach_the_answer(tmp_path: Path, as
     assert all("--max-sigma 0.01" in plane["reason"] for plane in result["planes"])
 
 
+def test_an_up_that_is_hardly_known_is_named_as_the_cause(tmp_path: Path, ask: Ask) -> None:
+    status, out, err = ask(write_rows(tmp_path / "m.csv", scene_of(noise_px=0.3), rays=True), "--up-sigma", "89.9")
+    assert (status, out) == (3, "")
+    assert "up-unknown" in err
+    assert "--up-sigma" in err
+    assert "texture" not in err
+
+
+def test_directions_may_have_any_length(tmp_path: Path, ask: Ask) -> None:
+    matches = write_rows(tmp_path / "m.csv", scene_of(3, 0.3), rays=True)
+    plain, huge, tiny = (
+        ask(matches, f"--up={length},0,-{length}", "--north", f"0,{length},0") for length in ("1", "1e200", "1e-200")
+    )
+    assert plain[0] == 0
+    assert plain == huge == tiny
+
+
 def test_a_camera_that_only_turned_gives_no_answer(tmp_path: Path, ask: Ask) -> None:
     scene = scene_of()
     turned = np.column_stack([scene.x1, np.ones(len(scene.x1))]) @ scene.R.T
@@ -237,6 +257,15 @@ def test_a_patch_that_makes_no_plane_is_named_among_those_refused(tmp_path: Path
 GOOD = "x1,y1,x2,y2,patch\n" + "\n".join(f"0.{i},0.{i * i},0.1{i},0.2{i},1" for i in range(9))
 
 
+@pytest.mark.parametrize("largest", [70_008, 2**31 - 1])
+def test_numbers_of_patches_may_be_large(largest: int, tmp_path: Path, ask: Ask) -> None:
+    scene = scene_of(noise_px=0.3)
+    patch = np.where(scene.patch < 0, -1, scene.patch + largest - 8)
+    status, out, _ = ask(write_rows(tmp_path / "m.csv", scene, rays=True, patch=patch), "--json")
+    assert status == 0
+    assert [plane["id"] for plane in json.loads(out)["planes"]] == list(range(largest - 8, largest + 1))
+
+
 @pytest.mark.parametrize(
     ("text", "said"),
     [
@@ -274,9 +303,37 @@ def test_too_few_rows_are_refused_with_how_many_are_needed(tmp_path: Path, ask: 
     assert "need 9 measurements, found 6" in err
 
 
+def test_rows_from_stdin_and_from_pipes(tmp_path: Path, ask: Ask, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = write_rows(tmp_path / "m.csv", scene_of(noise_px=0.3), rays=True)
+    expected = json.loads(ask(path, "--json")[1])
+    monkeypatch.setattr("sys.stdin", io.TextIOWrapper(io.BytesIO(path.read_bytes())))
+    piped = json.loads(ask("-", "--json")[1])
+    assert piped["planes"] == expected["planes"]
+    assert piped["images"][0] == {**expected["images"][0], "path": "-"}
+    pipe = tmp_path / "pipe"
+    os.mkfifo(pipe)
+    writer = threading.Thread(target=pipe.write_bytes, args=(path.read_bytes(),))
+    writer.start()
+    assert json.loads(ask(pipe, "--json")[1])["planes"] == expected["planes"]
+    writer.join()
+
+
+def test_a_field_of_view_is_a_camera(tmp_path: Path, ask: Ask) -> None:
+    scene = scene_of(noise_px=0.3)
+    matches = write_rows(tmp_path / "m.csv", scene)
+    camera = json.loads(ask(matches, "--camera", camera_file(tmp_path / "c.json", scene), "--json")[1])
+    fov = json.loads(ask(matches, "--fov", "60", "--size", "1024x1024", "--json")[1])
+    assert [p["slope_deg"] for p in fov["planes"]] == pytest.approx([p["slope_deg"] for p in camera["planes"]])
+    assert fov["images"][0]["width"] == 1024
+    for alone in (("--fov", "60"), ("--size", "1024x1024"), ("--fov", "60", "--size", "9x9", "--camera", "x.json")):
+        assert ask(matches, *alone)[0] == 2
+
+
 def test_other_bad_inputs(tmp_path: Path, ask: Ask) -> None:
     scene = scene_of()
     assert "no such file" in ask(tmp_path / "none.csv")[2]
+    assert "is a folder" in ask(tmp_path)[2]
+    assert "is neither a file nor a pipe" in ask("/dev/null")[2]
     (tmp_path / "bytes.csv").write_bytes(b"\x89PNG\xff\xfe")
     assert "is no CSV text" in ask(tmp_path / "bytes.csv")[2]
     matches = write_rows(tmp_path / "m.csv", scene, sigma=np.ones(len(scene.x1)))

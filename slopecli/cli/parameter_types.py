@@ -75,6 +75,18 @@ class Grid(click.ParamType):
         return int(match[1]), int(match[2])
 
 
+class Size(click.ParamType):
+    """WIDTHxHEIGHT, px."""
+
+    name = "size"
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> tuple[int, int]:
+        match = re.fullmatch(r"([1-9]\d{0,5})x([1-9]\d{0,5})", str(value))
+        if match is None:
+            self.fail(f"{value!r} is not WIDTHxHEIGHT in px, for example 1024x768.", param, ctx)
+        return int(match[1]), int(match[2])
+
+
 class Up(CommaSeparated):
     """`camera`, `dominant-plane` or a vector."""
 
@@ -134,8 +146,14 @@ class Between(click.FloatRange):
 
 
 def _is_direction(vector: Values) -> bool:
-    return math.hypot(*vector) > 0
+    return 0 < math.hypot(*vector) < math.inf
 
+
+def _is_sigma(sigma_deg: float) -> bool:
+    return 0 < sigma_deg < 90
+
+
+SIGMA_IS = "SIGMA must be > 0 and < 90 deg, as a larger one says nothing"
 
 WINDOW = CommaSeparated(
     "X,Y,W,H", "100,100,200,150", int, lambda w: min(w[:2]) >= 0 < min(w[2:]), "X, Y must be 0 or more, W, H 1 or more"
@@ -143,22 +161,29 @@ WINDOW = CommaSeparated(
 INTRINSICS = CommaSeparated("FX,FY,CX,CY", "800,800,511.5,383.5", float, lambda k: min(k[:2]) > 0, "FX, FY must be > 0")
 VECTOR = CommaSeparated("X,Y,Z", "0,0,-1", float, _is_direction, "the vector must not be zero")
 UP = Up("X,Y,Z", "0,0,-1", float, _is_direction, "the vector must not be zero")
-ROTATION_VECTOR = CommaSeparated("RX,RY,RZ,SIGMA", "0,0,1.5,0.1", float, lambda r: r[3] > 0, "SIGMA must be > 0")
+ROTATION_VECTOR = CommaSeparated(
+    "RX,RY,RZ,SIGMA",
+    "0,0,1.5,0.1",
+    float,
+    lambda r: math.hypot(*r[:3]) <= 360 and _is_sigma(r[3]),
+    f"the angle must be at most 360 deg and {SIGMA_IS}",
+)
 ROTATION_PRIOR = RotationPrior(
     "QW,QX,QY,QZ,SIGMA",
     "1,0,0,0.01,0.1",
     float,
-    lambda q: math.hypot(*q[:4]) > 0 and q[4] > 0,
-    "the quaternion must not be zero and SIGMA must be > 0",
+    lambda q: _is_direction(q[:4]) and _is_sigma(q[4]),
+    f"the quaternion must not be zero and {SIGMA_IS}",
 )
 DIRECTION_PRIOR = CommaSeparated(
     "X,Y,Z,SIGMA",
     "0,0,1,0.5",
     float,
-    lambda d: _is_direction(d[:3]) and d[3] > 0,
-    "the direction must not be zero and SIGMA must be > 0",
+    lambda d: _is_direction(d[:3]) and _is_sigma(d[3]),
+    f"the direction must not be zero and {SIGMA_IS}",
 )
 GRID = Grid()
+SIZE = Size()
 PATH = PathText()
 POSITIVE = Between(min=0, min_open=True)
 

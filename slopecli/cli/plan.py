@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import re
 from typing import TYPE_CHECKING, Any
 
 import click
 
-from slopecli.cli.parameter_types import INTRINSICS, PATH, POSITIVE, UP, VECTOR, Between
+from slopecli.cli.parameter_types import INTRINSICS, PATH, POSITIVE, SIZE, UP, VECTOR, Between
 from slopecli.cli.shared_options import at_most_one, given, talk_options_with, window_options
 from slopecli.cli.talk import Talk, print_result
 
@@ -20,18 +19,6 @@ CAMERA_FLAGS = ("camera", "intrinsics", "fov")
 POINTS, NOISE_PX, ROUGHNESS = 100, 0.1, 0.002
 
 
-class Size(click.ParamType):
-    """WIDTHxHEIGHT, px."""
-
-    name = "size"
-
-    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> tuple[int, int]:
-        match = re.fullmatch(r"([1-9]\d{0,5})x([1-9]\d{0,5})", str(value))
-        if match is None:
-            self.fail(f"{value!r} is not WIDTHxHEIGHT in px, for example 1024x768.", param, ctx)
-        return int(match[1]), int(match[2])
-
-
 @click.command()
 @click.option("--camera", metavar="FILE", type=PATH, help="Camera file; FILE#NAME takes one of several in it.")
 @click.option("--intrinsics", metavar="FX,FY,CX,CY", type=INTRINSICS, help="Instead of a camera file, px, with --size.")
@@ -41,7 +28,7 @@ class Size(click.ParamType):
     type=Between(0, 180, min_open=True, max_open=True),
     help="Instead of a camera file, with --size: horizontal field of view.",
 )
-@click.option("--size", metavar="WxH", type=Size(), help="Of the images, px.  [default: that of the camera file]")
+@click.option("--size", metavar="WxH", type=SIZE, help="Of the images, px.  [default: that of the camera file]")
 @click.option(
     "--direction",
     metavar="X,Y,Z",

@@ -218,6 +218,14 @@ prior_options = _group(
         help='The motion itself, in metres, as JSON: "R" (3x3, camera 2 from camera 1) and "T" (where camera 2 is, in '
         "camera-1 axes). Only planes are solved then, and lengths are metres.",
     ),
+    _option(
+        "--pose-sigma",
+        "pose_sigma_deg",
+        metavar="DEG",
+        type=Between(0, 90, min_open=True, max_open=True),
+        help="1-sigma of that rotation about each axis, and of the direction of T to each side; the motion is solved "
+        "too then.  [default: exact]",
+    ),
 )
 
 verdict_options = _group(
@@ -299,6 +307,8 @@ def check_known_motion(ctx: click.Context) -> None:
     at_most_one(ctx, "baseline_m", "altitude_m", "pose_file")
     for other in ("rotation_prior", "direction_prior"):
         at_most_one(ctx, "pose_file", other)
+    if given(ctx, "pose_sigma_deg") and not given(ctx, "pose_file"):
+        raise click.UsageError("--pose-sigma is of a --pose; give both.", ctx)
     if ctx.params["merge_coplanar"] and ctx.params["solver"] != "mle":
         raise click.UsageError("--merge-coplanar is for --solver mle; leave one out.", ctx)
     known = given(ctx, "rotation_prior", "direction_prior", "pose_file")

@@ -6,7 +6,8 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from slopecli.cli.parameter_types import INTRINSICS, PATH, POSITIVE
+from slopecli.cli.pair import CAMERA_FLAGS
+from slopecli.cli.parameter_types import INTRINSICS, PATH, POSITIVE, SIZE, Between
 from slopecli.cli.shared_options import (
     at_most_one,
     check_known_motion,
@@ -33,6 +34,13 @@ if TYPE_CHECKING:
 @click.option(
     "--intrinsics", metavar="FX,FY,CX,CY", type=INTRINSICS, help="Instead of a camera file, px; no distortion."
 )
+@click.option(
+    "--fov",
+    metavar="DEG",
+    type=Between(0, 180, min_open=True, max_open=True),
+    help="Instead of a camera file, with --size: horizontal field of view, principal point in the centre.",
+)
+@click.option("--size", metavar="WxH", type=SIZE, help="Of the images, px, for --fov.")
 @click.option("-o", "--output", metavar="DIR", type=PATH, help="Where slopes.json goes, made if need be.")
 @click.option("--json", "as_json", is_flag=True, help="Print slopes.json on stdout instead of the table.")
 @click.option(
@@ -53,7 +61,8 @@ def solve(ctx: click.Context, matches: str, **parameters: Any) -> None:
 
     MATCHES.csv has a header and the columns x1,y1,x2,y2: a point in image 1 and in image 2, px (pixel centres at
     integers), or without a camera rays, that is normalised coordinates. A column patch says which plane a row lies on,
-    -1 for none; without it all rows lie on one. A column sigma is the row's own 1-sigma in place of --noise.
+    -1 for none; without it all rows lie on one. A column sigma is the row's own 1-sigma in place of --noise. A - in
+    place of the file's name reads it from stdin.
 
     Prints one line per plane; -o DIR also keeps the answer as slopes.json.
 
@@ -80,18 +89,24 @@ def solve(ctx: click.Context, matches: str, **parameters: Any) -> None:
 
 
 def _check_usage(ctx: click.Context) -> None:
-    at_most_one(ctx, "camera", "intrinsics")
+    at_most_one(ctx, *CAMERA_FLAGS)
     check_known_motion(ctx)
-    if given(ctx, "camera2") and not given(ctx, "camera", "intrinsics"):
+    if given(ctx, "camera2") and not given(ctx, *CAMERA_FLAGS):
         raise click.UsageError("--camera2 is without --camera; give both.", ctx)
+    if bool(given(ctx, "fov")) != bool(given(ctx, "size")):
+        raise click.UsageError(
+            "--fov and --size belong together, for example --fov 60 --size 1024x768; give both.", ctx
+        )
 
 
 def _cameras(parameters: dict[str, Any]) -> tuple[Camera, Camera] | None:
-    from slopecli.io.cameras import load_camera
+    from slopecli.io.cameras import camera_from_fov, load_camera
     from slopecli.types import Camera
 
     if parameters["intrinsics"]:
         first = Camera(0, 0, *parameters["intrinsics"])
+    elif parameters["fov"]:
+        first = camera_from_fov(parameters["fov"], *parameters["size"])
     elif parameters["camera"]:
         first = load_camera(parameters["camera"])
     else:

@@ -14,6 +14,7 @@ if TYPE_CHECKING:
 HEADER = ("id", "slope", "95 % interval", "aspect", "verdict", "P(safe)", "roughness", "points", "note")
 # of planes found in the image, of which it is asked what they are and how large
 FOUND_HEADER = ("id", "what", "image", "slope", "95 % interval", "aspect", "verdict", "P(safe)", "points", "note")
+LEAST_SIGMA_DEG = 0.005  # below it two decimals would be zeros
 LEFT_ALIGNED = ("what", "verdict", "note", "pair", "result", "image 1", "image 2", "camera")
 VERDICT_COLOURS = {"safe": "green", "unsafe": "red", "undecided": "yellow"}
 VERDICT_COLOURS |= {"answered": "green", "failed": "red", "no answer": "yellow"}
@@ -67,8 +68,18 @@ def _slope_cells(plane: Plane, other: AlternativePlane | None) -> tuple[str, str
 
 def _slope(plane: Plane | AlternativePlane) -> str:
     if not plane.slope_known:
-        return f"unknown (± {_number(plane.slope_sigma_deg, 0)}°)"
-    return f"{_number(plane.slope_deg, 2)} ± {_number(plane.slope_sigma_deg, 2)}°"
+        return f"unknown (± {_two_figures(plane.slope_sigma_deg)}°)"
+    return f"{_number(plane.slope_deg, 2)} ± {_sigma(plane.slope_sigma_deg)}°"
+
+
+def _sigma(sigma_deg: float) -> str:
+    """To 0.01 degrees, but nothing that is uncertain reads as if it were not."""
+    return "<0.01" if 0 < sigma_deg < LEAST_SIGMA_DEG else _number(sigma_deg, 2)
+
+
+def _two_figures(value: float) -> str:
+    """Whole numbers, but two figures of what is below ten."""
+    return f"{value:.2g}" if value < 10 else _number(value, 0)
 
 
 def _found_cells(plane: Plane, kind: str, share: float, other: AlternativePlane | None) -> tuple[str, ...]:

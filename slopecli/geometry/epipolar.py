@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 from slopecli.types import FloatArray
@@ -17,6 +19,12 @@ def homogeneous(x: FloatArray) -> FloatArray:
     """Append a 1 to every point: (n, 2) -> (n, 3)."""
     # eq. (4): z = 1
     return np.column_stack([x, np.ones(len(x))])
+
+
+def unit_vector(v: FloatArray) -> FloatArray:
+    """The direction of v (3,), of any length; zeros where it has none: v is zero, or not finite."""
+    length = math.hypot(*v)  # no square of it over- or underflows
+    return np.asarray(v / length if 0.0 < length < math.inf else np.zeros(3))
 
 
 def skew(v: FloatArray) -> FloatArray:

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from slopecli.errors import InputError
-from slopecli.geometry.epipolar import rotation_vector, skew
+from slopecli.geometry.epipolar import rotation_vector, skew, unit_vector
 from slopecli.types import FloatArray, Solution
 
 # rad; what is known better than this is known exactly, and more would only cost digits
@@ -49,10 +49,9 @@ class MotionPrior:
                 raise InputError("the rotation known beforehand mirrors the scene; a rotation has determinant 1")
         if direction is not None:
             direction = np.asarray(direction, float)
-            length = float(np.linalg.norm(direction)) if direction.shape == (3,) else 0.0
-            if not (np.isfinite(length) and length > 0):
+            direction = unit_vector(direction) if direction.shape == (3,) else np.zeros(3)
+            if not direction.any():
                 raise InputError("the direction known beforehand must be three finite numbers, not all zero")
-            direction = direction / length
         for name, known, sigma in (("rotation", rotation, rotation_sigma), ("direction", direction, direction_sigma)):
             if known is not None and not sigma > 0:
                 raise InputError(f"the sigma of the {name} known beforehand is {sigma}; it must be positive, in rad")

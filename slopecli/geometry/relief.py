@@ -17,6 +17,7 @@ from slopecli.types import BoolArray, FloatArray
 
 _STAND_OFF = 4.0  # robust standard deviations beyond which a point of a minority counts as standing off
 _MINORITY = 0.25  # a larger share is the shape of the terrain, and its best-fit plane is wanted
+_NO_LEVER = 1e-150  # of a point at the epipole or behind the camera: any height, but a finite one
 _SCORING_STEPS = 5  # relief is the fixed point of a scoring step that converges by a factor of several each time
 
 
@@ -92,8 +93,8 @@ def _standing_off(
     observations: Observations, along: FloatArray, lever: FloatArray, noise: float, keep: BoolArray
 ) -> BoolArray:
     """(n,) points of minorities far off their plane: rocks, poles, a neighbour's roof."""
-    height = along / np.maximum(lever, np.finfo(float).tiny)
-    noise_height = noise / np.maximum(lever, np.finfo(float).tiny)
+    lever = np.maximum(lever, _NO_LEVER)
+    height, noise_height = along / lever, noise / lever
     off = np.zeros(len(keep), dtype=bool)
     for first, count in zip(observations.first, observations.count, strict=True):
         patch = slice(first, first + count)

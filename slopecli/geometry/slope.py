@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 
 from slopecli.errors import InputError
-from slopecli.geometry.epipolar import tangent_basis
+from slopecli.geometry.epipolar import tangent_basis, unit_vector
 from slopecli.types import BoolArray, FloatArray, Slopes, Solution
 
 IMAGE_UP = np.array([0.0, -1.0, 0.0])
@@ -89,9 +89,10 @@ def measure_slopes(
 
 def _direction(name: str, vector: FloatArray) -> FloatArray:
     vector = np.asarray(vector, dtype=float)
-    if vector.shape != (3,) or not np.isfinite(vector).all() or not np.linalg.norm(vector) > 0.0:
+    unit = unit_vector(vector) if vector.shape == (3,) else np.zeros(3)
+    if not unit.any():
         raise InputError(f"{name} is {vector.tolist()}; it must be three finite numbers, not all zero")
-    return vector / np.linalg.norm(vector)
+    return unit
 
 
 def _up_direction(normals: FloatArray, up_cam1: FloatArray | None, up_plane: int | None) -> FloatArray:

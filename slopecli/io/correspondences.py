@@ -5,16 +5,19 @@ from __future__ import annotations
 import csv
 import hashlib
 import math
+import sys
 from collections.abc import Iterator, Mapping
 from io import StringIO
 from os import PathLike
 from pathlib import Path
+from typing import BinaryIO
 
 import numpy as np
 
 from slopecli.errors import InputError
 from slopecli.planes.given import Given
 
+STDIN = "-"
 MAX_BYTES = 500_000_000
 COORDINATES = ("x1", "y1", "x2", "y2")
 WANTED = "needed a header with the columns x1,y1,x2,y2, and if need be patch and sigma"
@@ -22,7 +25,7 @@ SHOWN = 40  # characters of a bad cell in a message
 
 
 def read_correspondences(path: str | PathLike[str]) -> Given:
-    """Read a CSV file with a header. Columns come in any order, and others are passed over.
+    """Read a CSV file with a header, or stdin for "-". Columns come in any order, and others are passed over.
 
     Without the column patch all rows lie on plane 1; an empty cell in it, like -1, is a row on no plane.
 
@@ -44,13 +47,25 @@ def read_correspondences(path: str | PathLike[str]) -> Given:
 
 def _read(path: Path) -> bytes:
     try:
-        if not path.is_file():
+        if str(path) == STDIN:
+            return _all_of(path, sys.stdin.buffer)
+        if path.is_dir():
+            raise InputError(f"{path}: is a folder, needed a CSV file; {WANTED}")
+        if not path.exists():
             raise InputError(f"{path}: no such file; {WANTED}")
-        if path.stat().st_size > MAX_BYTES:
-            raise InputError(f"{path}: is {path.stat().st_size / 1e6:.0f} MB, too large; give fewer correspondences")
-        return path.read_bytes()
+        if not (path.is_file() or path.is_fifo()):
+            raise InputError(f"{path}: is neither a file nor a pipe; save the rows to disk, or give - to read stdin")
+        with path.open("rb") as file:
+            return _all_of(path, file)
     except OSError as error:
         raise InputError(f"{path}: cannot be read ({error.strerror}); check the path and its permissions") from None
+
+
+def _all_of(path: Path, file: BinaryIO) -> bytes:
+    data = file.read(MAX_BYTES + 1)
+    if len(data) > MAX_BYTES:
+        raise InputError(f"{path}: is larger than {MAX_BYTES / 1e6:.0f} MB; give fewer correspondences")
+    return data
 
 
 def _rows(path: str | PathLike[str], data: bytes) -> Iterator[tuple[str, list[str]]]:

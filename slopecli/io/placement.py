@@ -85,7 +85,7 @@ def slope_text(plane: Plane) -> tuple[str, str]:
         return f"{plane.slope_deg:.1f}°", ""
     digits = 0 if sigma >= 9.95 else 1 if sigma >= 0.095 else 2
     slope = f"{plane.slope_deg:.{min(digits, 1)}f}°" if plane.slope_known else UNKNOWN
-    return slope, f"± {sigma:.{digits}f}°"
+    return slope, "± <0.01°" if 0 < sigma < 0.005 else f"± {sigma:.{digits}f}°"
 
 
 def degrees_text(plane: Plane, other: AlternativePlane | None) -> str:

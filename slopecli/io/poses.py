@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 from os import PathLike
 from pathlib import Path
 from typing import Any
@@ -11,9 +12,12 @@ import numpy as np
 
 from slopecli.errors import InputError
 from slopecli.options import Pose
+from slopecli.types import FloatArray
 
 MAX_BYTES = 4_000_000
 ORTHONORMAL = 1e-4  # by which R R^T may differ from 1: six printed digits
+SHORTEST_M, LONGEST_M = 1e-9, 1e12  # what lies beyond is no distance, and its square overflows
+POSITIONS = ("T", "baseline_cam1", "t")
 WANTED = (
     'needed JSON with "R" (3x3, camera 2 from camera 1) and "T" (where camera 2 is in camera-1 axes, metres), '
     'or "t" = -R T as OpenCV has it'
@@ -21,14 +25,15 @@ WANTED = (
 
 
 def load_pose(path: str | PathLike[str]) -> Pose:
-    """Read {"R": 3x3, "T": [x, y, z]}: P2 = R (P1 - T), T in metres; or "t" = -R T in place of "T".
+    """Read {"R": 3x3, "T": [x, y, z]}: P2 = R (P1 - T), T in metres; or "t" = -R T in place of "T", as three numbers or
+    a column of three.
 
     `rotation_cam2_from_cam1` and `baseline_cam1`, as slopes.json calls them, are understood as well; other keys are
     passed over.
 
     Raises
     ------
-    InputError : the file cannot be read, or holds no motion with a baseline.
+    InputError : the file cannot be read, holds no motion with a baseline, or two that contradict each other.
     """
     values = _read(Path(path))
     R = _numbers(path, values, ("R", "rotation_cam2_from_cam1"), (3, 3))
@@ -36,13 +41,24 @@ def load_pose(path: str | PathLike[str]) -> Pose:
         raise InputError(f"{path}: its R is no rotation (R R^T is not 1, or it mirrors); {WANTED}")
     U, _, Vt = np.linalg.svd(R)
     R = U @ Vt
-    if "t" in values and not {"T", "baseline_cam1"} & set(values):
-        T = -R.T @ _numbers(path, values, ("t",), (3,))
-    else:
-        T = _numbers(path, values, ("T", "baseline_cam1"), (3,))
-    if not np.linalg.norm(T) > 0:
-        raise InputError(f"{path}: its T is zero, so there is no parallax; {WANTED}")
+    T = _position(path, values, R)
+    length = math.hypot(*T)
+    if not SHORTEST_M < length < LONGEST_M:
+        what = "is zero, so there is no parallax" if length == 0 else f"is {length:.3g} m long"
+        raise InputError(f"{path}: its T {what}; {WANTED}")
     return Pose(tuple(map(float, R.ravel())), (float(T[0]), float(T[1]), float(T[2])))
+
+
+def _position(path: str | PathLike[str], values: dict[str, Any], R: FloatArray) -> FloatArray:
+    """T, said once or more often in either convention, but only one T."""
+    found = [(name, _numbers(path, values, (name,), (3,))) for name in POSITIONS if name in values]
+    if not found:
+        raise InputError(f"{path}: has no {' or '.join(map(repr, POSITIONS))}; {WANTED}")
+    first, *others = (-R.T @ value if name == "t" else value for name, value in found)
+    if any(math.dist(first, other) > ORTHONORMAL * math.hypot(*first) for other in others):
+        names = " and ".join(repr(name) for name, _ in found)
+        raise InputError(f"{path}: {names} contradict each other (t = -R T is not so); leave one out")
+    return first
 
 
 def _read(path: Path) -> dict[str, Any]:
@@ -74,6 +90,8 @@ def _numbers(path: str | PathLike[str], values: dict[str, Any], names: tuple[str
         found = np.asarray(values[name], float)
     except (TypeError, ValueError):
         found = np.empty(0)
+    if found.shape == (3, 1) and shape == (3,):  # as OpenCV's solvePnP and recoverPose return it
+        found = found[:, 0]
     if found.shape != shape or not np.isfinite(found).all():
         raise InputError(f"{path}: {name!r} is not {' x '.join(map(str, shape))} finite numbers; {WANTED}")
     return found

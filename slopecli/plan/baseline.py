@@ -84,18 +84,18 @@ def _bisected(low: float, high: float, holds: Callable[[float], bool]) -> tuple[
 
 def _unreachable(flight: Flight, sigma_rad: float, of: Of, best: tuple[float, float]) -> NoAnswer:
     wanted = f"{np.degrees(sigma_rad):.3g} deg in the {of} window"
-    if flight.up_sigma_rad >= sigma_rad:
-        return NoAnswer(
-            "up-uncertain",
-            f"no baseline reaches {wanted}: what is up is itself known to {np.degrees(flight.up_sigma_rad):.3g} deg",
-            "ask for a larger sigma than --up-sigma, or know up better",
-        )
     if not np.isfinite(best[0]):
         lost = 1 + int(np.argmin(shares(flight, SHORTEST)))
         return NoAnswer(
             "no-overlap",
             f"no baseline reaches {wanted}: window {lost} does not see the ground, or not from both places",
             "leave that window out with --window, or turn the camera to the ground with --up",
+        )
+    if flight.up_sigma_rad >= sigma_rad:
+        return NoAnswer(
+            "up-unknown",
+            f"no baseline reaches {wanted}: up itself is known to {np.degrees(flight.up_sigma_rad):.3g} deg",
+            "ask for a larger sigma than that of up, or give a smaller --up-sigma",
         )
     if best[0] > np.radians(UNKNOWN_DEG):
         return NoAnswer(

@@ -14,7 +14,7 @@ import numpy as np
 
 from slopecli.errors import InputError
 from slopecli.geometry.camera import pixels_from_rays, rays_from_pixels
-from slopecli.geometry.epipolar import homogeneous
+from slopecli.geometry.epipolar import homogeneous, unit_vector
 from slopecli.geometry.observations import Prediction, observe, predict
 from slopecli.types import BoolArray, Camera, FloatArray, IntArray
 
@@ -57,10 +57,7 @@ class Flight:
     @cached_property
     def T(self) -> FloatArray:
         """(3,) unit vector from camera 1 to camera 2."""
-        direction = (
-            np.asarray(self.direction, float) / np.abs(self.direction).max()
-        )  # no square of it over- or underflows
-        return np.asarray(direction / np.linalg.norm(direction))
+        return unit_vector(np.asarray(self.direction, float))
 
     @cached_property
     def rays(self) -> FloatArray:
@@ -113,8 +110,9 @@ def ground_normals(
     normals = -(np.cos(uneven_rad) * outward + np.sin(uneven_rad) * lean)
     middles = homogeneous(rays_from_pixels(camera, np.array([_middle(window) for window in windows])))
     depth_inverse = middles @ ground
-    scaled = normals * (depth_inverse / np.sum(normals * middles, axis=1))[:, None]
-    return np.where((depth_inverse > 0.0)[:, None], scaled, ground)  # beyond the horizon there is nothing to tilt
+    seen = depth_inverse > 0.0  # False for NaN; beyond the horizon there is nothing to tilt
+    scale = np.where(seen, depth_inverse, 1.0) / np.where(seen, np.sum(normals * middles, axis=1), 1.0)
+    return np.where(seen[:, None], normals * scale[:, None], ground)
 
 
 def horizontal(up: FloatArray, azimuth_rad: float, north: FloatArray | None = None) -> FloatArray:
@@ -128,7 +126,7 @@ def horizontal(up: FloatArray, azimuth_rad: float, north: FloatArray | None = No
     InputError : north is vertical.
     """
     for given in (np.array([0.0, -1.0, 0.0]), np.array([0.0, 0.0, 1.0])) if north is None else (np.array(north),):
-        level = given / np.linalg.norm(given)
+        level = unit_vector(given)
         level = level - (level @ up) * up
         if np.linalg.norm(level) > 1e-6:
             level = level / np.linalg.norm(level)

@@ -102,7 +102,7 @@ def _open(flight: Flight, seen: Seen) -> NoAnswer:
     what = f"the slopes of all {len(flight.windows)} windows are left open"
     if slope_sigmas(replace(flight, up_sigma_rad=0.0), seen).min() <= np.radians(UNKNOWN_DEG):
         reason = f"{what}, as what is up is known to {np.degrees(flight.up_sigma_rad):.3g} deg only"
-        return NoAnswer("up-uncertain", reason, "know up better (--up, --up-sigma)")
+        return NoAnswer("up-unknown", reason, "give up with a smaller --up-sigma")
     return NoAnswer("low-parallax", what, "lengthen the baseline, give larger windows, or fly in another direction")
 
 

@@ -11,7 +11,7 @@ import numpy as np
 from slopecli.diagnosis import LOW_PARALLAX_PX
 from slopecli.errors import InputError, NoAnswer
 from slopecli.geometry.camera import pixels_from_rays
-from slopecli.geometry.epipolar import focus_of_expansion
+from slopecli.geometry.epipolar import focus_of_expansion, unit_vector
 from slopecli.options import Options
 from slopecli.plan.baseline import HALF_SEEN, Of, needed_baseline, sigma_of
 from slopecli.plan.flight import (
@@ -211,7 +211,7 @@ def _up(options: PlanOptions) -> FloatArray:
             f"up is {options.up!r}, but before the flight no plane is known; give camera or three numbers X,Y,Z"
         )
     vector = np.array(CAMERA_UP if isinstance(options.up, str) else options.up, float)
-    return vector / np.linalg.norm(vector)
+    return unit_vector(vector)
 
 
 def _north(options: PlanOptions) -> FloatArray | None:

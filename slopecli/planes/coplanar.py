@@ -14,11 +14,11 @@ from slopecli.types import Diagnostic, Solution
 def merge_patches(matched: Matched, solution: Solution) -> tuple[Matched, Solution, list[Diagnostic]]:
     """The solution with coplanar and parallel patches solved as one, and a note on every group of them.
 
-    Only patches with matches of their own take part. What doubt there is about a match goes into the covariance here,
-    so the matches returned carry none.
+    Only patches with matches of their own take part, and of those what nothing speaks against. What doubt there is
+    about a match goes into the covariance here, so the matches returned carry none.
     """
     chosen = [matched.matches[i] for i in matched.answered]
-    own = np.array([match.origin == "own" for match in chosen])
+    own = np.array([match.origin == "own" and not match.reason for match in chosen])
     doubt = np.where(own, [match.doubt_rad for match in chosen], 0.0)
     merged, groups = merge_coplanar(solution, np.flatnonzero(own), doubt)
     if not groups:

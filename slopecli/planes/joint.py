@@ -116,20 +116,6 @@ def solve_jointly(
     return _beyond_systematics(_facing(solution, scene.T), scene.camera2.focal_px)
 
 
-def solve_given(
-    matched: Matched,
-    solver: Literal["mle", "ha", "lh"],
-    noise: float | None,
-    prior: MotionPrior | None = None,
-) -> Solution:
-    """The same of correspondences that are the user's own, whose points are held coplanar and independent.
-
-    noise : 1-sigma of a coordinate of weight 1 in image 2, normalised; None estimates it.
-    """
-    points = matched.correspondences
-    return solve_planes(points.x1, points.x2, points.patch, solver, noise, weights=matched.weights, prior=prior)
-
-
 def _facing(solution: Solution, T: FloatArray) -> Solution:
     """The solution on the side of the motion that puts the scene in front of the camera.
 

@@ -1,0 +1,146 @@
+"""Planes that a user's own rows were said to lie on: none is safe whose rows, or whose noise, say otherwise."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from slopecli.errors import NoAnswer
+from slopecli.options import Options
+from slopecli.pipeline import solve
+from slopecli.planes.given import Given
+from slopecli.simulate import Scene, make_scene
+from slopecli.types import IntArray, Report
+
+FLIGHTS = (0.0, 45.0, 90.0)
+
+
+def facets(seed: int = 1, **changes: Any) -> Scene:
+    return make_scene(np.random.default_rng(seed), **{"noise_px": 0.3, **changes})
+
+
+def solved(
+    scene: Scene, patch: IntArray | None = None, noise: float | None = None, rays: bool = False, **options: Any
+) -> Report:
+    labels = scene.patch if patch is None else patch
+    xy1, xy2 = (scene.x1, scene.x2) if rays else (scene.uv1, scene.uv2)
+    cameras = None if rays else (scene.camera, scene.camera)
+    return solve(Given(xy1, xy2, labels), cameras, Options(**options), noise)
+
+
+def warnings(report: Report) -> set[str]:
+    return {one.code for one in report.diagnostics if one.severity == "warning"}
+
+
+@pytest.mark.parametrize("flight", FLIGHTS)
+@pytest.mark.parametrize("noise", [None, 0.3])
+def test_nine_planes_called_one_are_no_plane(flight: float, noise: float | None) -> None:
+    for seed in range(3):
+        scene = facets(seed, trajectory_deg=flight, slopes_deg=[6, 9, 12, 16, 20, 23, 26, 29, 31])
+        report = solved(scene, np.zeros_like(scene.patch), noise, tolerance_deg=60.0)
+        (plane,) = report.planes
+        assert (plane.status, plane.verdict) == ("poor", "undecided")
+        assert "non-planar-patch" in warnings(report)
+        assert noise is None or "poor-fit" in warnings(report)
+
+
+@pytest.mark.parametrize("flight", FLIGHTS)
+def test_rows_given_the_planes_of_others_make_no_plane_safe(flight: float) -> None:
+    for seed in range(3):
+        rng = np.random.default_rng(seed)
+        scene = facets(seed, trajectory_deg=flight, slopes_deg=list(rng.uniform(0, 10, 9)))
+        report = solved(scene, rng.permutation(scene.patch), tolerance_deg=60.0)
+        assert {plane.verdict for plane in report.planes} <= {"undecided", "unsafe"}
+
+
+def test_one_plane_of_two_windows_does_not_spoil_the_others() -> None:
+    scene = facets(slopes_deg=[5, 30, 5, 8, 3, 10, 12, 6, 9])
+    patch = np.where(scene.patch == 1, 0, scene.patch)
+    for solver in ("mle", "ha"):
+        report = solved(scene, patch, solver=solver)
+        mixed, *others = report.planes
+        assert (mixed.id, mixed.status, mixed.verdict) == (0, "poor", "undecided")
+        assert {plane.status for plane in others} == {"ok"}
+    off = np.array([plane.slope_deg for plane in others]) - np.degrees(scene.slopes[2:])
+    assert np.abs(off).max() < 1.0
+
+
+def test_residuals_far_beyond_the_noise_given_make_every_plane_poor() -> None:
+    scene = facets(noise_px=1.5)
+    report = solved(scene, noise=0.1, tolerance_deg=60.0)
+    for plane in report.planes:
+        assert (plane.status, plane.verdict) == ("poor", "undecided")
+        assert (plane.reason or "").startswith("residuals are 1")
+        assert (plane.reason or "").endswith("times the noise given")
+    (warning,) = (one for one in report.diagnostics if one.code == "poor-fit" and one.value and one.value > 2)
+    assert warning.value == pytest.approx(15, rel=0.1)
+
+
+def test_noise_a_little_beyond_the_one_given_is_used_and_said() -> None:
+    report = solved(facets(noise_px=0.3), noise=0.2)
+    assert {plane.status for plane in report.planes} == {"ok"}
+    (note,) = (one for one in report.diagnostics if one.code == "noise-exceeded")
+    assert "0.2 px" in note.message
+    assert note.value == pytest.approx(0.3, rel=0.1)
+    assert report.fit.noise_px == note.value
+    assert not [one for one in solved(facets(), noise=0.3).diagnostics if one.code == "noise-exceeded"]
+
+
+def test_residuals_of_pixels_are_poor_unless_said_beforehand() -> None:
+    scene = facets(noise_px=4.0, relief=0.0)
+    assert {plane.status for plane in solved(scene, tolerance_deg=60.0).planes} == {"poor"}
+    assert {plane.status for plane in solved(scene, noise=4.0, tolerance_deg=60.0).planes} == {"ok"}
+
+
+@pytest.mark.parametrize("flight", FLIGHTS)
+def test_honest_planes_and_rough_ground_are_answered(flight: float) -> None:
+    """Relief that scatters from point to point is in the sigmas, and no plane of it is called poor."""
+    inside = total = 0
+    for seed in range(6):
+        for relief in (0.0, 0.005):
+            scene = facets(seed, trajectory_deg=flight, relief=relief, rotation_deg=3.0)
+            report = solved(scene, rays=bool(seed % 2))
+            assert [plane.status for plane in report.planes] == ["ok"] * 9
+            off = np.array([plane.slope_deg for plane in report.planes]) - np.degrees(scene.slopes)
+            sigma = np.array([plane.slope_sigma_deg for plane in report.planes])
+            inside, total = inside + int((np.abs(off) < 1.96 * sigma).sum()), total + 9
+            told = [one.message for one in report.diagnostics if one.code == "relief"]
+            assert bool(told) == bool(relief)
+            assert np.isfinite(report.planes[0].roughness) == bool(relief)
+    # 108 slopes; 95 % of them, and planes of a scene share the error of its motion
+    assert inside / total > 0.86
+
+
+def test_rows_of_no_pair_have_no_answer() -> None:
+    scene, rng = facets(), np.random.default_rng(1)
+    for rays in (True, False):
+        for unrelated in (rng.permutation(len(scene.x2)), np.r_[0:100, 100 + rng.permutation(170)]):
+            with pytest.raises(NoAnswer, match="agree on no motion"):
+                solved(replace(scene, x2=scene.x2[unrelated]), rays=rays)
+
+
+def test_a_mirrored_image_has_no_answer() -> None:
+    for axis in ([-1, 1], [1, -1]):
+        scene = facets(rotation_deg=3.0)
+        with pytest.raises(NoAnswer, match="image 2 is mirrored"):
+            solved(replace(scene, x2=scene.x2 * axis))
+
+
+def test_exact_rows_are_exact_whatever_the_noise_given() -> None:
+    scene = facets(noise_px=0.0)
+    for noise in (None, 0.3):
+        report = solved(scene, noise=noise)
+        assert [plane.slope_deg for plane in report.planes] == pytest.approx(np.degrees(scene.slopes), abs=1e-5)
+        assert {plane.status for plane in report.planes} == {"ok"}
+
+
+def test_what_is_not_one_plane_is_not_merged_with_others() -> None:
+    scene = facets(slopes_deg=[0.0] * 4 + [12.0] + [0.0] * 4, height_spread=0.0, trajectory_deg=90.0)
+    report = solved(scene, np.where(scene.patch == 5, 4, scene.patch), merge_coplanar=True)
+    merged = " ".join(one.message.partition(" lie ")[0] for one in report.diagnostics if one.code == "coplanar")
+    assert "0, 1, 2" in merged
+    assert "4" not in merged
+    assert [plane.id for plane in report.planes if plane.status == "poor"] == [4]
