@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -73,6 +74,13 @@ def rotation_of_quaternion(q: FloatArray) -> FloatArray:
     )
 
 
+def _may_be_feigned(prior: MotionPrior, alone: Solution, focal_px: float) -> bool:
+    """Whether errors as small as those of calibration and interpolation take the images' motion to what was known."""
+    other = alone.ambiguity.alternative
+    nearer = alone if other is None else min(alone, other, key=prior.chi2)
+    return excess_px(nearer, prior.strain(nearer), focal_px) <= SYSTEMATIC_PX
+
+
 @dataclass(frozen=True)
 class Contradiction:
     """That the images and what was known beforehand disagree by more than chance.
@@ -86,11 +94,12 @@ class Contradiction:
 
 
 def contradiction(
-    prior: MotionPrior, solution: Solution, focal_px: float | None, options: Options
+    prior: MotionPrior, solution: Solution, alone: Callable[[], Solution], focal_px: float | None, options: Options
 ) -> Contradiction | None:
     """Where the images contradict what was known beforehand by more than chance, and what to make of it.
 
-    focal_px : of camera 2; None for matches whose noise is the user's word, with nothing systematic to allow for.
+    solution : with what was known; alone : solves without.  focal_px : of camera 2; None for matches whose noise is the
+    user's word, with nothing systematic to allow for.
     """
     fixed = 3 * (prior.rotation is not None) + 2 * (prior.direction is not None)
     chi2, limit = solution.prior_chi2 or 0.0, CONTRADICTED[fixed]
@@ -98,7 +107,7 @@ def contradiction(
         return None
     what = {2: "direction", 3: "rotation", 5: "motion"}[fixed]
     said = f"chi-square {chi2:.3g}, by chance it is below {limit:g}"
-    if focal_px is not None and excess_px(solution, chi2, focal_px) <= SYSTEMATIC_PX:
+    if focal_px is not None and _may_be_feigned(prior, alone(), focal_px):
         # the errors that matches share with the calibration are the larger ones then, by about this ratio
         doubt = float(np.sqrt(chi2 / fixed))
         message = (

@@ -102,10 +102,10 @@ def estimate(
     # all patches together: one motion, one normal each, one epipolar geometry
     matched = join_patches(patches, scene)
     solution = solve_jointly(matched, scene, motions, options.solver, prior)
-    if prior and (found := contradiction(prior, solution, camera2.focal_px, options)):
+    alone = partial(solve_jointly, matched, scene, motions, options.solver)
+    if prior and (found := contradiction(prior, solution, alone, camera2.focal_px, options)):
         diagnostics.append(found.diagnostic)
-        left = prior if found.doubt else None
-        solution = solve_jointly(matched, scene, motions, options.solver, left, found.doubt or 1.0)
+        solution = alone(prior, found.doubt) if found.doubt else alone()
     if options.merge_coplanar:
         matched, solution, notes = merge_patches(matched, solution)
         diagnostics += notes
@@ -140,9 +140,10 @@ def solve(given: Given, cameras: tuple[Camera, Camera] | None, options: Options,
     sigma = float(np.median(given.sigma)) if noise is None and given.sigma is not None else noise
     sigma_rad = None if sigma is None else sigma * (1e-3 if cameras is None else 1.0 / both[1].focal_px)
     solved = solve_given(matched, options.solver, sigma_rad, prior)
-    if prior and (found := contradiction(prior, solved.solution, None, options)):
+    given_alone = partial(solve_given, matched, options.solver, sigma_rad)
+    if prior and (found := contradiction(prior, solved.solution, lambda: given_alone().solution, None, options)):
         diagnostics.append(found.diagnostic)
-        solved = solve_given(matched, options.solver, sigma_rad)
+        solved = given_alone()
     refuse_strangers(solved.solution, matched, both[1])
     matched, notes = review(solved, matched, sigma_rad, both[1])
     diagnostics += notes

@@ -187,7 +187,7 @@ def test_what_the_images_contradict_is_left_out_and_said() -> None:
 def test_what_lenses_may_feign_widens_the_sigmas() -> None:
     """A rotation hardly wrong, known to a thousandth of a degree: it is used, and nothing gets surer than without."""
     plain, _ = answer()
-    vector = np.degrees(rotation_vector(R)) + 0.02
+    vector = np.degrees(rotation_vector(R)) + 0.008
     known, talk = answer("--rotation-prior", ",".join(str(v) for v in [*vector, 0.001]))
     (note,) = (one for one in known["diagnostics"] if one["code"] == "prior-contradicted")
     assert note["severity"] == "info"

@@ -12,6 +12,7 @@ from slopecli.types import FloatArray, Solution
 
 # rad; what is known better than this is known exactly, and more would only cost digits
 _FINEST = 1e-7
+REACH = 3.0  # sigmas from what is known within which a motion still agrees with it
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,6 +61,21 @@ class MotionPrior:
     def chi2(self, solution: Solution) -> float:
         """Squared distance, in sigmas, of a solution's motion from what is known."""
         return float(self.terms(solution.R[None], solution.T[None], 1.0)[0, 6, 6])
+
+    def strain(self, alone: Solution) -> float:
+        """By how much chi-square of the images alone must grow for their motion to come within REACH of what is known.
+
+        alone : the solution without what is known, the root of it that is nearer.
+        """
+        off, sigmas, rows = np.empty(0), np.empty(0), list[int]()
+        if self.rotation is not None:
+            off, rows = rotation_vector(self.rotation @ alone.R.T), [0, 1, 2]
+            sigmas = np.full(3, self.rotation_sigma)
+        if self.direction is not None:
+            off = np.append(off, alone.tangent.T @ (self.direction - alone.T))
+            rows, sigmas = [*rows, 3, 4], np.append(sigmas, np.full(2, self.direction_sigma))
+        beyond = max(0.0, 1.0 - REACH / max(float(np.linalg.norm(off / sigmas)), REACH))
+        return float(beyond**2 * off @ np.linalg.solve(alone.motion_covariance[np.ix_(rows, rows)], off))
 
     def terms(self, R: FloatArray, T: FloatArray, noise: float) -> FloatArray:
         """(s, 7, 7) information, gradient (row and column 6) and chi-square (corner) at motions R (s, 3, 3), T (s, 3).
