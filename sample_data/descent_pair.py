@@ -1,4 +1,7 @@
-"""A landing site seen twice while descending from 13 m to 11 m, and the truth about both images."""
+"""A landing site seen twice while descending from 15 m to 13 m, and the truth about both images.
+
+Image 1, whose ground is judged, is the later one: all it shows is in the earlier one, too.
+"""
 
 from __future__ import annotations
 
@@ -30,11 +33,11 @@ EXPOSURE_1, EXPOSURE_2 = 1.35, 1.44
 
 
 def descent_views() -> tuple[View, View]:
-    """Camera 1 looks straight down, x to the east; camera 2 is lower, has drifted and changed attitude by 2.4 deg."""
+    """Camera 1 looks straight down, x to the east; camera 2 was higher, 0.85 m aside, its attitude 2.4 deg other."""
     focal = float(400 / np.tan(np.deg2rad(30)))
     down = np.diag([1.0, -1.0, -1.0])
     turn = rotation_about("z", 1.3) @ rotation_about("y", 1.7) @ rotation_about("x", 1.1)
-    first, second = np.array([0.0, 0.0, ALTITUDE]), np.array([0.72, 0.46, ALTITUDE - 2.0])
+    first, second = np.array([0.0, 0.0, ALTITUDE]), np.array([0.72, 0.46, ALTITUDE + 2.0])
     lens = (-0.06, 0.012)
     return View(800, 800, focal, down, first, lens), View(800, 800, focal, turn @ down, second, lens)
 

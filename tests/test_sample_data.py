@@ -134,7 +134,7 @@ def test_smooth_windows_carry_their_texture_into_image_2(scenes: dict[str, Scene
             centre = scene.rays(uv.mean(axis=0, keepdims=True))[0]
             depth = window["distance_m"] / -(centre @ window["normal_cam1"])
             level = {"normal_cam1": [0, 0, -1], "distance_m": depth}
-            assert scene.agreement(uv, level) < truth - 0.02, window
+            assert scene.agreement(uv, level) < truth - 0.01, window
 
 
 def test_urban_planes_carry_their_texture_into_image_2(scenes: dict[str, Scene]) -> None:
