@@ -169,7 +169,7 @@ def _look(
         sparse = find_motions(*both, [matcher], options.seed, thorough=False)
         clock.lap("features")
         if glance.is_decided(sparse):
-            seen = survey(*both, sparse, options.seed, glance.OVERVIEW_PIXELS)
+            seen = survey(*both, sparse, options.seed, glance.overview_pixels(windows, grey1))
             clock.lap("overview")
             if glance.is_clear(seen[0]):
                 return seen

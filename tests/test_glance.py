@@ -45,3 +45,9 @@ def test_many_matches_of_one_motion_decide() -> None:
     assert not glance.is_decided(sparse(400, wrong=120))
     assert not glance.is_decided(sparse(400, wrong=10, rivals=2))
     assert not glance.is_decided(Sparse(sparse(400, 0).matches, [], (400, 400), 800.0))
+
+
+def test_the_overview_of_a_glance_is_as_fine_as_the_windows_need() -> None:
+    coarse, fine, finest = (glance.overview_pixels(grid_windows(n, n, 1000, 1000), GREY) for n in (3, 6, 12))
+    assert coarse < fine < finest
+    assert finest == pytest.approx(0.5e6)

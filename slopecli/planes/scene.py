@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -24,6 +26,7 @@ BORDER_PX = 8  # px of the working grid around a window: flow needs to see past 
 class Scene:
     """What is known before the windows are looked at: images, cameras, the motion, evidence and the scene's planes.
 
+    find_planes : gives the scene's planes, which only difficult windows ask for.
     cells : all of the overview, those of faint texture too, which `evidence` leaves out.
     """
 
@@ -34,8 +37,13 @@ class Scene:
     R: FloatArray
     T: FloatArray
     evidence: Evidence
-    planes: list[FloatArray]
+    find_planes: Callable[[], list[FloatArray]]
     cells: Cells
+
+    @cached_property
+    def planes(self) -> list[FloatArray]:
+        """Scaled normals (3,) of the scene's dominant planes, largest first."""
+        return self.find_planes()
 
     @property
     def shape1(self) -> tuple[int, int]:

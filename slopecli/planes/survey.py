@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
@@ -67,7 +68,7 @@ def survey(
     found, best = reading.matches, reading.motions[0]
     grey = sample_grey(grey1, found.uv1)
     evidence = gather_evidence(found.uv1, found.x1, found.x2, grey, best.R, best.T, camera2.focal_px)
-    planes = scene_planes(evidence, seed)
+    planes = partial(scene_planes, evidence, seed)
     scene = Scene(camera1, camera2, pyramid1, pyramid2, best.R, best.T, evidence, planes, reading.cells)
     return scene, reading.motions
 
