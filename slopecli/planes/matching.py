@@ -21,6 +21,7 @@ from slopecli.vision.overview import CELL
 from slopecli.vision.photometric import NOISE_GREY, PlaneFit, align_plane, sweep_planes
 from slopecli.vision.sparse import pair_rays
 
+SMOOTHINGS = 2  # of the flow in a window, all but still when pulled through its plane: more would flatten its relief
 COARSE_PX = 48  # planes are searched for at about this many pixels a side
 EASY_SHARE = 0.25  # of the window covered by matches of the overview: then they give the first plane
 PART_SHARE = 0.1  # of a window, when too little of it is in image 2 for its planes to be compared
@@ -133,7 +134,8 @@ def _dense_match(window: Window, scene: Scene, normal: FloatArray) -> WindowMatc
         return no_match("too few pixels")
     side = max(window[2:]) * view.grid.mean_scale
     cell = int(np.clip(side / 16, 4, 8))
-    cells = dense_cells(view.grid, view.mapping(normal), scene.pyramid2, scene.shape2, cell, finest=0)
+    mapping = view.mapping(normal)
+    cells = dense_cells(view.grid, mapping, scene.pyramid2, scene.shape2, cell, finest=0, smoothings=SMOOTHINGS)
     cells = cells.take(inside_window(cells.uv1, window))
     possible = max(1.0, window[2] * window[3] * float(np.prod(view.grid.scale)) / cell**2)
     return polish(match_of_cells(cells, scene, possible), window, scene, cell)

@@ -18,6 +18,7 @@ from slopecli.vision.features import Grey
 from slopecli.vision.warp import FloatImage, Grid, Pyramid, block_sum, covered, image_gradient, resample
 
 FORWARD_BACKWARD_PX = 0.6  # flow there and back must close within this, px of the grid
+SMOOTHINGS = 5  # rounds of variational refinement of the flow at every scale
 CLEAR_SHARE, CLEAR_AGREEMENT = 0.97, 0.9  # of pixels that close, and of all cells but the worst tenth
 MIN_SHARE = 1 / 3  # of a cell's pixels that must pass the checks
 MIN_VARIANCE = 0.25  # grey^2: what rounding to whole grey levels leaves even of a blank cell
@@ -56,12 +57,16 @@ class Cells:
         )
 
 
-def flow(image1: Grey, image2: Grey, finest: int) -> FloatImage:
-    """Dense inverse search (Kroeger et al. 2016), (h, w, 2) px; `finest` 0 measures at every px, 1 at every second."""
+def flow(image1: Grey, image2: Grey, finest: int, smoothings: int = SMOOTHINGS) -> FloatImage:
+    """Dense inverse search (Kroeger et al. 2016), (h, w, 2) px; `finest` 0 measures at every px, 1 at every second.
+
+    smoothings : rounds of variational refinement at every scale, each a third of the time of the search itself.
+    """
     engine: cv2.DISOpticalFlow = cv2.DISOpticalFlow_create(  # type: ignore[attr-defined]
         cv2.DISOPTICAL_FLOW_PRESET_FAST
     )
     engine.setFinestScale(finest)
+    engine.setVariationalRefinementIterations(smoothings)
     return np.asarray(engine.calc(image1, image2, None), np.float32)  # type: ignore[call-overload]
 
 
@@ -75,17 +80,23 @@ def match_exposure(pulled: FloatImage, grey: Grey, valid: NDArray[np.bool_]) -> 
 
 
 def dense_cells(
-    grid: Grid, mapping: FloatImage, pyramid2: Pyramid, shape2: tuple[int, int], cell: int, finest: int
+    grid: Grid,
+    mapping: FloatImage,
+    pyramid2: Pyramid,
+    shape2: tuple[int, int],
+    cell: int,
+    finest: int,
+    smoothings: int = SMOOTHINGS,
 ) -> Cells:
     """Match every cell of `cell` px of the grid; cells with too few checked pixels are left out.
 
     mapping : (h, w, 2) full-resolution px of image 2 that the grid's pixels are expected at.  shape2 : (rows, columns)
-    of image 2.  finest : finest scale of the flow, see `flow`.
+    of image 2.  finest, smoothings : of the flow, see `flow`.
     """
     valid = covered(mapping, shape2)
     pulled = match_exposure(resample(pyramid2, mapping, grid), grid.grey, valid)
     x, y = np.meshgrid(np.arange(grid.shape[1], dtype=np.float32), np.arange(grid.shape[0], dtype=np.float32))
-    forward = flow(grid.grey, pulled, finest)
+    forward = flow(grid.grey, pulled, finest, smoothings)
     qx, qy = x + forward[..., 0], y + forward[..., 1]
     target = _at(mapping, qx, qy)
     inside = (qx >= 0) & (qy >= 0) & (qx <= grid.shape[1] - 1) & (qy <= grid.shape[0] - 1)
@@ -93,11 +104,11 @@ def dense_cells(
     found, points = _at(pulled, qx, qy), np.stack([x, y], -1)
 
     # the way back only checks: on clear ground a scale coarser, for a fourth of the time, elsewhere as fine
-    closes = _closes(forward, _at(flow(pulled, grid.grey, finest + 1), qx, qy))
+    closes = _closes(forward, _at(flow(pulled, grid.grey, finest + 1, 0), qx, qy))
     cells = _collect(grid, inside & closes, points, target, found, cell)
     if _are_clear(cells, closes[inside]):
         return cells
-    closes = _closes(forward, _at(flow(pulled, grid.grey, finest), qx, qy))
+    closes = _closes(forward, _at(flow(pulled, grid.grey, finest, smoothings), qx, qy))
     return _collect(grid, inside & closes, points, target, found, cell)
 
 
