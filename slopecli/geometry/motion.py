@@ -7,9 +7,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from slopecli.geometry.epipolar import homogeneous, rotation_from_vector, skew, tangent_basis
+from slopecli.geometry.quantiles import median
 from slopecli.types import FloatArray
 
 GATE_SIGMAS = 2.5  # robust sigmas at which a match has lost most of its weight
+SETTLED_RAD = 1e-6  # a step this small, a thousandth of a pixel, ends a refinement
 TRUNCATE_SIGMAS = 4.0  # sigmas beyond which a mismatch costs no more, however far off it is
 
 
@@ -63,7 +65,7 @@ def refine_motion(
     scale = bounds[0]
     for _ in range(iterations):
         residual, line2, factor = _residual_parts(R, T, p1, p2)
-        scale = float(np.clip(1.4826 * np.median(np.abs(residual)), *bounds))
+        scale = float(np.clip(1.4826 * median(np.abs(residual)), *bounds))
         weight = 1 / (1 + (residual / (GATE_SIGMAS * scale)) ** 2) ** 2
         basis = tangent_basis(T)
         d_rotation = np.cross(line2, p2)
@@ -75,7 +77,7 @@ def refine_motion(
         R = rotation_from_vector(step[:3]) @ R
         T = T + basis @ step[3:]
         T = T / np.linalg.norm(T)
-        if np.abs(step).max() < 1e-9:
+        if np.abs(step).max() < SETTLED_RAD:
             break
     return assess_motion(R, T, x1, x2, scale)
 
@@ -89,7 +91,7 @@ def assess_motion(R: FloatArray, T: FloatArray, x1: FloatArray, x2: FloatArray, 
     w, leverage = inverse_depth(R, T, x1, x2)
     residual = np.abs(epipolar_residual(R, T, x1, x2))
     near = residual < limit
-    if near.any() and np.median(w[near] * leverage[near]) < 0:
+    if near.any() and median(w[near] * leverage[near]) < 0:
         return assess_motion(R, -T, x1, x2, scale)
     # a far point's inverse depth may fall below zero by noise alone; further behind it is a mismatch
     behind = w * leverage < -limit
