@@ -9,6 +9,7 @@ import numpy as np
 from slopecli.errors import NoAnswer
 from slopecli.geometry.epipolar import fit_rotation, homogeneous
 from slopecli.geometry.lens_misfit import LensMisfit
+from slopecli.geometry.quantiles import median
 from slopecli.types import Camera, Diagnostic, FloatArray, Image
 
 MIN_INLIERS = 20  # matches consistent with one motion below which chance explains them
@@ -105,7 +106,7 @@ def check_parallax(parallax: FloatArray, noise_px: float, apart: Apart | None = 
 
     noise_px : 1-sigma of the matches across their epipolar lines.  apart : for a remedy in more than a factor.
     """
-    typical, largest = float(np.median(parallax)), float(np.quantile(parallax, 0.98))
+    typical, largest = median(parallax), float(np.quantile(parallax, 0.98))
     if largest < ROTATION_SIGMAS * max(4 * noise_px, 0.1):
         raise NoAnswer(
             "pure-rotation",

@@ -7,6 +7,7 @@ from typing import Literal
 import numpy as np
 
 from slopecli.geometry.camera import points_on_plane
+from slopecli.geometry.quantiles import median
 from slopecli.types import FloatArray, Plane, Report
 
 Kind = Literal["ground", "wall", "roof", "ceiling"]
@@ -65,7 +66,7 @@ def _ground(report: Report, outlines: dict[int, FloatArray]) -> Plane | None:
         return None
     least = LARGE * max(shares[plane.id] for plane in level)
     up = np.array(report.up.vector_cam1)
-    return min((p for p in level if shares[p.id] >= least), key=lambda p: float(np.median(outlines[p.id] @ up)))
+    return min((p for p in level if shares[p.id] >= least), key=lambda p: median(outlines[p.id] @ up))
 
 
 def _is_level(plane: Plane) -> bool:

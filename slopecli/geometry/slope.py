@@ -8,13 +8,13 @@ from __future__ import annotations
 
 import math
 from functools import lru_cache
-from statistics import NormalDist
 from typing import NamedTuple
 
 import numpy as np
 
 from slopecli.errors import InputError
 from slopecli.geometry.epipolar import tangent_basis
+from slopecli.geometry.quantiles import normal_quantile
 from slopecli.types import BoolArray, FloatArray, Slopes, Solution
 
 IMAGE_UP = np.array([0.0, -1.0, 0.0])
@@ -203,7 +203,7 @@ def slope_interval(slopes: Slopes, level: float = 0.95) -> FloatArray:
     if not 0.0 < level < 1.0:
         raise InputError(f"the confidence level is {level}; it must lie between 0 and 1")
     estimate, covariance = slopes.slope_rad, slopes.tilt_covariance
-    reach = NormalDist().inv_cdf(0.5 + 0.5 * level) * np.sqrt(covariance[:, 0, 0])
+    reach = normal_quantile(0.5 + 0.5 * level) * np.sqrt(covariance[:, 0, 0])
     interval = np.column_stack([estimate - reach, estimate + reach])
     widest = np.sqrt(np.linalg.eigvalsh(covariance)[:, 1])
     gentle = np.flatnonzero((estimate < _GAUSSIAN_BEYOND * widest) & (widest > 0.0))

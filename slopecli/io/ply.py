@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from slopecli import __version__
+from slopecli.geometry.quantiles import median
 from slopecli.io.colormap import slope_colours
 from slopecli.io.marks import NO_ANSWER
 from slopecli.io.surface import Surface, lay_on_plane
@@ -197,7 +198,7 @@ def _vertices(points: FloatArray, normals: FloatArray, colour: ArrayLike) -> NDA
 
 
 def _median_distance(planes: Sequence[Plane]) -> float:
-    return float(np.median([plane.distance for plane in planes])) if planes else 1.0
+    return median([plane.distance for plane in planes]) if planes else 1.0
 
 
 def _joined(meshes: Sequence[Mesh]) -> Mesh:

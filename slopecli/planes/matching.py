@@ -8,6 +8,7 @@ import numpy as np
 
 from slopecli.geometry.epipolar import homogeneous
 from slopecli.geometry.motion import epipolar_residual, inverse_depth
+from slopecli.geometry.quantiles import median
 from slopecli.planes.borrow import borrow
 from slopecli.planes.evidence import Evidence
 from slopecli.planes.polish import polish
@@ -105,7 +106,7 @@ def _sweep_depths(evidence: Evidence, scale: float) -> FloatArray:
     low, high = np.percentile(evidence.w, [1, 99])
     spread = high - low
     low, high = max(low - 0.3 * spread, 1e-4 * high), high + 0.3 * spread
-    pixels = (high - low) * float(np.median(evidence.leverage)) * evidence.focal_px * scale
+    pixels = (high - low) * median(evidence.leverage) * evidence.focal_px * scale
     return np.linspace(low, high, int(np.clip(pixels, 8, SWEEP_LIMIT)))
 
 
@@ -155,7 +156,7 @@ def match_of_cells(cells: Cells, scene: Scene, possible: float) -> WindowMatch:
         return no_match("too few matches")
     w, leverage = inverse_depth(scene.R, scene.T, x1[good], x2[good])
     plane = robust_plane(x1[good], w, leverage, FLOOR_PX / focal / cells.pixel_scale)
-    score = float(np.median(cells.agreement[good]))
+    score = median(cells.agreement[good])
     doubt = SCARCE_RAD * max(0.0, 1 - share / SCARCE_SHARE) + FAINT_RAD * max(0.0, 1 - score / FAINT_SCORE)
     doubt += plane.doubt_rad(homogeneous(x1[good]) * leverage[:, None], w * leverage)
     keep = np.flatnonzero(good)[plane.inlier]

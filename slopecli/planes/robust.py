@@ -8,6 +8,7 @@ import numpy as np
 
 from slopecli.geometry.epipolar import homogeneous
 from slopecli.geometry.metrics import normal_angle
+from slopecli.geometry.quantiles import median
 from slopecli.types import BoolArray, FloatArray, IntArray
 
 HYPOTHESES = 300
@@ -72,11 +73,11 @@ def _relief_weight(misfit: FloatArray, w: FloatArray, leverage: FloatArray, floo
     Near the focus of expansion relief hardly shows in the image, so residuals there would seem to be all noise.
     """
     height = misfit / w
-    seen = leverage * w >= np.median(leverage * w)
-    relief = np.median(height[seen]) / HALF_SIGMA
-    relief = np.sqrt(max(relief**2 - np.median((floor / (leverage * w)[seen]) ** 2), 0.0))
+    seen = leverage * w >= median(leverage * w)
+    relief = median(height[seen]) / HALF_SIGMA
+    relief = np.sqrt(max(relief**2 - median((floor / (leverage * w)[seen]) ** 2), 0.0))
     spread = np.sqrt(floor**2 + (relief * leverage * w) ** 2)
-    return np.asarray(leverage * np.median(spread) / spread)
+    return np.asarray(leverage * median(spread) / spread)
 
 
 def _fit(rows: FloatArray, target: FloatArray, floor: float) -> RobustPlane:
@@ -115,7 +116,7 @@ def _beyond_step(residual: FloatArray, floor: float) -> BoolArray | None:
     off = size > STEP_GATE * scale
     if not STEP_SHARES[0] <= off.mean() <= STEP_SHARES[1]:
         return None
-    distance = float(np.median(residual[off]))
+    distance = median(residual[off])
     aside = off & (np.abs(residual - distance) > STEP_EVEN * abs(distance))
     spread = max(float(np.sqrt(np.mean(residual[~off] ** 2))), scale)
     if abs(distance) < STEP_SIGMAS * spread or aside.sum() > STEP_REST * off.sum():

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from slopecli.geometry.epipolar import homogeneous
+from slopecli.geometry.quantiles import median
 from slopecli.types import FloatArray
 from slopecli.vision.warp import (
     FloatImage,
@@ -184,12 +185,12 @@ def _linearise(view: View, normal: FloatArray, ours: FloatImage, radius: float) 
     jacobian = slope.reshape(-1, 1) * view.rays
     weighted = jacobian * weight.reshape(-1, 1)
     system, gradient = weighted.T @ jacobian / sigma**2, weighted.T @ residual.reshape(-1) / sigma**2
-    return _Linear(system, gradient, float(np.median(shift)) / grid_px)
+    return _Linear(system, gradient, median(shift) / grid_px)
 
 
 def _robust_weight(residual: FloatImage, valid: NDArray[np.bool_]) -> tuple[FloatImage, float]:
     """Geman-McClure weights (h, w), 0 where not valid, and the robust sigma they refer to, grey levels."""
-    sigma = max(1.4826 * float(np.median(np.abs(residual[valid]))), LEAST_GREY) if valid.any() else LEAST_GREY
+    sigma = max(1.4826 * median(np.abs(residual[valid])), LEAST_GREY) if valid.any() else LEAST_GREY
     return np.where(valid, 1 / (1 + (residual / (GATE_SIGMAS * sigma)) ** 2) ** 2, np.float32(0)), sigma
 
 
