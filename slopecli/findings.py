@@ -11,7 +11,7 @@ from slopecli.diagnosis import Apart
 from slopecli.geometry.camera import pixels_from_rays
 from slopecli.geometry.epipolar import focus_of_expansion, homogeneous
 from slopecli.geometry.motion import inverse_depth
-from slopecli.geometry.quantiles import median, normal_quantile
+from slopecli.geometry.quantiles import median, normal_quantile, quantile
 from slopecli.options import Options
 from slopecli.planes.changes import Change
 from slopecli.types import BoolArray, Camera, Correspondences, Diagnostic, FloatArray, Plane, Solution, Source
@@ -178,7 +178,7 @@ def _off_one_plane(solution: Solution, x1: FloatArray, x2: FloatArray) -> float:
         normal = np.linalg.lstsq(rows * weight[:, None], target * weight, rcond=None)[0]
         off = np.abs(target - rows @ normal)
         weight = 1.0 / np.sqrt(np.maximum(off, 0.1 * median(off) + 1e-12))  # least absolute values
-    return float(np.quantile(off, MOST_OF_IT))
+    return quantile(off, MOST_OF_IT)
 
 
 def changed(changes: Sequence[Change], planes: tuple[Plane, ...], labels: NDArray[np.uint16]) -> list[Diagnostic]:

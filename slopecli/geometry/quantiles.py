@@ -21,6 +21,21 @@ def median(values: ArrayLike) -> float:
     return upper if len(flat) % 2 else 0.5 * (float(parted[:middle].max()) + upper)
 
 
+def quantile(values: ArrayLike, at: float) -> float:
+    """The value that a share `at` of all does not exceed, linear between neighbours; NaN as of the median."""
+    flat = np.ravel(values)
+    if not len(flat):
+        return math.nan
+    place = at * (len(flat) - 1)
+    low = int(place)
+    parted = np.partition(flat, low)
+    above = parted[low + 1 :]
+    if math.isnan(parted[low:].max()):
+        return math.nan
+    lower = float(parted[low])
+    return lower + (place - low) * (float(above.min()) - lower) if len(above) else lower
+
+
 def normal_quantile(probability: float) -> float:
     """Quantile of the standard normal distribution, 0 < probability < 1, by bisection to the last digits.
 

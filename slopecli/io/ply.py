@@ -173,13 +173,23 @@ def _subdivided(points: FloatArray, triangles: IntArray) -> tuple[FloatArray, In
     """Cut every triangle into four, `SUBDIVISIONS` times; neighbours share the new points."""
     for _ in range(SUBDIVISIONS):
         edges = np.sort(triangles[:, [[0, 1], [1, 2], [2, 0]]], axis=2).reshape(-1, 2)
-        ends, inverse = np.unique(edges, axis=0, return_inverse=True)
+        ends, inverse = _without_repeats(edges)
         (a, b, c), (ab, bc, ca) = triangles.T, inverse.reshape(-1, 3).T + len(points)
         points = np.vstack([points, points[ends].mean(axis=1)])
         triangles = np.vstack(
             [np.column_stack(corner) for corner in ((a, ab, ca), (ab, b, bc), (ca, bc, c), (ab, bc, ca))]
         )
     return points, triangles
+
+
+def _without_repeats(edges: IntArray) -> tuple[IntArray, IntArray]:
+    """Every edge (k, 2) once, in order, and for each of all edges (n,) which of them it is."""
+    order = np.lexsort(edges.T[::-1])
+    ordered = edges[order]
+    new = np.append(True, (ordered[1:] != ordered[:-1]).any(axis=1))
+    inverse = np.empty(len(edges), np.int64)
+    inverse[order] = np.cumsum(new) - 1
+    return ordered[new], inverse
 
 
 def _facing(points: FloatArray, triangles: IntArray, normal: FloatArray) -> IntArray:

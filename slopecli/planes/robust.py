@@ -8,7 +8,7 @@ import numpy as np
 
 from slopecli.geometry.epipolar import homogeneous
 from slopecli.geometry.metrics import normal_angle
-from slopecli.geometry.quantiles import median
+from slopecli.geometry.quantiles import median, quantile
 from slopecli.types import BoolArray, FloatArray, IntArray
 
 HYPOTHESES = 300
@@ -130,7 +130,7 @@ def _triples(rows: FloatArray, target: FloatArray) -> FloatArray:
     index = rng.integers(0, len(rows), (HYPOTHESES, 3))
     matrix = rows[index]
     area = np.abs(np.linalg.det(matrix))
-    wide = area >= np.quantile(area, 0.4)  # thin triangles leave the plane's tilt to the noise
+    wide = area >= quantile(area, 0.4)  # thin triangles leave the plane's tilt to the noise
     wide &= area > 0
     everything = _least_squares(rows, target)[None]
     if not wide.any():

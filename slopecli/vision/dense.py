@@ -13,6 +13,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from slopecli.geometry.quantiles import quantile
 from slopecli.types import FloatArray
 from slopecli.vision.features import Grey
 from slopecli.vision.warp import FloatImage, Grid, Pyramid, block_sum, covered, image_gradient, resample
@@ -125,7 +126,7 @@ def _are_clear(cells: Cells, closes: NDArray[np.bool_]) -> bool:
     """Whether hardly anything is in doubt: pixels of which hardly one does not close, and cells that agree."""
     if not len(cells) or closes.mean() < CLEAR_SHARE:
         return False
-    return float(np.quantile(cells.agreement, 0.1)) > CLEAR_AGREEMENT
+    return quantile(cells.agreement, 0.1) > CLEAR_AGREEMENT
 
 
 def _collect(

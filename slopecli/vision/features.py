@@ -143,6 +143,8 @@ def match_sift(
 
 def _drop_repeats(uv1: FloatArray, uv2: FloatArray) -> tuple[FloatArray, FloatArray]:
     """SIFT gives one point several orientations; counted twice, a mismatch votes twice."""
-    _, first = np.unique(np.round(np.hstack([uv1, uv2]), 1), axis=0, return_index=True)
-    first = np.sort(first)
-    return uv1[first], uv2[first]
+    first: dict[tuple[float, ...], int] = {}
+    for index, place in enumerate(np.round(np.hstack([uv1, uv2]), 1).tolist()):
+        first.setdefault(tuple(place), index)
+    chosen = list(first.values())
+    return uv1[chosen], uv2[chosen]
