@@ -119,7 +119,8 @@ def _at(values: NDArray[Any], x: FloatImage, y: FloatImage) -> NDArray[Any]:
 
 
 def _closes(forward: FloatImage, back: FloatImage) -> NDArray[np.bool_]:
-    return np.asarray(np.abs(forward + back).max(2) < FORWARD_BACKWARD_PX)
+    gap = np.abs(forward + back) < FORWARD_BACKWARD_PX
+    return np.asarray(gap[..., 0] & gap[..., 1])
 
 
 def _are_clear(cells: Cells, closes: NDArray[np.bool_]) -> bool:
