@@ -13,13 +13,13 @@ from slopecli.planes.borrow import borrow
 from slopecli.planes.evidence import Evidence
 from slopecli.planes.polish import polish
 from slopecli.planes.robust import robust_plane
-from slopecli.planes.scene import FINE_PX, Scene, axis_variance, view_of
+from slopecli.planes.scene import FINE_PX, Scene, axis_variance, view_of, window_grid
 from slopecli.planes.window_match import WindowMatch, no_match, overdispersion
 from slopecli.planes.windows import MIN_SIDE_PX, Window, inside_window
 from slopecli.types import FloatArray
 from slopecli.vision.dense import Cells, dense_cells
 from slopecli.vision.overview import CELL
-from slopecli.vision.photometric import NOISE_GREY, PlaneFit, align_plane, sweep_planes
+from slopecli.vision.photometric import NOISE_GREY, PlaneFit, align_plane, plane_map, sweep_planes
 from slopecli.vision.sparse import pair_rays
 
 SMOOTHINGS = 2  # of the flow in a window, all but still when pulled through its plane: more would flatten its relief
@@ -130,15 +130,15 @@ def _informed(fit: PlaneFit) -> bool:
 
 
 def _dense_match(window: Window, scene: Scene, normal: FloatArray) -> WindowMatch:
-    view = view_of(window, scene, FINE_PX, border=True)
-    if min(view.grid.shape) < MIN_SIDE_PX:
+    grid = window_grid(window, scene, FINE_PX, border=True)
+    if min(grid.shape) < MIN_SIDE_PX:
         return no_match("too few pixels")
-    side = max(window[2:]) * view.grid.mean_scale
+    side = max(window[2:]) * grid.mean_scale
     cell = int(np.clip(side / 16, 4, 8))
-    mapping = view.mapping(normal)
-    cells = dense_cells(view.grid, mapping, scene.pyramid2, scene.shape2, cell, finest=0, smoothings=SMOOTHINGS)
+    mapping = plane_map(grid, scene.rays1, scene.pixels2, scene.R, scene.T, normal)
+    cells = dense_cells(grid, mapping, scene.pyramid2, scene.shape2, cell, finest=0, smoothings=SMOOTHINGS)
     cells = cells.take(inside_window(cells.uv1, window))
-    possible = max(1.0, window[2] * window[3] * float(np.prod(view.grid.scale)) / cell**2)
+    possible = max(1.0, window[2] * window[3] * float(np.prod(grid.scale)) / cell**2)
     return polish(match_of_cells(cells, scene, possible), window, scene, cell)
 
 

@@ -71,13 +71,18 @@ def whole_grid(scene: Scene, max_pixels: float) -> Grid:
 def view_of(window: Window, scene: Scene, side_px: int, border: bool) -> View:
     """A window on a working grid of about `side_px` a side, with some ground around it if `border`, ready to pull
     image 2 onto it."""
+    grid = window_grid(window, scene, side_px, border)
+    return make_view(grid, scene.rays1, scene.pixels2, scene.R, scene.T, scene.pyramid2, scene.shape2)
+
+
+def window_grid(window: Window, scene: Scene, side_px: int, border: bool) -> Grid:
+    """The working grid of `view_of` alone."""
     x, y, w, h = window
     shrink_by = max(w, h) / side_px
     layer = scene.pyramid1.at(shrink_by)
     margin = BORDER_PX * max(shrink_by, 1.0) if border else 0.0
     side = round(side_px * (1 + 2 * margin / max(w, h)))
-    grid = cut(layer, x - margin, y - margin, w + 2 * margin, h + 2 * margin, side)
-    return make_view(grid, scene.rays1, scene.pixels2, scene.R, scene.T, scene.pyramid2, scene.shape2)
+    return cut(layer, x - margin, y - margin, w + 2 * margin, h + 2 * margin, side)
 
 
 def epipolar_axes(uv1: FloatArray, scene: Scene) -> tuple[FloatArray, FloatArray]:

@@ -25,6 +25,7 @@ from slopecli.vision.warp import (
     image_gradient,
     magnification,
     sample_layer,
+    transfer_map,
 )
 
 NOISE_GREY = 2.0  # grey levels below which contrast is sensor noise, not texture
@@ -54,10 +55,27 @@ class View:
     def mapping(self, normal: FloatArray) -> FloatImage:
         """Where the plane with this scaled normal sends every pixel, (h, w, 2) full px of image 2."""
         moved = self.turned - (self.rays @ normal)[:, None] * self.epipole2
-        depth = np.where(np.abs(moved[:, 2:]) < 1e-9, 1e-9, moved[:, 2:])
-        uv = self.pixels2(moved[:, :2] / depth)
-        uv[moved[:, 2] <= 0] = -1e4
-        return np.nan_to_num(uv, nan=-1e4).reshape(*self.grid.shape, 2).astype(np.float32)
+        return _imaged(moved, self.pixels2).reshape(*self.grid.shape, 2).astype(np.float32)
+
+
+def plane_map(
+    grid: Grid, rays1: Transfer, pixels2: Transfer, R: FloatArray, T: FloatArray, normal: FloatArray
+) -> FloatImage:
+    """`View.mapping` of a plane, exact on nodes only and bilinear in between, for a fraction of the time."""
+
+    def transfer(uv: FloatArray) -> FloatArray:
+        rays = homogeneous(rays1(uv))
+        return _imaged((rays - (rays @ normal)[:, None] * T) @ R.T, pixels2)
+
+    return transfer_map(grid, transfer)
+
+
+def _imaged(moved: FloatArray, pixels2: Transfer) -> FloatArray:
+    """Pixels (n, 2) of image 2 of points (n, 3) before camera 2, far outside where there are none."""
+    depth = np.where(np.abs(moved[:, 2:]) < 1e-9, 1e-9, moved[:, 2:])
+    uv = pixels2(moved[:, :2] / depth)
+    uv[moved[:, 2] <= 0] = -1e4
+    return np.nan_to_num(uv, nan=-1e4)
 
 
 def make_view(
