@@ -18,7 +18,7 @@ FINE = OverviewEffort(max_pixels=0.5e6, finest=1, smoothings=SMOOTHINGS)
 # cells of the overview along the shorter side of every window: fewer tell too little of its plane; enough for COARSE
 LEAST_CELLS, ENOUGH_CELLS = 6, 12
 MOST = 0.5  # of image 1 that windows cover: where they cover less, the motion owes its accuracy to the overview
-ENOUGH_INLIERS, ENOUGH_SHARE = 150, 0.85  # sparse matches that obey one motion, and their share of all
+ENOUGH_INLIERS, ENOUGH_SHARE = 120, 0.85  # sparse matches that obey one motion, and their share of all
 # cells of the overview that obey the motion, as shares of those matched and of those there are; their agreement
 CONSISTENT, COVERED, AGREEMENT = 0.9, 0.4, 0.9
 

@@ -28,7 +28,7 @@ class FeatureEffort:
 
 
 # What a glance takes: enough for a motion where all matches agree.
-GLANCE = FeatureEffort(max_pixels=0.1e6, n_features=1000, contrast=0.02, ratio=0.80)
+GLANCE = FeatureEffort(max_pixels=0.07e6, n_features=600, contrast=0.02, ratio=0.80)
 # The first suffices for textured ground; the second is spent only where the first found little.
 EFFORTS = (
     FeatureEffort(max_pixels=0.4e6, n_features=4000, contrast=0.02, ratio=0.80),
