@@ -22,7 +22,7 @@ from slopecli.vision.overview import CELL
 from slopecli.vision.photometric import NOISE_GREY, PlaneFit, align_plane, plane_map, sweep_planes
 from slopecli.vision.sparse import pair_rays
 
-SMOOTHINGS = 2  # of the flow in a window, all but still when pulled through its plane: more would flatten its relief
+SMOOTHINGS = 1  # of the flow in a window, all but still when pulled through its plane: more would flatten its relief
 COARSE_PX = 48  # planes are searched for at about this many pixels a side
 EASY_SHARE = 0.25  # of the window covered by matches of the overview: then they give the first plane
 PART_SHARE = 0.1  # of a window, when too little of it is in image 2 for its planes to be compared
@@ -76,7 +76,7 @@ def plane_from_overview(window: Window, scene: Scene) -> FloatArray | None:
     cell_area = CELL**2 / float(np.prod(scene.pyramid1.overview_scale))
     if inside.sum() * cell_area < EASY_SHARE * window[2] * window[3]:
         return None
-    return scene.evidence.plane_through(inside)
+    return scene.evidence.plane_through(inside, rough=True)
 
 
 def search_plane(window: Window, scene: Scene) -> list[FloatArray]:
