@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 
 import cv2
 import numpy as np
@@ -171,15 +172,29 @@ def _cross(a: FloatArray, b: FloatArray) -> FloatArray:
 
 def _subdivided(points: FloatArray, triangles: IntArray) -> tuple[FloatArray, IntArray]:
     """Cut every triangle into four, `SUBDIVISIONS` times; neighbours share the new points."""
+    cuts, smallest = _cuts(len(points), tuple(map(tuple, triangles.tolist())))
+    for ends in cuts:
+        points = np.vstack([points, points[ends].mean(axis=1)])
+    return points, smallest
+
+
+@lru_cache(maxsize=32)
+def _cuts(n: int, corners: tuple[tuple[int, ...], ...]) -> tuple[list[IntArray], IntArray]:
+    """Edges (k, 2) that are halved in every round, and the triangles (m, 3) after the last; windows all are cut alike.
+
+    n : points there are at first.  corners : the triangles' at first.
+    """
+    triangles, cuts = np.array(corners), list[IntArray]()
     for _ in range(SUBDIVISIONS):
         edges = np.sort(triangles[:, [[0, 1], [1, 2], [2, 0]]], axis=2).reshape(-1, 2)
         ends, inverse = _without_repeats(edges)
-        (a, b, c), (ab, bc, ca) = triangles.T, inverse.reshape(-1, 3).T + len(points)
-        points = np.vstack([points, points[ends].mean(axis=1)])
+        (a, b, c), (ab, bc, ca) = triangles.T, inverse.reshape(-1, 3).T + n
         triangles = np.vstack(
             [np.column_stack(corner) for corner in ((a, ab, ca), (ab, b, bc), (ca, bc, c), (ab, bc, ca))]
         )
-    return points, triangles
+        cuts.append(ends)
+        n += len(ends)
+    return cuts, triangles
 
 
 def _without_repeats(edges: IntArray) -> tuple[IntArray, IntArray]:
