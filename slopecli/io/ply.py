@@ -107,7 +107,7 @@ def _surface_mesh(surface: Surface, colours: ArrayLike) -> Mesh:
 
 
 def _surface_meshes(report: Report, image: Image | None, surfaces: Sequence[Surface]) -> list[Mesh]:
-    if image is None:
+    if image is None or not surfaces:
         return [_surface_mesh(each, _colour(each.plane)) for each in surfaces]
     # a vertex stands for the pixels nearest to it, and has their mean colour
     spacing = np.sqrt(np.count_nonzero(report.labels) / max(1, sum(len(each.uv) for each in surfaces)))
