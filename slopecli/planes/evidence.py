@@ -9,7 +9,7 @@ import numpy as np
 from slopecli.geometry.epipolar import homogeneous
 from slopecli.geometry.motion import epipolar_residual, inverse_depth
 from slopecli.geometry.quantiles import median
-from slopecli.planes.robust import robust_plane, rough_plane
+from slopecli.planes.robust import robust_plane
 from slopecli.planes.windows import Window
 from slopecli.types import BoolArray, FloatArray, IntArray
 
@@ -49,16 +49,12 @@ class Evidence:
         u, v = self.uv1.T
         return np.asarray((u >= x - d) & (u < x + width + d) & (v >= y - d) & (v < y + height + d))
 
-    def plane_through(self, which: BoolArray, rough: bool = False) -> FloatArray | None:
-        """Scaled normal (3,) of the robust plane through the chosen matches; None when they are too few.
-
-        rough : as a start only, for half the time.
-        """
+    def plane_through(self, which: BoolArray) -> FloatArray | None:
+        """Scaled normal (3,) of the robust plane through the chosen matches; None when they are too few."""
         if which.sum() < MIN_ON_PLANE:
             return None
         floor = FLOOR_PX / self.focal_px
-        fit = rough_plane if rough else robust_plane
-        return fit(self.x1[which], self.w[which], self.leverage[which], floor).normal
+        return robust_plane(self.x1[which], self.w[which], self.leverage[which], floor).normal
 
     def misfit_px(self, normal: FloatArray) -> FloatArray:
         """(n,) distance in image 2 between each match and the plane's prediction, px."""

@@ -76,7 +76,7 @@ def plane_from_overview(window: Window, scene: Scene) -> FloatArray | None:
     cell_area = CELL**2 / float(np.prod(scene.pyramid1.overview_scale))
     if inside.sum() * cell_area < EASY_SHARE * window[2] * window[3]:
         return None
-    return scene.evidence.plane_through(inside, rough=True)
+    return scene.evidence.plane_through(inside)
 
 
 def search_plane(window: Window, scene: Scene) -> list[FloatArray]:

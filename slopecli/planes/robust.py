@@ -62,14 +62,9 @@ def robust_plane(x1: FloatArray, w: FloatArray, leverage: FloatArray, floor: flo
     floor : smallest sigma believed, normalised coordinates of image 2.
     """
     rays = homogeneous(x1)
-    first = rough_plane(x1, w, leverage, floor)
+    first = _fit(rays * leverage[:, None], w * leverage, floor)
     weight = _relief_weight(np.abs(w - rays @ first.normal), w, leverage, floor)
     return _fit(rays * weight[:, None], w * weight, floor)
-
-
-def rough_plane(x1: FloatArray, w: FloatArray, leverage: FloatArray, floor: float) -> RobustPlane:
-    """`robust_plane` as if all that stands off were noise of the image; arguments are the same."""
-    return _fit(homogeneous(x1) * leverage[:, None], w * leverage, floor)
 
 
 def _relief_weight(misfit: FloatArray, w: FloatArray, leverage: FloatArray, floor: float) -> FloatArray:
