@@ -83,7 +83,9 @@ def _relief_weight(misfit: FloatArray, w: FloatArray, leverage: FloatArray, floo
 def _fit(rows: FloatArray, target: FloatArray, floor: float) -> RobustPlane:
     candidates = _triples(rows, target)
     some = _sample(len(rows))
-    residual = np.abs(target[some] - candidates @ rows[some].T)
+    residual = candidates @ rows[some].T
+    residual -= target[some]  # in place: another array of this size takes longer to get than to fill
+    np.abs(residual, out=residual)
     for core in candidates[_row_quantile(residual, CORE).argsort()[:CORES]]:
         step = _beyond_step(target - rows @ core, floor)
         if step is not None:

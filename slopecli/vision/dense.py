@@ -7,6 +7,8 @@ its ground, and picking corners picks ridges.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
+from threading import get_ident
 from typing import Any
 
 import cv2
@@ -20,6 +22,7 @@ from slopecli.vision.warp import FloatImage, Grid, Pyramid, block_sum, covered, 
 
 FORWARD_BACKWARD_PX = 0.6  # flow there and back must close within this, px of the grid
 SMOOTHINGS = 5  # rounds of variational refinement of the flow at every scale
+KEPT_PIXELS = 0.2e6  # largest image whose flow keeps its memory, some 20 MB
 CLEAR_SHARE, CLEAR_AGREEMENT = 0.97, 0.9  # of pixels that close, and of all cells but the worst tenth
 MIN_SHARE = 1 / 3  # of a cell's pixels that must pass the checks
 MIN_VARIANCE = 0.25  # grey^2: what rounding to whole grey levels leaves even of a blank cell
@@ -63,12 +66,25 @@ def flow(image1: Grey, image2: Grey, finest: int, smoothings: int = SMOOTHINGS) 
 
     smoothings : rounds of variational refinement at every scale, each a third of the time of the search itself.
     """
+    small = image1.size <= KEPT_PIXELS
+    engine = _kept_engine(finest, smoothings, get_ident()) if small else _engine(finest, smoothings)
+    return np.asarray(engine.calc(image1, image2, None), np.float32)  # type: ignore[call-overload]
+
+
+@lru_cache(maxsize=8)
+def _kept_engine(finest: int, smoothings: int, thread: int) -> cv2.DISOpticalFlow:
+    """An engine of this thread, which no other may use at a time: from window to window it keeps its memory, and to
+    get that anew takes a third of the time of the flow."""
+    return _engine(finest, smoothings)
+
+
+def _engine(finest: int, smoothings: int) -> cv2.DISOpticalFlow:
     engine: cv2.DISOpticalFlow = cv2.DISOpticalFlow_create(  # type: ignore[attr-defined]
         cv2.DISOPTICAL_FLOW_PRESET_FAST
     )
     engine.setFinestScale(finest)
     engine.setVariationalRefinementIterations(smoothings)
-    return np.asarray(engine.calc(image1, image2, None), np.float32)  # type: ignore[call-overload]
+    return engine
 
 
 def match_exposure(pulled: FloatImage, grey: Grey, valid: NDArray[np.bool_]) -> Grey:
