@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from statistics import NormalDist
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,6 +11,7 @@ from slopecli.diagnosis import Apart
 from slopecli.geometry.camera import pixels_from_rays
 from slopecli.geometry.epipolar import focus_of_expansion, homogeneous
 from slopecli.geometry.motion import inverse_depth
+from slopecli.geometry.quantiles import median, normal_quantile, quantile
 from slopecli.options import Options
 from slopecli.planes.changes import Change
 from slopecli.planes.window_match import WindowMatch
@@ -96,7 +96,7 @@ def apart_of(solution: Solution, matches: Correspondences, length_m: float | Non
     """How far apart the images were taken, by the distances of what lies on planes."""
     on = matches.patch >= 0
     inverse_depth = (homogeneous(matches.x1[on]) * solution.scaled_normals[matches.patch[on]]).sum(1)
-    return Apart(abs(float(np.median(inverse_depth))), length_m)
+    return Apart(abs(median(inverse_depth)), length_m)
 
 
 def partly_seen(planes: Sequence[Plane], matched: dict[int, WindowMatch]) -> list[Diagnostic]:
@@ -159,7 +159,7 @@ def _wanted_sigma(plane: Plane, options: Options) -> float:
         return options.max_sigma_deg if ";" not in (plane.reason or "") else np.inf
     if plane.verdict != "undecided" or plane.status != "ok":
         return np.inf
-    return abs(plane.slope_deg - options.tolerance_deg) / NormalDist().inv_cdf(options.confidence)
+    return abs(plane.slope_deg - options.tolerance_deg) / normal_quantile(options.confidence)
 
 
 def towards_flat_ground(planes: Sequence[Plane], solution: Solution, apart: Apart) -> list[Diagnostic]:
@@ -213,8 +213,8 @@ def _off_one_plane(solution: Solution, x1: FloatArray, x2: FloatArray) -> float:
     for _ in range(PLANE_ROUNDS):
         normal = np.linalg.lstsq(rows * weight[:, None], target * weight, rcond=None)[0]
         off = np.abs(target - rows @ normal)
-        weight = 1.0 / np.sqrt(np.maximum(off, 0.1 * float(np.median(off)) + 1e-12))  # least absolute values
-    return float(np.quantile(off, MOST_OF_IT))
+        weight = 1.0 / np.sqrt(np.maximum(off, 0.1 * median(off) + 1e-12))  # least absolute values
+    return quantile(off, MOST_OF_IT)
 
 
 def changed(changes: Sequence[Change], planes: tuple[Plane, ...], labels: NDArray[np.uint16]) -> list[Diagnostic]:

@@ -7,6 +7,7 @@ from typing import Literal
 import numpy as np
 
 from slopecli.geometry.camera import points_on_plane
+from slopecli.geometry.quantiles import median, quantile
 from slopecli.types import FloatArray, Plane, Report
 
 Kind = Literal["ground", "wall", "roof", "ceiling"]
@@ -65,7 +66,7 @@ def _ground(report: Report, outlines: dict[int, FloatArray]) -> Plane | None:
         return None
     least = LARGE * max(shares[plane.id] for plane in level)
     up = np.array(report.up.vector_cam1)
-    return min((p for p in level if shares[p.id] >= least), key=lambda p: float(np.median(outlines[p.id] @ up)))
+    return min((p for p in level if shares[p.id] >= least), key=lambda p: median(outlines[p.id] @ up))
 
 
 def _is_level(plane: Plane) -> bool:
@@ -75,4 +76,4 @@ def _is_level(plane: Plane) -> bool:
 def _low_end(points: FloatArray, ground: Plane) -> float:
     """Height of a plane's lower end above the ground, over its distance to the camera."""
     height = points @ ground.normal_cam1 + ground.distance
-    return float(np.quantile(height / np.linalg.norm(points, axis=1), LOW_END)) if len(points) else 0.0
+    return quantile(height / np.linalg.norm(points, axis=1), LOW_END) if len(points) else 0.0

@@ -9,6 +9,7 @@ import numpy as np
 
 from slopecli.errors import InputError
 from slopecli.geometry.epipolar import homogeneous, unit_vector
+from slopecli.geometry.quantiles import median
 from slopecli.geometry.slope import measure_slopes, probability_below, surface_normals
 from slopecli.options import Options
 from slopecli.planes.joint import Matched
@@ -116,7 +117,7 @@ def signed_distance(normal: FloatArray, x1: FloatArray) -> float:
 
     normal : (3,) scaled.  x1 : (n, 2) rays of its points.
     """
-    ahead = float(np.median(homogeneous(x1) @ normal)) > 0
+    ahead = median(homogeneous(x1) @ normal) > 0
     return (1 if ahead else -1) / float(np.linalg.norm(normal))
 
 

@@ -7,8 +7,6 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
 
-import numpy as np
-
 from slopecli.diagnosis import (
     Apart,
     check_lens,
@@ -21,6 +19,7 @@ from slopecli.diagnosis import (
     refuse_unmatched,
 )
 from slopecli.geometry.motion import MotionEstimate
+from slopecli.geometry.quantiles import median
 from slopecli.given_review import alike, refuse_strangers, review
 from slopecli.known_motion import contradiction, known_length_m, motion_prior
 from slopecli.options import Options
@@ -89,7 +88,7 @@ def estimate(
     refuse_mirrored(scene.evidence.x1, scene.evidence.x2)
     diagnostics = image_notes(image1, image2)
     diagnostics += check_strangers(scene.evidence.n_given, len(scene.evidence))
-    apart = Apart(float(np.median(scene.evidence.w)), known_length_m(options))
+    apart = Apart(median(scene.evidence.w), known_length_m(options))
     diagnostics += check_parallax(parallax, motions[0].scale * camera2.focal_px, apart)
     diagnostics += check_lens(lens_misfit(scene), camera1)
     changes = find_changes(scene)
@@ -137,7 +136,7 @@ def solve(given: Given, cameras: tuple[Camera, Camera] | None, options: Options,
     matched = matched_from(given, both)
     if alike(matched):
         refuse_mirrored(matched.correspondences.x1, matched.correspondences.x2)
-    sigma = float(np.median(given.sigma)) if noise is None and given.sigma is not None else noise
+    sigma = median(given.sigma) if noise is None and given.sigma is not None else noise
     sigma_rad = None if sigma is None else sigma * (1e-3 if cameras is None else 1.0 / both[1].focal_px)
     solved = solve_given(matched, options.solver, sigma_rad, prior)
     given_alone = partial(solve_given, matched, options.solver, sigma_rad)
@@ -179,7 +178,7 @@ def _look(
         sparse = find_motions(*both, [matcher], options.seed, thorough=False)
         clock.lap("features")
         if glance.is_decided(sparse):
-            seen = survey(*both, sparse, options.seed, glance.OVERVIEW_PIXELS)
+            seen = survey(*both, sparse, options.seed, glance.overview_effort(windows, grey1))
             clock.lap("overview")
             if glance.is_clear(seen[0]):
                 return seen

@@ -13,6 +13,7 @@ from slopecli.findings import NON_PLANAR, changed, diagnose, epipole1_px, of_geo
 from slopecli.geometry.epipolar import homogeneous
 from slopecli.geometry.homography import homography_in_pixels, homography_of_plane
 from slopecli.geometry.metrics import rotation_angle
+from slopecli.geometry.quantiles import median
 from slopecli.geometry.slope import slope_interval, surface_normals
 from slopecli.measure import Measured, judge, measure, signed_distance
 from slopecli.options import Options
@@ -155,10 +156,10 @@ def _scale(solution: Solution, matched: Matched, up: Up, options: Options) -> tu
     for k in range(len(matched.answered)):
         rays = homogeneous(matched.correspondences.x1[matched.correspondences.patch == k])
         points = rays / (rays @ solution.scaled_normals[k])[:, None]
-        drops.append(float(np.median(-points @ np.array(up.vector_cam1))))
-        distances.append(float(np.median(np.linalg.norm(points, axis=1))))
-    drop = float(np.median(drops))
-    if drop < LEVEL_LOOK * float(np.median(distances)):
+        drops.append(median(-points @ np.array(up.vector_cam1)))
+        distances.append(median(np.linalg.norm(points, axis=1)))
+    drop = median(drops)
+    if drop < LEVEL_LOOK * median(distances):
         raise InputError(
             f"--altitude {options.altitude_m:g} needs ground below the camera, but against up {up.vector_cam1} what is "
             "seen lies level with it or above; give --up for this camera, or --baseline instead"
@@ -180,7 +181,7 @@ def _motion(solution: Solution, length: float) -> Motion:
 
 def _fit(solution: Solution, matched: Matched, camera2: Camera) -> Fit:
     # the solver's noise is that of a match of weight one; reported is that of the median match
-    noise = solution.noise / float(np.sqrt(np.median(matched.weights)))
+    noise = solution.noise / float(np.sqrt(median(matched.weights)))
     return Fit(
         solver=solution.solver,
         refine="points",

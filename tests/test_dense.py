@@ -7,7 +7,7 @@ import pytest
 from scenery import Pair, Surface, make_camera, pixel_grid, render, texture_at, tilted, to_grey, turn, unit
 
 from slopecli.types import FloatArray
-from slopecli.vision.dense import Cells, dense_cells, match_exposure
+from slopecli.vision.dense import Cells, dense_cells, flow, match_exposure
 from slopecli.vision.features import Grey, shrink
 from slopecli.vision.warp import Grid, Layer, Pyramid, Transfer, block_sum, covered, transfer_map
 
@@ -205,3 +205,10 @@ def test_exposure_of_hardly_any_pixels_is_left_alone() -> None:
     pulled = np.full((20, 20), 77.4, np.float32)
     matched = match_exposure(pulled, np.full((20, 20), 200, np.uint8), np.zeros((20, 20), bool))
     assert (matched == 77).all()
+
+
+def test_flow_does_not_depend_on_what_was_matched_before(plane: Pair) -> None:
+    first, second = plane.grey1[:120, :150].copy(), plane.grey2[:120, :150].copy()
+    before = flow(first, second, 0, 1)
+    flow(plane.grey1[50:250, 20:130].copy(), plane.grey2[50:250, 20:130].copy(), 0, 1)
+    assert np.array_equal(flow(first, second, 0, 1), before)

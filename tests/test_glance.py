@@ -45,3 +45,8 @@ def test_many_matches_of_one_motion_decide() -> None:
     assert not glance.is_decided(sparse(400, wrong=120))
     assert not glance.is_decided(sparse(400, wrong=10, rivals=2))
     assert not glance.is_decided(Sparse(sparse(400, 0).matches, [], (400, 400), 800.0))
+
+
+def test_the_overview_of_a_glance_is_as_fine_as_the_windows_need() -> None:
+    assert glance.overview_effort(grid_windows(3, 3, 1000, 1000), GREY) == glance.COARSE
+    assert glance.overview_effort(grid_windows(12, 12, 1000, 1000), GREY) == glance.FINE

@@ -58,7 +58,7 @@ def scene_of(pair: Pair, evidence: Evidence | None = None, planes: Sequence[Floa
         evidence = evidence_of(pair, cells)
     found = list(planes) if planes is not None else scene_planes(evidence)
     pyramid1, pyramid2 = Pyramid(pair.grey1, layer.scale), Pyramid(pair.grey2)
-    return Scene(pair.camera1, pair.camera2, pyramid1, pyramid2, pair.R, pair.T, evidence, found, cells)
+    return Scene(pair.camera1, pair.camera2, pyramid1, pyramid2, pair.R, pair.T, evidence, lambda: found, cells)
 
 
 def some(evidence: Evidence, keep: np.ndarray) -> Evidence:

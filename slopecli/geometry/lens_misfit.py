@@ -8,10 +8,12 @@ import numpy as np
 
 from slopecli.geometry.epipolar import homogeneous, rotation_from_vector, skew, tangent_basis
 from slopecli.geometry.motion import epipolar_residual
+from slopecli.geometry.quantiles import median
 from slopecli.types import FloatArray
 
 GATE_SIGMAS = 2.5  # robust sigmas at which a match has lost most of its weight
 ROUNDS, SETTLED = 20, 1e-5  # of the fit, and the step, rad and normalised coordinates, that ends it
+STEP_SIZES = (1.0, 0.3, 0.1)  # shares of a step that are tried, until one fits better
 MOST_TERM = 1.0  # no step leaves this: a lens that bends rays more needs another model
 MIN_MATCHES = 60  # fewer say nothing of a lens
 EXPLAINED = 1.25  # factor by which the term must reduce the residuals
@@ -53,7 +55,7 @@ def find_lens_misfit(R: FloatArray, T: FloatArray, x1: FloatArray, x2: FloatArra
     whole, R, T = fit_lens_misfit(R, T, x1, x2, floor)
     if not whole.clear:
         return None
-    left = x1[:, 0] < np.median(x1[:, 0])
+    left = x1[:, 0] < median(x1[:, 0])
     halves = [fit_lens_misfit(R, T, x1[half], x2[half], floor, whole.term)[0] for half in (left, ~left)]
     same = all(abs(half.term - whole.term) < ALIKE * abs(whole.term) for half in halves)
     return whole if same else None
@@ -80,17 +82,38 @@ def fit_lens_misfit(
         normal = weighted.T @ jacobian
         normal += 1e-12 * np.trace(normal) * np.eye(6)
         step = np.asarray(-np.linalg.solve(normal, weighted.T @ residual), float)
-        R = rotation_from_vector(step[:3]) @ R
-        T = T + tangent_basis(T) @ step[3:5]
-        T = T / np.linalg.norm(T)
-        term = float(np.clip(term + step[5], -MOST_TERM, MOST_TERM))
+        # half an image may leave the six so open that a full step leads astray
+        for size in STEP_SIZES:
+            moved = _moved(R, T, term, size * step)
+            if _cost(_residual(*moved, x1, x2), scale) <= _cost(residual, scale):
+                R, T, term = moved
+                break
+        else:
+            break
         if np.abs(step).max() < SETTLED:
             break
     return LensMisfit(term, scale * float(np.sqrt(np.linalg.inv(normal)[5, 5])), before, scale), R, T
 
 
+def _moved(R: FloatArray, T: FloatArray, term: float, step: FloatArray) -> tuple[FloatArray, FloatArray, float]:
+    direction = T + tangent_basis(T) @ step[3:5]
+    term = float(np.clip(term + step[5], -MOST_TERM, MOST_TERM))
+    return rotation_from_vector(step[:3]) @ R, direction / np.linalg.norm(direction), term
+
+
+def _residual(R: FloatArray, T: FloatArray, term: float, x1: FloatArray, x2: FloatArray) -> FloatArray:
+    """Epipolar residual (n,) of the rays that a term makes of the coordinates."""
+    straight1, straight2 = (x * (1 + term * (x * x).sum(1, keepdims=True)) for x in (x1, x2))
+    return epipolar_residual(R, T, straight1, straight2)
+
+
+def _cost(residual: FloatArray, scale: float) -> float:
+    square = (residual / (GATE_SIGMAS * scale)) ** 2
+    return float((square / (1 + square)).sum())
+
+
 def _robust_sigma(residual: FloatArray, floor: float) -> float:
-    return max(1.4826 * float(np.median(np.abs(residual))), floor)
+    return max(1.4826 * median(np.abs(residual)), floor)
 
 
 def _linearised(

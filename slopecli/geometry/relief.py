@@ -12,6 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from slopecli.geometry.observations import Observations, Prediction
+from slopecli.geometry.quantiles import median
 from slopecli.geometry.robust import gate_squared, noise_at_least, residual_scale
 from slopecli.types import BoolArray, FloatArray
 
@@ -102,8 +103,8 @@ def _standing_off(
         if kept.sum() < 6:
             continue
         h = height[patch]
-        centre = np.median(h[kept])
-        scale = 1.4826 * np.median(np.abs(h[kept] - centre))
+        centre = median(h[kept])
+        scale = 1.4826 * median(np.abs(h[kept] - centre))
         far = kept & (np.abs(h - centre) > _STAND_OFF * np.hypot(scale, noise_height[patch]))
         if far.sum() < _MINORITY * kept.sum():
             off[patch] = far

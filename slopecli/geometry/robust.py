@@ -7,6 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from slopecli.geometry.observations import Observations, Prediction
+from slopecli.geometry.quantiles import median
 from slopecli.types import BoolArray, FloatArray
 
 # median of a chi-square variable with 2 and with 1 degree of freedom
@@ -119,7 +120,7 @@ def inliers(
 def _patch_scales(observations: Observations, squared: FloatArray) -> FloatArray:
     """(n,) robust scale of the patch each point is on."""
     ends = observations.first + observations.count
-    medians = [np.median(squared[a:b]) for a, b in zip(observations.first, ends, strict=True)]
+    medians = [median(squared[a:b]) for a, b in zip(observations.first, ends, strict=True)]
     return observations.per_point(np.sqrt(np.array(medians) / _MEDIAN_2))
 
 

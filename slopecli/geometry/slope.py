@@ -8,13 +8,13 @@ from __future__ import annotations
 
 import math
 from functools import lru_cache
-from statistics import NormalDist
 from typing import NamedTuple
 
 import numpy as np
 
 from slopecli.errors import InputError
 from slopecli.geometry.epipolar import tangent_basis, unit_vector
+from slopecli.geometry.quantiles import normal_quantile
 from slopecli.types import BoolArray, FloatArray, Slopes, Solution
 
 IMAGE_UP = np.array([0.0, -1.0, 0.0])
@@ -204,7 +204,7 @@ def slope_interval(slopes: Slopes, level: float = 0.95) -> FloatArray:
     if not 0.0 < level < 1.0:
         raise InputError(f"the confidence level is {level}; it must lie between 0 and 1")
     estimate, covariance = slopes.slope_rad, slopes.tilt_covariance
-    reach = NormalDist().inv_cdf(0.5 + 0.5 * level) * np.sqrt(covariance[:, 0, 0])
+    reach = normal_quantile(0.5 + 0.5 * level) * np.sqrt(covariance[:, 0, 0])
     interval = np.column_stack([estimate - reach, estimate + reach])
     widest = np.sqrt(np.linalg.eigvalsh(covariance)[:, 1])
     gentle = np.flatnonzero((estimate < _GAUSSIAN_BEYOND * widest) & (widest > 0.0))
@@ -266,13 +266,22 @@ def _distance_limits(level: float) -> tuple[FloatArray, FloatArray]:
     """
     radii = np.concatenate([np.linspace(0.0, 4.0, 21), [5.0, 7.0, 10.0, 20.0]])
     unit = np.broadcast_to(np.eye(2), (len(radii), 2, 2))
-    low, high = np.zeros_like(radii), np.full_like(radii, _REACH)
-    for _ in range(30):
-        middle = 0.5 * (low + high)
-        within = disc_probability(radii, unit, radii + middle)
-        within -= np.where(middle < radii, disc_probability(radii, unit, np.maximum(radii - middle, 0.0)), 0.0)
-        low, high = np.where(within < level, middle, low), np.where(within < level, high, middle)
-    return radii, 0.5 * (low + high)
+
+    def missing(distance: FloatArray) -> FloatArray:
+        within = disc_probability(radii, unit, radii + distance)
+        hole = disc_probability(radii, unit, np.maximum(radii - distance, 0.0))
+        beyond = 1.0 - within + np.where(distance < radii, hole, 0.0)
+        return np.log1p(-level) - np.log(np.maximum(beyond, 1e-300))
+
+    # between these the logarithm is nearly linear, and the secant finds its zero in a few steps
+    low, high = 0.8 * normal_quantile(0.5 + 0.5 * level), float(np.sqrt(-2.0 * np.log1p(-level)))
+    before, now = np.full_like(radii, low), np.full_like(radii, high)
+    missed_before, missed = missing(before), missing(now)
+    for _ in range(8):
+        change = np.where(missed == missed_before, np.inf, missed - missed_before)
+        then = np.clip(now - missed * (now - before) / change, low, high)
+        before, missed_before, now, missed = now, missed, then, missing(then)
+    return radii, now
 
 
 def probability_below(slopes: Slopes, tolerance_rad: float) -> FloatArray:

@@ -12,12 +12,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 
 import cv2
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from slopecli import __version__
+from slopecli.geometry.quantiles import median
 from slopecli.io.colormap import slope_colours
 from slopecli.io.marks import NO_ANSWER
 from slopecli.io.surface import Surface, lay_on_plane
@@ -114,7 +116,7 @@ def _surface_mesh(surface: Surface, colours: ArrayLike) -> Mesh:
 
 
 def _surface_meshes(report: Report, image: Image | None, surfaces: Sequence[Surface]) -> list[Mesh]:
-    if image is None:
+    if image is None or not surfaces:
         return [_surface_mesh(each, _colour(each.plane)) for each in surfaces]
     # a vertex stands for the pixels nearest to it, and has their mean colour
     spacing = np.sqrt(np.count_nonzero(report.labels) / max(1, sum(len(each.uv) for each in surfaces)))
@@ -179,15 +181,39 @@ def _cross(a: FloatArray, b: FloatArray) -> FloatArray:
 
 def _subdivided(points: FloatArray, triangles: IntArray) -> tuple[FloatArray, IntArray]:
     """Cut every triangle into four, `SUBDIVISIONS` times; neighbours share the new points."""
+    cuts, smallest = _cuts(len(points), tuple(map(tuple, triangles.tolist())))
+    for ends in cuts:
+        points = np.vstack([points, points[ends].mean(axis=1)])
+    return points, smallest
+
+
+@lru_cache(maxsize=32)
+def _cuts(n: int, corners: tuple[tuple[int, ...], ...]) -> tuple[list[IntArray], IntArray]:
+    """Edges (k, 2) that are halved in every round, and the triangles (m, 3) after the last; windows all are cut alike.
+
+    n : points there are at first.  corners : the triangles' at first.
+    """
+    triangles, cuts = np.array(corners), list[IntArray]()
     for _ in range(SUBDIVISIONS):
         edges = np.sort(triangles[:, [[0, 1], [1, 2], [2, 0]]], axis=2).reshape(-1, 2)
-        ends, inverse = np.unique(edges, axis=0, return_inverse=True)
-        (a, b, c), (ab, bc, ca) = triangles.T, inverse.reshape(-1, 3).T + len(points)
-        points = np.vstack([points, points[ends].mean(axis=1)])
+        ends, inverse = _without_repeats(edges)
+        (a, b, c), (ab, bc, ca) = triangles.T, inverse.reshape(-1, 3).T + n
         triangles = np.vstack(
             [np.column_stack(corner) for corner in ((a, ab, ca), (ab, b, bc), (ca, bc, c), (ab, bc, ca))]
         )
-    return points, triangles
+        cuts.append(ends)
+        n += len(ends)
+    return cuts, triangles
+
+
+def _without_repeats(edges: IntArray) -> tuple[IntArray, IntArray]:
+    """Every edge (k, 2) once, in order, and for each of all edges (n,) which of them it is."""
+    order = np.lexsort(edges.T[::-1])
+    ordered = edges[order]
+    new = np.append(True, (ordered[1:] != ordered[:-1]).any(axis=1))
+    inverse = np.empty(len(edges), np.int64)
+    inverse[order] = np.cumsum(new) - 1
+    return ordered[new], inverse
 
 
 def _facing(points: FloatArray, triangles: IntArray, normal: FloatArray) -> IntArray:
@@ -206,7 +232,7 @@ def _vertices(points: FloatArray, normals: FloatArray, colour: ArrayLike) -> NDA
 
 
 def _median_distance(planes: Sequence[Plane]) -> float:
-    return float(np.median([plane.distance for plane in planes])) if planes else 1.0
+    return median([plane.distance for plane in planes]) if planes else 1.0
 
 
 def _joined(meshes: Sequence[Mesh]) -> Mesh:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from slopecli.geometry.camera import pixels_from_rays
+from slopecli.geometry.quantiles import median
 from slopecli.planes.scene import Scene, view_of
 from slopecli.planes.window_match import WindowMatch, no_match
 from slopecli.planes.windows import Window
@@ -93,7 +94,7 @@ def _kinship(window: Window, scene: Scene, grow: float) -> FloatArray:
     grey = scene.pyramid1.at(1.0).grey[y : y + h, x : x + w]
     reach = max(w, h) * (0.5 + grow)
     offset = np.linalg.norm(scene.evidence.uv1 - np.array([x + w / 2, y + h / 2]), axis=1) / reach
-    contrast = (scene.evidence.grey - float(np.median(grey))) / SAME_GREY
+    contrast = (scene.evidence.grey - median(grey)) / SAME_GREY
     return np.asarray(np.exp(-(offset**2)) * np.exp(-(contrast**2)))
 
 

@@ -13,6 +13,7 @@ import cv2
 import numpy as np
 
 from slopecli.geometry.motion import epipolar_residual, inverse_depth
+from slopecli.geometry.quantiles import median
 from slopecli.planes.scene import Scene
 from slopecli.planes.survey import MIN_INFORMATION
 from slopecli.types import BoolArray, FloatArray
@@ -111,11 +112,11 @@ def _log_change(ours: FloatImage, theirs: FloatImage, known: BoolArray) -> Float
         return change
     log1, log2 = np.log(np.maximum(ours, LEAST_GREY)), np.log(np.maximum(theirs, LEAST_GREY))
     v, u = np.indices(known.shape) / np.reshape(known.shape, (2, 1, 1)) - 0.5
-    design = np.stack([np.ones(known.shape), u, v, log1 - np.median(log1)], -1)[known]
+    design = np.stack([np.ones(known.shape), u, v, log1 - median(log1)], -1)[known]
     target = (log2 - log1)[known].astype(float)
-    left, sigma = target - np.median(target), SCATTER[1]
+    left, sigma = target - median(target), SCATTER[1]
     for _ in range(FIT_ROUNDS):
-        sigma = float(np.clip(1.4826 * np.median(np.abs(left)), *SCATTER))
+        sigma = float(np.clip(1.4826 * median(np.abs(left)), *SCATTER))
         weighted = design / (1 + (left / (GATE_SIGMAS * sigma)) ** 2)[:, None] ** 2
         left = target - design @ np.linalg.solve(weighted.T @ design + 1e-6 * np.eye(4), weighted.T @ target)
     change[known] = left / max(DARKER, DARKER_SIGMAS * sigma)

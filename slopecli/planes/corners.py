@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from slopecli.geometry.motion import epipolar_residual, inverse_depth
+from slopecli.geometry.quantiles import median
 from slopecli.planes.borrow import borrow
 from slopecli.planes.matching import plane_from_overview, search_plane
 from slopecli.planes.robust import robust_plane
@@ -60,7 +61,7 @@ def _correlate(window: Window, scene: Scene, normal: FloatArray) -> WindowMatch:
         index=np.round(corners[kept, ::-1] / CORNER_DISTANCE_PX).astype(np.int64),
         variance_px=np.full((len(kept), 2), (SIGMA_PX / scale) ** 2),
         origin="own",
-        score=float(np.median(correlation[kept])),
+        score=median(correlation[kept]),
         share=len(kept) / len(corners),
     )
     return with_doubt_of_gaps(match, window, scene)

@@ -8,6 +8,7 @@ import numpy as np
 
 from slopecli.geometry.epipolar import homogeneous
 from slopecli.geometry.motion import epipolar_residual, inverse_depth
+from slopecli.geometry.quantiles import median
 from slopecli.planes.robust import robust_plane
 from slopecli.planes.windows import Window
 from slopecli.types import BoolArray, FloatArray, IntArray
@@ -92,7 +93,7 @@ def _largest_plane(
     triple = _neighbours(evidence.uv1, left, rng)
     matrix = rays[triple]
     area = np.abs(np.linalg.det(matrix))
-    wide = area > np.median(area) * 0.5
+    wide = area > median(area) * 0.5
     if not wide.any() or not (area[wide] > 0).all():
         return None
     normals = np.linalg.solve(matrix[wide], evidence.w[triple[wide]][..., None])[..., 0]

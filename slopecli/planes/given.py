@@ -9,6 +9,7 @@ import numpy as np
 
 from slopecli.errors import InputError
 from slopecli.geometry.camera import rays_from_pixels
+from slopecli.geometry.quantiles import median
 from slopecli.planes.footprint import Footprint
 from slopecli.planes.joint import Matched
 from slopecli.planes.patches import Patches
@@ -69,7 +70,7 @@ def matched_from(given: Given, cameras: tuple[Camera, Camera]) -> Matched:
     patch = np.full(len(x1), -1)
     for k, i in enumerate(answered):
         patch[rows[i]] = k
-    weights = np.ones(len(x1)) if given.sigma is None else (np.median(given.sigma) / given.sigma) ** 2
+    weights = np.ones(len(x1)) if given.sigma is None else (median(given.sigma) / given.sigma) ** 2
     patches = Patches("given", [_hull(given.xy1[mine]) for mine in rows], matches, ids=labels)
     return Matched(patches, answered, Correspondences(given.xy1, given.xy2, x1, x2, patch), weights)
 

@@ -8,20 +8,22 @@ import numpy as np
 
 from slopecli.geometry.epipolar import homogeneous
 from slopecli.geometry.motion import epipolar_residual, inverse_depth
+from slopecli.geometry.quantiles import median
 from slopecli.planes.borrow import borrow
 from slopecli.planes.evidence import Evidence
 from slopecli.planes.polish import polish
 from slopecli.planes.robust import robust_plane
-from slopecli.planes.scene import FINE_PX, Scene, axis_variance, view_of
+from slopecli.planes.scene import FINE_PX, Scene, axis_variance, view_of, window_grid
 from slopecli.planes.unseen import with_doubt_of_gaps
 from slopecli.planes.window_match import WindowMatch, no_match, overdispersion
 from slopecli.planes.windows import MIN_SIDE_PX, Window, inside_window
 from slopecli.types import FloatArray
 from slopecli.vision.dense import Cells, dense_cells
 from slopecli.vision.overview import CELL
-from slopecli.vision.photometric import NOISE_GREY, PlaneFit, align_plane, sweep_planes
+from slopecli.vision.photometric import NOISE_GREY, PlaneFit, align_plane, plane_map, sweep_planes
 from slopecli.vision.sparse import pair_rays
 
+SMOOTHINGS = 1  # of the flow in a window, all but still when pulled through its plane: more would flatten its relief
 COARSE_PX = 48  # planes are searched for at about this many pixels a side
 EASY_SHARE = 0.25  # of the window covered by matches of the overview: then they give the first plane
 PART_SHARE = 0.1  # of a window, when too little of it is in image 2 for its planes to be compared
@@ -107,7 +109,7 @@ def _sweep_depths(evidence: Evidence, scale: float) -> FloatArray:
     low, high = np.percentile(evidence.w, [1, 99])
     spread = high - low
     low, high = max(low - 0.3 * spread, 1e-4 * high), high + 0.3 * spread
-    pixels = (high - low) * float(np.median(evidence.leverage)) * evidence.focal_px * scale
+    pixels = (high - low) * median(evidence.leverage) * evidence.focal_px * scale
     return np.linspace(low, high, int(np.clip(pixels, 8, SWEEP_LIMIT)))
 
 
@@ -131,14 +133,15 @@ def _informed(fit: PlaneFit) -> bool:
 
 
 def _dense_match(window: Window, scene: Scene, normal: FloatArray) -> WindowMatch:
-    view = view_of(window, scene, FINE_PX, border=True)
-    if min(view.grid.shape) < MIN_SIDE_PX:
+    grid = window_grid(window, scene, FINE_PX, border=True)
+    if min(grid.shape) < MIN_SIDE_PX:
         return no_match("too few pixels")
-    side = max(window[2:]) * view.grid.mean_scale
+    side = max(window[2:]) * grid.mean_scale
     cell = int(np.clip(side / 16, 4, 8))
-    cells = dense_cells(view.grid, view.mapping(normal), scene.pyramid2, scene.shape2, cell, finest=0)
+    mapping = plane_map(grid, scene.rays1, scene.pixels2, scene.R, scene.T, normal)
+    cells = dense_cells(grid, mapping, scene.pyramid2, scene.shape2, cell, finest=0, smoothings=SMOOTHINGS)
     cells = cells.take(inside_window(cells.uv1, window))
-    possible = max(1.0, window[2] * window[3] * float(np.prod(view.grid.scale)) / cell**2)
+    possible = max(1.0, window[2] * window[3] * float(np.prod(grid.scale)) / cell**2)
     return with_doubt_of_gaps(polish(match_of_cells(cells, scene, possible), window, scene, cell), window, scene)
 
 
@@ -156,7 +159,7 @@ def match_of_cells(cells: Cells, scene: Scene, possible: float) -> WindowMatch:
         return no_match("too few matches")
     w, leverage = inverse_depth(scene.R, scene.T, x1[good], x2[good])
     plane = robust_plane(x1[good], w, leverage, FLOOR_PX / focal / cells.pixel_scale)
-    score = float(np.median(cells.agreement[good]))
+    score = median(cells.agreement[good])
     doubt = _poor_match_rad(share, score)
     doubt += plane.doubt_rad(homogeneous(x1[good]) * leverage[:, None], w * leverage)
     keep = np.flatnonzero(good)[plane.inlier]

@@ -8,6 +8,7 @@ import numpy as np
 
 from slopecli.geometry.epipolar import homogeneous
 from slopecli.geometry.motion import inverse_depth
+from slopecli.geometry.quantiles import median
 from slopecli.planes.scene import FINE_PX, Scene, axis_variance, view_of
 from slopecli.planes.window_match import CHI2_MEDIAN, WindowMatch, overdispersion
 from slopecli.planes.windows import Window
@@ -37,7 +38,7 @@ def polish(match: WindowMatch, window: Window, scene: Scene, cell: int) -> Windo
         return match
     normal = _plane_of(match, scene)
     off = _misfit_px(normal, match.x1, match.x2, scene)
-    if np.median(off**2 / match.variance_px[:, 0]) > PLANAR_RATIO * CHI2_MEDIAN:
+    if median(off**2 / match.variance_px[:, 0]) > PLANAR_RATIO * CHI2_MEDIAN:
         return match
     view = view_of(window, scene, FINE_PX, border=False)
     fit = _align_best(view, normal, scene, match.score)

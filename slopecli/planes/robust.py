@@ -8,6 +8,7 @@ import numpy as np
 
 from slopecli.geometry.epipolar import homogeneous
 from slopecli.geometry.metrics import normal_angle
+from slopecli.geometry.quantiles import median, quantile
 from slopecli.types import BoolArray, FloatArray, IntArray
 
 HYPOTHESES = 300
@@ -72,17 +73,19 @@ def _relief_weight(misfit: FloatArray, w: FloatArray, leverage: FloatArray, floo
     Near the focus of expansion relief hardly shows in the image, so residuals there would seem to be all noise.
     """
     height = misfit / w
-    seen = leverage * w >= np.median(leverage * w)
-    relief = np.median(height[seen]) / HALF_SIGMA
-    relief = np.sqrt(max(relief**2 - np.median((floor / (leverage * w)[seen]) ** 2), 0.0))
+    seen = leverage * w >= median(leverage * w)
+    relief = median(height[seen]) / HALF_SIGMA
+    relief = np.sqrt(max(relief**2 - median((floor / (leverage * w)[seen]) ** 2), 0.0))
     spread = np.sqrt(floor**2 + (relief * leverage * w) ** 2)
-    return np.asarray(leverage * np.median(spread) / spread)
+    return np.asarray(leverage * median(spread) / spread)
 
 
 def _fit(rows: FloatArray, target: FloatArray, floor: float) -> RobustPlane:
     candidates = _triples(rows, target)
     some = _sample(len(rows))
-    residual = np.abs(target[some] - candidates @ rows[some].T)
+    residual = candidates @ rows[some].T
+    residual -= target[some]  # in place: another array of this size takes longer to get than to fill
+    np.abs(residual, out=residual)
     for core in candidates[_row_quantile(residual, CORE).argsort()[:CORES]]:
         step = _beyond_step(target - rows @ core, floor)
         if step is not None:
@@ -115,7 +118,7 @@ def _beyond_step(residual: FloatArray, floor: float) -> BoolArray | None:
     off = size > STEP_GATE * scale
     if not STEP_SHARES[0] <= off.mean() <= STEP_SHARES[1]:
         return None
-    distance = float(np.median(residual[off]))
+    distance = median(residual[off])
     aside = off & (np.abs(residual - distance) > STEP_EVEN * abs(distance))
     spread = max(float(np.sqrt(np.mean(residual[~off] ** 2))), scale)
     if abs(distance) < STEP_SIGMAS * spread or aside.sum() > STEP_REST * off.sum():
@@ -129,7 +132,7 @@ def _triples(rows: FloatArray, target: FloatArray) -> FloatArray:
     index = rng.integers(0, len(rows), (HYPOTHESES, 3))
     matrix = rows[index]
     area = np.abs(np.linalg.det(matrix))
-    wide = area >= np.quantile(area, 0.4)  # thin triangles leave the plane's tilt to the noise
+    wide = area >= quantile(area, 0.4)  # thin triangles leave the plane's tilt to the noise
     wide &= area > 0
     everything = _least_squares(rows, target)[None]
     if not wide.any():

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -24,6 +26,7 @@ BORDER_PX = 8  # px of the working grid around a window: flow needs to see past 
 class Scene:
     """What is known before the windows are looked at: images, cameras, the motion, evidence and the scene's planes.
 
+    find_planes : gives the scene's planes, which only difficult windows ask for.
     cells : all of the overview, those of faint texture too, which `evidence` leaves out.
     """
 
@@ -34,8 +37,13 @@ class Scene:
     R: FloatArray
     T: FloatArray
     evidence: Evidence
-    planes: list[FloatArray]
+    find_planes: Callable[[], list[FloatArray]]
     cells: Cells
+
+    @cached_property
+    def planes(self) -> list[FloatArray]:
+        """Scaled normals (3,) of the scene's dominant planes, largest first."""
+        return self.find_planes()
 
     @property
     def shape1(self) -> tuple[int, int]:
@@ -63,13 +71,18 @@ def whole_grid(scene: Scene, max_pixels: float) -> Grid:
 def view_of(window: Window, scene: Scene, side_px: int, border: bool) -> View:
     """A window on a working grid of about `side_px` a side, with some ground around it if `border`, ready to pull
     image 2 onto it."""
+    grid = window_grid(window, scene, side_px, border)
+    return make_view(grid, scene.rays1, scene.pixels2, scene.R, scene.T, scene.pyramid2, scene.shape2)
+
+
+def window_grid(window: Window, scene: Scene, side_px: int, border: bool) -> Grid:
+    """The working grid of `view_of` alone."""
     x, y, w, h = window
     shrink_by = max(w, h) / side_px
     layer = scene.pyramid1.at(shrink_by)
     margin = BORDER_PX * max(shrink_by, 1.0) if border else 0.0
     side = round(side_px * (1 + 2 * margin / max(w, h)))
-    grid = cut(layer, x - margin, y - margin, w + 2 * margin, h + 2 * margin, side)
-    return make_view(grid, scene.rays1, scene.pixels2, scene.R, scene.T, scene.pyramid2, scene.shape2)
+    return cut(layer, x - margin, y - margin, w + 2 * margin, h + 2 * margin, side)
 
 
 def epipolar_axes(uv1: FloatArray, scene: Scene) -> tuple[FloatArray, FloatArray]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
@@ -12,7 +13,7 @@ from slopecli.planes.scene import Scene
 from slopecli.types import Camera, FloatArray
 from slopecli.vision.dense import Cells
 from slopecli.vision.features import Grey, shrink
-from slopecli.vision.overview import MAX_PIXELS, overview_cells
+from slopecli.vision.overview import WHOLE, OverviewEffort, overview_cells
 from slopecli.vision.sampling import sample_grey
 from slopecli.vision.sparse import Matches, Sparse
 from slopecli.vision.starts import distinct_motions
@@ -47,37 +48,43 @@ def survey(
     camera2: Camera,
     sparse: Sparse,
     seed: int = 0,
-    max_pixels: float = MAX_PIXELS,
+    effort: OverviewEffort = WHOLE,
 ) -> tuple[Scene, list[MotionEstimate]]:
     """Match all of image 1 densely under each motion the sparse matches leave open, and keep the one that holds.
 
     Parameters
     ----------
-    max_pixels : of image 1 as it is matched.
+    effort : of the overview.
 
     Returns
     -------
     scene : what is known of the pair under the best motion.
     motions : that motion and its rivals, refined on the dense matches, best first.
     """
-    layer = Layer(*shrink(grey1, max_pixels))
+    layer = Layer(*shrink(grey1, effort.max_pixels))
     pyramid1, pyramid2 = Pyramid(grey1, layer.scale), Pyramid(grey2)
-    readings = [_read(motion, sparse, layer, pyramid2, camera1, camera2) for motion in sparse.rivals()]
+    readings = [_read(motion, sparse, layer, pyramid2, camera1, camera2, effort) for motion in sparse.rivals()]
     reading = max(readings, key=lambda r: r.n_consistent(camera2.focal_px))
     found, best = reading.matches, reading.motions[0]
     grey = sample_grey(grey1, found.uv1)
     evidence = gather_evidence(found.uv1, found.x1, found.x2, grey, best.R, best.T, camera2.focal_px)
-    planes = scene_planes(evidence, seed)
+    planes = partial(scene_planes, evidence, seed)
     scene = Scene(camera1, camera2, pyramid1, pyramid2, best.R, best.T, evidence, planes, reading.cells)
     return scene, reading.motions
 
 
 def _read(
-    motion: MotionEstimate, sparse: Sparse, layer: Layer, pyramid2: Pyramid, camera1: Camera, camera2: Camera
+    motion: MotionEstimate,
+    sparse: Sparse,
+    layer: Layer,
+    pyramid2: Pyramid,
+    camera1: Camera,
+    camera2: Camera,
+    effort: OverviewEffort,
 ) -> _Reading:
     obey = sparse.obeying(motion)
     lead1, lead2 = sparse.matches.uv1[obey], sparse.matches.uv2[obey]
-    every = overview_cells(layer, pyramid2, (camera2.height, camera2.width), lead1, lead2)
+    every = overview_cells(layer, pyramid2, (camera2.height, camera2.width), lead1, lead2, effort)
     cells = every.take(np.linalg.eigvalsh(every.information)[:, 0] > MIN_INFORMATION)
     uv1, uv2 = cells.uv1, cells.uv2
     if len(cells) < ENOUGH_CELLS:

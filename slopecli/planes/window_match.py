@@ -7,6 +7,7 @@ from typing import Literal
 
 import numpy as np
 
+from slopecli.geometry.quantiles import median
 from slopecli.types import FloatArray, IntArray
 
 CHI2_MEDIAN = 0.4549  # of chi-square with one degree of freedom
@@ -52,4 +53,4 @@ def overdispersion(normalised_squares: FloatArray) -> float:
     Many cells may show that they are better than predicted; few cells agree by chance, so they are not believed.
     """
     least = np.interp(len(normalised_squares), [20, 60], [1.0, 0.25])
-    return max(float(np.median(normalised_squares)) / CHI2_MEDIAN, float(least))
+    return max(median(normalised_squares) / CHI2_MEDIAN, float(least))

@@ -7,17 +7,22 @@ its ground, and picking corners picks ridges.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
+from threading import get_ident
 from typing import Any
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from slopecli.geometry.quantiles import quantile
 from slopecli.types import FloatArray
 from slopecli.vision.features import Grey
 from slopecli.vision.warp import FloatImage, Grid, Pyramid, block_sum, covered, image_gradient, resample
 
 FORWARD_BACKWARD_PX = 0.6  # flow there and back must close within this, px of the grid
+SMOOTHINGS = 5  # rounds of variational refinement of the flow at every scale
+KEPT_PIXELS = 0.2e6  # largest image whose flow keeps its memory, some 20 MB
 CLEAR_SHARE, CLEAR_AGREEMENT = 0.97, 0.9  # of pixels that close, and of all cells but the worst tenth
 MIN_SHARE = 1 / 3  # of a cell's pixels that must pass the checks
 MIN_VARIANCE = 0.25  # grey^2: what rounding to whole grey levels leaves even of a blank cell
@@ -56,13 +61,30 @@ class Cells:
         )
 
 
-def flow(image1: Grey, image2: Grey, finest: int) -> FloatImage:
-    """Dense inverse search (Kroeger et al. 2016), (h, w, 2) px; `finest` 0 measures at every px, 1 at every second."""
+def flow(image1: Grey, image2: Grey, finest: int, smoothings: int = SMOOTHINGS) -> FloatImage:
+    """Dense inverse search (Kroeger et al. 2016), (h, w, 2) px; `finest` 0 measures at every px, 1 at every second.
+
+    smoothings : rounds of variational refinement at every scale, each a third of the time of the search itself.
+    """
+    small = image1.size <= KEPT_PIXELS
+    engine = _kept_engine(finest, smoothings, get_ident()) if small else _engine(finest, smoothings)
+    return np.asarray(engine.calc(image1, image2, None), np.float32)  # type: ignore[call-overload]
+
+
+@lru_cache(maxsize=8)
+def _kept_engine(finest: int, smoothings: int, thread: int) -> cv2.DISOpticalFlow:
+    """An engine of this thread, which no other may use at a time: from window to window it keeps its memory, and to
+    get that anew takes a third of the time of the flow."""
+    return _engine(finest, smoothings)
+
+
+def _engine(finest: int, smoothings: int) -> cv2.DISOpticalFlow:
     engine: cv2.DISOpticalFlow = cv2.DISOpticalFlow_create(  # type: ignore[attr-defined]
         cv2.DISOPTICAL_FLOW_PRESET_FAST
     )
     engine.setFinestScale(finest)
-    return np.asarray(engine.calc(image1, image2, None), np.float32)  # type: ignore[call-overload]
+    engine.setVariationalRefinementIterations(smoothings)
+    return engine
 
 
 def match_exposure(pulled: FloatImage, grey: Grey, valid: NDArray[np.bool_]) -> Grey:
@@ -75,17 +97,23 @@ def match_exposure(pulled: FloatImage, grey: Grey, valid: NDArray[np.bool_]) -> 
 
 
 def dense_cells(
-    grid: Grid, mapping: FloatImage, pyramid2: Pyramid, shape2: tuple[int, int], cell: int, finest: int
+    grid: Grid,
+    mapping: FloatImage,
+    pyramid2: Pyramid,
+    shape2: tuple[int, int],
+    cell: int,
+    finest: int,
+    smoothings: int = SMOOTHINGS,
 ) -> Cells:
     """Match every cell of `cell` px of the grid; cells with too few checked pixels are left out.
 
     mapping : (h, w, 2) full-resolution px of image 2 that the grid's pixels are expected at.  shape2 : (rows, columns)
-    of image 2.  finest : finest scale of the flow, see `flow`.
+    of image 2.  finest, smoothings : of the flow, see `flow`.
     """
     valid = covered(mapping, shape2)
     pulled = match_exposure(resample(pyramid2, mapping, grid), grid.grey, valid)
     x, y = np.meshgrid(np.arange(grid.shape[1], dtype=np.float32), np.arange(grid.shape[0], dtype=np.float32))
-    forward = flow(grid.grey, pulled, finest)
+    forward = flow(grid.grey, pulled, finest, smoothings)
     qx, qy = x + forward[..., 0], y + forward[..., 1]
     target = _at(mapping, qx, qy)
     inside = (qx >= 0) & (qy >= 0) & (qx <= grid.shape[1] - 1) & (qy <= grid.shape[0] - 1)
@@ -93,11 +121,11 @@ def dense_cells(
     found, points = _at(pulled, qx, qy), np.stack([x, y], -1)
 
     # the way back only checks: on clear ground a scale coarser, for a fourth of the time, elsewhere as fine
-    closes = _closes(forward, _at(flow(pulled, grid.grey, finest + 1), qx, qy))
+    closes = _closes(forward, _at(flow(pulled, grid.grey, finest + 1, 0), qx, qy))
     cells = _collect(grid, inside & closes, points, target, found, cell)
     if _are_clear(cells, closes[inside]):
         return cells
-    closes = _closes(forward, _at(flow(pulled, grid.grey, finest), qx, qy))
+    closes = _closes(forward, _at(flow(pulled, grid.grey, finest, smoothings), qx, qy))
     return _collect(grid, inside & closes, points, target, found, cell)
 
 
@@ -107,14 +135,15 @@ def _at(values: NDArray[Any], x: FloatImage, y: FloatImage) -> NDArray[Any]:
 
 
 def _closes(forward: FloatImage, back: FloatImage) -> NDArray[np.bool_]:
-    return np.asarray(np.abs(forward + back).max(2) < FORWARD_BACKWARD_PX)
+    gap = np.abs(forward + back) < FORWARD_BACKWARD_PX
+    return np.asarray(gap[..., 0] & gap[..., 1])
 
 
 def _are_clear(cells: Cells, closes: NDArray[np.bool_]) -> bool:
     """Whether hardly anything is in doubt: pixels of which hardly one does not close, and cells that agree."""
     if not len(cells) or closes.mean() < CLEAR_SHARE:
         return False
-    return float(np.quantile(cells.agreement, 0.1)) > CLEAR_AGREEMENT
+    return quantile(cells.agreement, 0.1) > CLEAR_AGREEMENT
 
 
 def _collect(

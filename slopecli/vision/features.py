@@ -28,7 +28,7 @@ class FeatureEffort:
 
 
 # What a glance takes: enough for a motion where all matches agree.
-GLANCE = FeatureEffort(max_pixels=0.1e6, n_features=1000, contrast=0.02, ratio=0.80)
+GLANCE = FeatureEffort(max_pixels=0.07e6, n_features=600, contrast=0.02, ratio=0.80)
 # The first suffices for textured ground; the second is spent only where the first found little.
 EFFORTS = (
     FeatureEffort(max_pixels=0.4e6, n_features=4000, contrast=0.02, ratio=0.80),
@@ -143,6 +143,8 @@ def match_sift(
 
 def _drop_repeats(uv1: FloatArray, uv2: FloatArray) -> tuple[FloatArray, FloatArray]:
     """SIFT gives one point several orientations; counted twice, a mismatch votes twice."""
-    _, first = np.unique(np.round(np.hstack([uv1, uv2]), 1), axis=0, return_index=True)
-    first = np.sort(first)
-    return uv1[first], uv2[first]
+    first: dict[tuple[float, ...], int] = {}
+    for index, place in enumerate(np.round(np.hstack([uv1, uv2]), 1).tolist()):
+        first.setdefault(tuple(place), index)
+    chosen = list(first.values())
+    return uv1[chosen], uv2[chosen]

@@ -6,26 +6,45 @@ give every window a first idea of its plane.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import cv2
 import numpy as np
 
 from slopecli.types import FloatArray
-from slopecli.vision.dense import Cells, dense_cells
+from slopecli.vision.dense import SMOOTHINGS, Cells, dense_cells
 from slopecli.vision.warp import Grid, Layer, Pyramid, Transfer, transfer_map
 
-MAX_PIXELS = 1.0e6  # beyond this the overview is measured on a shrunken image
 CELL = 8  # px of the working grid
 FIELD_STEP = 16  # px of the working grid between nodes of the displacement field
 
 
+@dataclass(frozen=True)
+class OverviewEffort:
+    """How finely to look: image 1 averaged down to at most `max_pixels`; the flow as `slopecli.vision.dense.flow`
+    says. Flow at every pixel of an image is as precise as at every second of one three times as large."""
+
+    max_pixels: float
+    finest: int
+    smoothings: int
+
+
+WHOLE = OverviewEffort(max_pixels=1.0e6, finest=1, smoothings=SMOOTHINGS)
+
+
 def overview_cells(
-    layer1: Layer, pyramid2: Pyramid, shape2: tuple[int, int], uv1: FloatArray, uv2: FloatArray
+    layer1: Layer,
+    pyramid2: Pyramid,
+    shape2: tuple[int, int],
+    uv1: FloatArray,
+    uv2: FloatArray,
+    effort: OverviewEffort = WHOLE,
 ) -> Cells:
     """Dense cells over all of image 1, led by sparse matches uv1 -> uv2 (full-resolution px, mismatches removed)."""
     height, width = layer1.grey.shape
     grid = Grid(layer1.grey, 0, 0, layer1.scale)
     mapping = transfer_map(grid, sparse_transfer(uv1, uv2, layer1.scale, (height, width)))
-    return dense_cells(grid, mapping, pyramid2, shape2, CELL, finest=1)
+    return dense_cells(grid, mapping, pyramid2, shape2, CELL, effort.finest, effort.smoothings)
 
 
 def sparse_transfer(uv1: FloatArray, uv2: FloatArray, scale: FloatArray, shape: tuple[int, int]) -> Transfer:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import cv2
 import numpy as np
 
+from slopecli.geometry.quantiles import median
 from slopecli.types import FloatArray, IntArray
 from slopecli.vision.features import Grey
 
@@ -57,7 +58,7 @@ def correlation_gain(groups: list[tuple[IntArray, FloatArray]]) -> float:
     for index, residual in groups:
         if len(residual) < MIN_GROUP:
             continue
-        limit = CLIP_SIGMAS * 1.4826 * np.median(np.abs(residual)) + 1e-15
+        limit = CLIP_SIGMAS * 1.4826 * median(np.abs(residual)) + 1e-15
         value = np.clip(residual, -limit, limit)
         square, count = square + float(value @ value), count + len(value)
         product, known = _lagged_products(index, value)

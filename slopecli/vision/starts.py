@@ -32,8 +32,17 @@ def starting_motions(
         return []
     candidates = _essential_motions(x1, x2, focal_px, thorough, seed) + _homography_motions(x1, x2, focal_px)
     bounds = (SIGMA_PX[0] / focal_px, SIGMA_PX[1] / focal_px)
-    refined = [refine_motion(R, T, x1, x2, bounds) for R, T in candidates]
+    refined = [refine_motion(R, T, x1, x2, bounds) for R, T in _without_opposites(candidates)]
     return rank_motions(refined, x1, x2, focal_px)
+
+
+def _without_opposites(motions: list[Motion]) -> list[Motion]:
+    """Motions of which none repeats an earlier one or goes the opposite way: refined, the two would be one."""
+    kept: list[Motion] = []
+    for R, T in motions:
+        if not any(np.abs(R - S).max() < 1e-9 and abs(T @ U) > 1 - 1e-9 for S, U in kept):
+            kept.append((R, T))
+    return kept
 
 
 def rank_motions(

@@ -13,6 +13,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from slopecli.geometry.quantiles import median
 from slopecli.types import FloatArray
 from slopecli.vision.features import Grey
 
@@ -139,7 +140,7 @@ def magnification(transfer_values: FloatImage, grid: Grid) -> float:
         return 1.0
     dx, dy = np.diff(sub, axis=1)[:-1], np.diff(sub, axis=0)[:, :-1]
     area = np.abs(dx[..., 0] * dy[..., 1] - dx[..., 1] * dy[..., 0]) / step**2
-    return float(np.sqrt(np.median(area))) * grid.mean_scale
+    return float(np.sqrt(median(area))) * grid.mean_scale
 
 
 def sample_layer(layer: Layer, mapping: FloatImage) -> FloatImage:
