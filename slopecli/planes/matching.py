@@ -23,7 +23,9 @@ from slopecli.vision.overview import CELL
 from slopecli.vision.photometric import NOISE_GREY, PlaneFit, align_plane, plane_map, sweep_planes
 from slopecli.vision.sparse import pair_rays
 
-SMOOTHINGS = 1  # of the flow in a window, all but still when pulled through its plane: more would flatten its relief
+# rounds of smoothing of the flow in a window, all but still when pulled through its plane: more would flatten its
+# relief, but what is faint needs them
+SMOOTHINGS, FAINT_SMOOTHINGS = 1, 5
 COARSE_PX = 48  # planes are searched for at about this many pixels a side
 EASY_SHARE = 0.25  # of the window covered by matches of the overview: then they give the first plane
 PART_SHARE = 0.1  # of a window, when too little of it is in image 2 for its planes to be compared
@@ -139,10 +141,14 @@ def _dense_match(window: Window, scene: Scene, normal: FloatArray) -> WindowMatc
     side = max(window[2:]) * grid.mean_scale
     cell = int(np.clip(side / 16, 4, 8))
     mapping = plane_map(grid, scene.rays1, scene.pixels2, scene.R, scene.T, normal)
-    cells = dense_cells(grid, mapping, scene.pyramid2, scene.shape2, cell, finest=0, smoothings=SMOOTHINGS)
-    cells = cells.take(inside_window(cells.uv1, window))
     possible = max(1.0, window[2] * window[3] * float(np.prod(grid.scale)) / cell**2)
-    return with_doubt_of_gaps(polish(match_of_cells(cells, scene, possible), window, scene, cell), window, scene)
+    match = no_match("not tried")
+    for rounds in (SMOOTHINGS, FAINT_SMOOTHINGS):
+        cells = dense_cells(grid, mapping, scene.pyramid2, scene.shape2, cell, finest=0, smoothings=rounds)
+        match = match_of_cells(cells.take(inside_window(cells.uv1, window)), scene, possible)
+        if match.origin == "own" and match.score >= CLEAR_SCORE:
+            break
+    return with_doubt_of_gaps(polish(match, window, scene, cell), window, scene)
 
 
 def match_of_cells(cells: Cells, scene: Scene, possible: float) -> WindowMatch:
