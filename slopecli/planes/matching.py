@@ -142,12 +142,16 @@ def _dense_match(window: Window, scene: Scene, normal: FloatArray) -> WindowMatc
     cell = int(np.clip(side / 16, 4, 8))
     mapping = plane_map(grid, scene.rays1, scene.pixels2, scene.R, scene.T, normal)
     possible = max(1.0, window[2] * window[3] * float(np.prod(grid.scale)) / cell**2)
-    match = no_match("not tried")
-    for rounds in (SMOOTHINGS, FAINT_SMOOTHINGS):
-        cells = dense_cells(grid, mapping, scene.pyramid2, scene.shape2, cell, finest=0, smoothings=rounds)
-        match = match_of_cells(cells.take(inside_window(cells.uv1, window)), scene, possible)
-        if match.origin == "own" and match.score >= CLEAR_SCORE:
-            break
+
+    def matched(smoothings: int) -> WindowMatch:
+        cells = dense_cells(grid, mapping, scene.pyramid2, scene.shape2, cell, finest=0, smoothings=smoothings)
+        return match_of_cells(cells.take(inside_window(cells.uv1, window)), scene, possible)
+
+    match = matched(SMOOTHINGS)
+    if match.score < CLEAR_SCORE:
+        smooth = matched(FAINT_SMOOTHINGS)
+        # a smooth flow reaches from the border of bare ground into it, where it is no match
+        match = smooth if match.origin == "own" or smooth.share >= PART_SHARE else match
     return with_doubt_of_gaps(polish(match, window, scene, cell), window, scene)
 
 
