@@ -43,7 +43,7 @@ types: venv
 	$(BIN)/mypy
 
 bench: venv
-	-$(BIN)/python -m pip install --quiet '.[peers]'
+	-$(BIN)/python -m pip install --quiet --editable '.[peers]'
 	OPENBLAS_NUM_THREADS=1 $(BIN)/python benchmarks/compare.py --into docs/benchmarks.md
 
 docs: venv

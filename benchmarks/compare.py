@@ -52,11 +52,12 @@ def _version(package: str) -> str:
         return "not installed"
 
 
+# a process counts as its own what its parent held when it was started: the whole program comes before the peers
 SECTIONS: dict[str, Callable[[], str]] = {
     "machine": machine,
-    "solvers": solvers.report,
-    "time": solver_speed.report,
     "program": whole_program.report,
+    "time": solver_speed.report,
+    "solvers": solvers.report,
 }
 
 

@@ -29,8 +29,8 @@ NON_PLANAR = "non-planar-patch"  # as a diagnostic, and as the reason of a plane
 # what to do about it
 FLATTER: dict[Source, str] = {
     "window": "use smaller windows",
-    "ransac": "look at it with --window, or lower --merge-px",
-    "region": "look at it with --window, or lower --merge-px",
+    "ransac": "look at it with slopemap estimate --window, or lower --merge-px",
+    "region": "look at it with slopemap estimate --window, or lower --merge-px",
     "given": "leave out rows that lie off it, or give them another patch",
 }
 
@@ -106,8 +106,9 @@ def partly_seen(planes: Sequence[Plane], matched: dict[int, WindowMatch]) -> lis
         return []
     one = len(mostly) == 1
     numbers = ", ".join(str(plane.id) for plane in mostly)
-    shares = sorted(100 * matched[plane.id].share for plane in mostly)
-    part = f"{shares[0]:.0f} %" if one else f"{shares[0]:.0f} to {shares[-1]:.0f} %"
+    shares = sorted(100 * min(matched[plane.id].share, 1.0) for plane in mostly)
+    low, high = f"{shares[0]:.0f}", f"{shares[-1]:.0f}"
+    part = f"{low} %" if low == high else f"{low} to {high} %"
     most = max(plane.slope_sigma_deg for plane in mostly)
     return [
         Diagnostic(

@@ -10,6 +10,7 @@ from slopecli.measure import Measured
 from slopecli.options import MOST_SIGMA_DEG, Options
 from slopecli.planes.joint import Matched
 from slopecli.types import Plane, Rejected
+from slopecli.wording import beside
 
 
 class Cause(NamedTuple):
@@ -58,6 +59,13 @@ def _cause(plane: Plane, alone_deg: float, matched: Matched, options: Options) -
             "slope-open",
             "its rows put it behind the camera" if behind else f"its rows leave the slope open{vague}",
             "give more rows, spread wider, of a longer baseline or known better",
+        )
+    if plane.distance > 0 and plane.slope_sigma_deg <= Options().max_sigma_deg:  # more was asked than usual
+        return Cause(
+            "slope-open",
+            f"sigma {beside(plane.slope_sigma_deg, options.max_sigma_deg)}° is above --max-sigma "
+            f"{options.max_sigma_deg:g}°",
+            "raise --max-sigma, or take the images farther apart",
         )
     return Cause(
         "low-texture",

@@ -340,3 +340,11 @@ def test_other_bad_inputs(tmp_path: Path, ask: Ask) -> None:
     assert ask(matches, "--noise", "0.3")[0] == 2
     assert ask(matches, "--camera2", "x.json")[0] == 2
     assert ask(matches, "--camera", "x.json", "--intrinsics", "1,1,0,0")[0] == 2
+
+
+def test_pixels_without_a_camera_are_not_taken_for_rays(tmp_path: Path, ask: Ask) -> None:
+    status, out, err = ask(write_rows(tmp_path / "m.csv", scene_of()), "-o", tmp_path / "out")
+    assert (status, out) == (1, "")
+    assert "are pixels and no rays" in err
+    assert "--camera" in err
+    assert not (tmp_path / "out").exists()

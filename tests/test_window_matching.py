@@ -335,3 +335,14 @@ def test_what_matches_by_chance_is_a_guess(seed: int) -> None:
     grey2[around] = other.grey2[around]
     match = match_window(WINDOW, scene_of(replace(pair, grey2=grey2)))
     assert match.origin != "own" or np.degrees(match.doubt_rad) > Options().max_sigma_deg
+
+
+def test_what_stands_off_the_plane_by_a_step_counts() -> None:
+    """A block over a fifth of the window, which its matches leave out: the window as a whole is not as flat as they."""
+    x, y, w, h = WINDOW
+    flat, _ = matched([tilted(0, 0)], WINDOW)
+    block = Surface(tilted(0, 0, 5.0), (x, y, w // 5, h))
+    match, _ = matched([tilted(0, 0), block], WINDOW)
+    assert np.degrees(flat.doubt_rad) < 1
+    assert match.origin == "own"
+    assert np.degrees(match.doubt_rad) > 5

@@ -189,7 +189,8 @@ def _entries(folder: str) -> list[str]:
         raise InputError(f"{folder}: no such folder; check the path") from None
     except OSError as error:
         raise InputError(f"{folder}: cannot be read ({error.strerror}); check its permissions") from None
-    return sorted((name for name in names if not name.startswith(".")), key=natural_key)
+    shown = (name for name in names if not name.startswith(".") and name != "__pycache__")
+    return sorted(shown, key=natural_key)
 
 
 def _suffix(name: str) -> str:

@@ -24,7 +24,9 @@ def merge_patches(matched: Matched, solution: Solution) -> tuple[Matched, Soluti
     if not groups:
         return matched, solution, []
     sure = {
-        i: replace(matched.matches[i], doubt_rad=0.0) for i, seen in zip(matched.answered, own, strict=True) if seen
+        i: replace(matched.matches[i], doubt_rad=0.0, unseen_rad=0.0)
+        for i, seen in zip(matched.answered, own, strict=True)
+        if seen
     }
     matches = [sure.get(i, match) for i, match in enumerate(matched.matches)]
     before, after = _tilt_sigma(solution, doubt), _tilt_sigma(merged, np.zeros(len(doubt)))

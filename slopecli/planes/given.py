@@ -16,6 +16,7 @@ from slopecli.planes.patches import Patches
 from slopecli.planes.window_match import WindowMatch, no_match
 from slopecli.types import BoolArray, Camera, Correspondences, FloatArray, IntArray
 
+WIDEST_RAY = 5.0  # tangent
 RAYS = Camera(0, 0, 1.0, 1.0, 0.0, 0.0, source="rays")  # the camera whose pixels are rays, for who has none
 FEWEST = 3  # points that make a plane
 ON_A_LINE = 1e-6  # width over length of points below which no plane is fixed by them
@@ -50,13 +51,25 @@ class Hull(Footprint):
         return 1.0
 
 
+def _refuse_pixels(given: Given, cameras: tuple[Camera, Camera]) -> None:
+    """Without a camera, values are tangents of angles: half of them beyond 79 degrees are no field of view."""
+    typical = min(float(median(np.abs(xy).max(axis=1))) for xy in (given.xy1, given.xy2))
+    if cameras[0] is RAYS and typical > WIDEST_RAY:
+        raise InputError(
+            f"{given.path}: half of the points lie beyond {typical:.4g}, which are pixels and no rays (x/z, y/z); "
+            "give the camera with --camera or --intrinsics"
+        )
+
+
 def matched_from(given: Given, cameras: tuple[Camera, Camera]) -> Matched:
     """The correspondences as patches with matches; points of a patch that makes no plane constrain the motion only.
 
     Raises
     ------
-    InputError : a pixel that the lens sends nowhere, or no patch of three points off a line.
+    InputError : pixels where rays are needed, a pixel that the lens sends nowhere, or no patch of three points off a
+        line.
     """
+    _refuse_pixels(given, cameras)
     x1, x2 = (_rays(camera, xy) for camera, xy in zip(cameras, (given.xy1, given.xy2), strict=True))
     labels = [int(label) for label in np.unique(given.patch[given.patch >= 0])]
     rows = [given.patch == label for label in labels]

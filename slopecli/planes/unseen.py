@@ -17,6 +17,7 @@ from slopecli.types import BoolArray, FloatArray
 
 ACROSS = 16  # cells a window is divided into along its longer side, to count what is seen
 LEAST_CELL_PX = 3.0  # and not smaller than this
+STEP_PX, STEP_SHARE, LEAST_STEP = 1.0, 0.05, 6  # off the plane; of the window; matches of the overview
 MIN_IN_BLOCK = 6  # matches that give a block of ground its plane
 BLOCK_CELLS = 4.0  # a block is at least so many spacings of matches wide
 # what is believed of the ground before it is seen, and worth how many pairs of blocks
@@ -28,7 +29,28 @@ def with_doubt_of_gaps(match: WindowMatch, window: Window, scene: Scene) -> Wind
     if match.origin != "own":
         return match
     unseen = unseen_rad(window, match.uv1, _height_px(match, scene), scene.evidence)
+    unseen = max(unseen, stepped_rad(window, match, scene))
     return replace(match, doubt_rad=match.doubt_rad + unseen, unseen_rad=unseen)
+
+
+def stepped_rad(window: Window, match: WindowMatch, scene: Scene) -> float:
+    """How much the plane of a window's matches tilts when what stands off it by a step is counted in.
+
+    The overview has matched what lies across a step; the window's own matches are those on one side of it.
+    """
+    evidence, (own, _) = scene.evidence, inverse_depth(scene.R, scene.T, match.x1, match.x2)
+    inside = evidence.near(window, 0.0)
+    if inside.sum() < LEAST_STEP:
+        return 0.0
+    normal = np.linalg.lstsq(homogeneous(match.x1), own, rcond=None)[0]
+    rays, w = homogeneous(evidence.x1[inside]), evidence.w[inside]
+    off = np.abs(rays @ normal - w) * evidence.leverage[inside] * evidence.focal_px > STEP_PX
+    if np.count_nonzero(off) < max(LEAST_STEP, STEP_SHARE * len(w)):
+        return 0.0
+    points = rays / w[:, None]
+    points -= points.mean(axis=0)
+    whole = np.linalg.svd(points, full_matrices=False)[2][2]
+    return float(np.arccos(min(abs(whole @ normal) / float(np.linalg.norm(normal)), 1.0)))
 
 
 def _height_px(match: WindowMatch, scene: Scene) -> float:
