@@ -18,6 +18,8 @@ from slopecli.types import BoolArray, FloatArray
 ACROSS = 16  # cells a window is divided into along its longer side, to count what is seen
 LEAST_CELL_PX = 3.0  # and not smaller than this
 STEP_PX, STEP_SHARE, LEAST_STEP = 1.0, 0.05, 6  # off the plane; of the window; matches of the overview
+STEP_FILLED = 0.5  # of the matches that might be around, from which on the window is matched there
+MOST_STEP_RAD = np.radians(30.0)  # in more doubt than this is nobody who has seen the larger part
 MIN_IN_BLOCK = 6  # matches that give a block of ground its plane
 BLOCK_CELLS = 4.0  # a block is at least so many spacings of matches wide
 # what is believed of the ground before it is seen, and worth how many pairs of blocks
@@ -36,7 +38,8 @@ def with_doubt_of_gaps(match: WindowMatch, window: Window, scene: Scene) -> Wind
 def stepped_rad(window: Window, match: WindowMatch, scene: Scene) -> float:
     """How much the plane of a window's matches tilts when what stands off it by a step is counted in.
 
-    The overview has matched what lies across a step; the window's own matches are those on one side of it.
+    The overview has matched what lies across a step; the window's own matches are those on one side of it. Where they
+    lie, too, the overview has been mistaken.
     """
     evidence, (own, _) = scene.evidence, inverse_depth(scene.R, scene.T, match.x1, match.x2)
     inside = evidence.near(window, 0.0)
@@ -45,12 +48,23 @@ def stepped_rad(window: Window, match: WindowMatch, scene: Scene) -> float:
     normal = np.linalg.lstsq(homogeneous(match.x1), own, rcond=None)[0]
     rays, w = homogeneous(evidence.x1[inside]), evidence.w[inside]
     off = np.abs(rays @ normal - w) * evidence.leverage[inside] * evidence.focal_px > STEP_PX
+    kept = ~off
+    kept[off] = _filled(evidence.uv1[inside][off], window, match) < STEP_FILLED
+    rays, w, off = rays[kept], w[kept], off[kept]
     if np.count_nonzero(off) < max(LEAST_STEP, STEP_SHARE * len(w)):
         return 0.0
     points = rays / w[:, None]
     points -= points.mean(axis=0)
     whole = np.linalg.svd(points, full_matrices=False)[2][2]
-    return float(np.arccos(min(abs(whole @ normal) / float(np.linalg.norm(normal)), 1.0)))
+    return min(float(np.arccos(min(abs(whole @ normal) / float(np.linalg.norm(normal)), 1.0))), MOST_STEP_RAD)
+
+
+def _filled(at: FloatArray, window: Window, match: WindowMatch) -> FloatArray:
+    """(k,) matches around points `at` (k, 2) of a window over what there are where it is matched without gaps."""
+    reach = 1.5 * _cell_px(window, match.uv1)
+    around = (((at[:, None] - match.uv1[None]) ** 2).sum(axis=2) < reach**2).sum(axis=1)
+    densest = len(match.uv1) / max(match.share, 0.01) / (window[2] * window[3])
+    return np.asarray(around / (densest * np.pi * reach**2))
 
 
 def _height_px(match: WindowMatch, scene: Scene) -> float:
@@ -83,10 +97,16 @@ def unseen_rad(window: Window, uv1: FloatArray, height_px: float, evidence: Evid
     return float(np.hypot(bend, np.arctan(height_px * stand)))
 
 
+def _cell_px(window: Window, uv1: FloatArray) -> float:
+    """Side of the cells in which matches are counted: where a window is matched, none of them is empty."""
+    _, _, w, h = window
+    return max(max(w, h) / ACROSS, LEAST_CELL_PX, 1.5 * float(np.sqrt(w * h / max(len(uv1), 1))))
+
+
 def _gaps(window: Window, uv1: FloatArray) -> tuple[FloatArray, BoolArray]:
     """Centres (k, 2) of the cells of a window, px from its middle, and which of them (k,) hold a match."""
     x, y, w, h = window
-    side = max(max(w, h) / ACROSS, LEAST_CELL_PX, 1.5 * float(np.sqrt(w * h / max(len(uv1), 1))))
+    side = _cell_px(window, uv1)
     columns, rows = max(round(w / side), 1), max(round(h / side), 1)
     column = np.clip(((uv1[:, 0] + 0.5 - x) * columns / w).astype(int), 0, columns - 1)
     row = np.clip(((uv1[:, 1] + 0.5 - y) * rows / h).astype(int), 0, rows - 1)
