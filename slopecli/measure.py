@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Literal
+from typing import Literal, TypedDict
 
 import numpy as np
 
 from slopecli.errors import InputError
 from slopecli.geometry.epipolar import homogeneous, unit_vector
 from slopecli.geometry.quantiles import median
-from slopecli.geometry.slope import measure_slopes, probability_below, surface_normals
+from slopecli.geometry.slope import measure_slopes, probability_below, slope_interval, surface_normals
 from slopecli.options import Options
 from slopecli.planes.joint import Matched
 from slopecli.types import FloatArray, Slopes, Solution, Up
@@ -110,6 +110,29 @@ def _doubted(slopes: Slopes, matched: Matched, level: int | None = None) -> Slop
     known = slopes.slope_rad >= 2 * sigma
     nothing = np.where(known, 0.0, np.nan)
     return Slopes(slopes.slope_rad, sigma, slopes.aspect_rad + nothing, slopes.aspect_sigma_rad + nothing, covariance)
+
+
+class SlopeNumbers(TypedDict):
+    """A slope as a plane of either answer states it, deg."""
+
+    slope_deg: float
+    slope_sigma_deg: float
+    slope_ci95_deg: tuple[float, float]
+    aspect_deg: float | None
+    dip_direction_deg: float | None
+
+
+def slope_numbers(one: Slopes) -> SlopeNumbers:
+    """The slope of one plane, in degrees."""
+    low, high = np.degrees(slope_interval(one)[0])
+    aspect = None if np.isnan(one.aspect_rad[0]) else float(np.degrees(one.aspect_rad[0]))
+    return {
+        "slope_deg": float(np.degrees(one.slope_rad[0])),
+        "slope_sigma_deg": float(np.degrees(one.sigma_rad[0])),
+        "slope_ci95_deg": (float(low), float(high)),
+        "aspect_deg": aspect,
+        "dip_direction_deg": aspect,
+    }
 
 
 def signed_distance(normal: FloatArray, x1: FloatArray) -> float:

@@ -14,8 +14,8 @@ from slopecli.geometry.epipolar import homogeneous
 from slopecli.geometry.homography import homography_in_pixels, homography_of_plane
 from slopecli.geometry.metrics import rotation_angle
 from slopecli.geometry.quantiles import median
-from slopecli.geometry.slope import slope_interval, surface_normals
-from slopecli.measure import Measured, judge, measure, signed_distance
+from slopecli.geometry.slope import surface_normals
+from slopecli.measure import Measured, judge, measure, signed_distance, slope_numbers
 from slopecli.options import Options
 from slopecli.planes.changes import Change
 from slopecli.planes.footprint import paint_labels
@@ -214,9 +214,7 @@ def _plane(
     match = matched.matches[number]
     member = matched.correspondences.patch == k
     kept = member & solution.inlier
-    slope = main.only(k)
-    low, high = np.degrees(slope_interval(slope)[0])
-    aspect = None if np.isnan(slope.aspect_rad[0]) else float(np.degrees(slope.aspect_rad[0]))
+    slope = slope_numbers(main.only(k))
     inlier_share = float(kept.sum() / max(member.sum(), 1))
     doubts = _doubts(match, matched.patches.noun, float(solution.relief[k]), inlier_share)
     whole = matched.footprints[number].largest_share
@@ -224,7 +222,7 @@ def _plane(
         doubts = [f"scattered: its largest piece is {beside(100 * whole, 100 * LEAST_WHOLE)} % of it"]
     if not solution.converged:  # planes share its motion, so none of them is better than it
         doubts.append(UNSETTLED)
-    sigma_deg = float(np.degrees(slope.sigma_rad[0]))
+    sigma_deg = slope["slope_sigma_deg"]
     known = not sigma_deg > options.max_sigma_deg
     if not known:
         doubts.append(_too_vague(sigma_deg, options.max_sigma_deg))
@@ -239,11 +237,7 @@ def _plane(
         polygon_px=matched.footprints[number].polygon_px,
         normal_cam1=surface_normals(solution)[k],
         distance=signed_distance(solution.scaled_normals[k], matched.correspondences.x1[member]),
-        slope_deg=float(np.degrees(slope.slope_rad[0])),
-        slope_sigma_deg=sigma_deg,
-        slope_ci95_deg=(float(low), float(high)),
-        aspect_deg=aspect,
-        dip_direction_deg=aspect,
+        **slope,
         n_correspondences=int(member.sum()),
         n_inliers=int(kept.sum()),
         rms_px=_px(rms, cameras[1]),

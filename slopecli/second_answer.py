@@ -8,8 +8,8 @@ import numpy as np
 
 from slopecli.geometry.ambiguity import by_chance
 from slopecli.geometry.epipolar import rotation_vector
-from slopecli.geometry.slope import slope_interval, surface_normals
-from slopecli.measure import Measured, judge, signed_distance
+from slopecli.geometry.slope import surface_normals
+from slopecli.measure import Measured, judge, signed_distance, slope_numbers
 from slopecli.options import Options
 from slopecli.types import AlternativePlane, AmbiguityReport, FloatArray, Plane, Solution
 
@@ -25,22 +25,15 @@ def second_plane(
     first : the same plane in the first answer.  x1 : (n, 2) rays of its points.
     length : of a baseline in the second answer, in the unit of the report.
     """
-    slope, p_safe = other.only(k), float(other.p_safe[k])
-    low, high = np.degrees(slope_interval(slope)[0])
-    sigma_deg = float(np.degrees(slope.sigma_rad[0]))
-    aspect = None if np.isnan(slope.aspect_rad[0]) else float(np.degrees(slope.aspect_rad[0]))
+    slope, p_safe = slope_numbers(other.only(k)), float(other.p_safe[k])
     return AlternativePlane(
         id=first.id,
         normal_cam1=surface_normals(other.solution)[k],
         distance=signed_distance(other.solution.scaled_normals[k], x1) * length,
-        slope_deg=float(np.degrees(slope.slope_rad[0])),
-        slope_sigma_deg=sigma_deg,
-        slope_ci95_deg=(float(low), float(high)),
-        aspect_deg=aspect,
-        dip_direction_deg=aspect,
+        **slope,
         verdict=judge(p_safe, None, first.verdict == "safe", options.confidence),
         p_safe=p_safe,
-        slope_known=sigma_deg <= options.max_sigma_deg,
+        slope_known=slope["slope_sigma_deg"] <= options.max_sigma_deg,
     )
 
 

@@ -30,22 +30,24 @@ def with_doubt_of_gaps(match: WindowMatch, window: Window, scene: Scene) -> Wind
     """The match, its doubt grown by what its window's parts without matches leave open; a borrowed one as it is."""
     if match.origin != "own":
         return match
-    unseen = unseen_rad(window, match.uv1, _height_px(match, scene), scene.evidence)
-    unseen = max(unseen, stepped_rad(window, match, scene))
+    w, _ = inverse_depth(scene.R, scene.T, match.x1, match.x2)
+    unseen = unseen_rad(window, match.uv1, _height_px(match.x1, w, scene.camera1.focal_px), scene.evidence)
+    unseen = max(unseen, stepped_rad(window, match, w, scene.evidence))
     return replace(match, doubt_rad=match.doubt_rad + unseen, unseen_rad=unseen)
 
 
-def stepped_rad(window: Window, match: WindowMatch, scene: Scene) -> float:
+def stepped_rad(window: Window, match: WindowMatch, inverse: FloatArray, evidence: Evidence) -> float:
     """How much the plane of a window's matches tilts when what stands off it by a step is counted in.
 
     The overview has matched what lies across a step; the window's own matches are those on one side of it. Where they
     lie, too, the overview has been mistaken.
+
+    inverse : (n,) inverse depths of the matches, 1/baseline.
     """
-    evidence, (own, _) = scene.evidence, inverse_depth(scene.R, scene.T, match.x1, match.x2)
     inside = evidence.near(window, 0.0)
     if inside.sum() < LEAST_STEP:
         return 0.0
-    normal = np.linalg.lstsq(homogeneous(match.x1), own, rcond=None)[0]
+    normal = np.linalg.lstsq(homogeneous(match.x1), inverse, rcond=None)[0]
     rays, w = homogeneous(evidence.x1[inside]), evidence.w[inside]
     off = np.abs(rays @ normal - w) * evidence.leverage[inside] * evidence.focal_px > STEP_PX
     kept = ~off
@@ -67,13 +69,12 @@ def _filled(at: FloatArray, window: Window, match: WindowMatch) -> FloatArray:
     return np.asarray(around / (densest * np.pi * reach**2))
 
 
-def _height_px(match: WindowMatch, scene: Scene) -> float:
+def _height_px(x1: FloatArray, w: FloatArray, focal_px: float) -> float:
     """RMS height of the matches off the plane nearest to them, in pixels of image 1 at their distance."""
-    w, _ = inverse_depth(scene.R, scene.T, match.x1, match.x2)
-    points = homogeneous(match.x1) / w[:, None]
+    points = homogeneous(x1) / w[:, None]
     normal = np.linalg.lstsq(points, np.ones(len(points)), rcond=None)[0]
     off = (points @ normal - 1) / np.linalg.norm(normal) * w
-    return float(np.sqrt(np.mean(off**2))) * scene.camera1.focal_px
+    return float(np.sqrt(np.mean(off**2))) * focal_px
 
 
 def unseen_rad(window: Window, uv1: FloatArray, height_px: float, evidence: Evidence) -> float:
