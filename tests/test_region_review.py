@@ -132,3 +132,20 @@ def test_the_same_seed_gives_the_same_labels() -> None:
     truth[:, 200:] = 2
     cells, at = cells_of([FACING, leaning(40, 0.07)], truth)
     assert (review(everywhere(), cells, at, seed=5) == review(everywhere(), cells, at, seed=5)).all()
+
+
+def test_two_small_things_far_apart_are_no_plane_together() -> None:
+    """A plane passes through both ends of the image; nothing between them lies on it."""
+    labels = np.zeros(SHAPE, np.int32)
+    labels[60:120, 20:60] = labels[90:150, 300:340] = 1
+    cells, at = cells_of([leaning(20)], labels)
+    found = review(labels, cells, at)
+    assert found.max() == 2
+    assert len(np.unique(found[:, :180])) == len(np.unique(found[:, 180:])) == 2
+
+
+def test_a_facade_seen_between_columns_stays_one_plane() -> None:
+    labels = everywhere()
+    labels[:, 60::80] = labels[:, 61::80] = 0
+    cells, at = cells_of([leaning(20)], labels)
+    assert review(labels, cells, at).max() == 1

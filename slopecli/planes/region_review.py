@@ -27,6 +27,7 @@ FIRSTS = 12  # best single planes that are tried as one of two
 AROUND = 9  # cells that vote on which of two planes one of them lies on
 ROUNDS = 4  # of voting and fitting: parts no longer change then
 GAP = 0.08  # of the image's longer side: wider gaps between a region's matches are not its own
+REMOTE = 3.0  # widths of the larger of two pieces, beyond which they are apart
 RIM = 4  # cells around its matches that a region keeps: flow is not measured up to its border
 
 
@@ -93,22 +94,63 @@ def _other_planes(region: BoolArray, cells: RegionCells, at: IntArray, rng: np.r
     own = np.flatnonzero(region[tuple(at.T)])
     if len(own) < 2 * FEWEST_CELLS:
         return []
-    return _pieces_apart(region, cells.take(own), at[own]) or _across_hinge(region, cells.take(own), at[own], rng)
-
-
-def _pieces_apart(region: BoolArray, cells: RegionCells, at: IntArray) -> list[BoolArray]:
-    """Connected pieces whose matches contradict the plane of all."""
-    count, pieces = cv2.connectedComponents(region.astype(np.uint8), connectivity=4)
-    if count <= 2:
-        return []
-    plane, piece = _plane(cells), pieces[tuple(at.T)]
+    cells, at = cells.take(own), at[own]
+    count, numbered, statistics, _ = cv2.connectedComponentsWithStats(region.astype(np.uint8), connectivity=4)
+    pieces, boxes = numbered.astype(np.int32), statistics.astype(np.int64)
+    piece = pieces[tuple(at.T)]
     asked = [k for k in range(1, count) if np.count_nonzero(piece == k) >= FEWEST_CELLS]
+    return (
+        _remote_pieces(pieces, boxes, asked)
+        or _pieces_apart(region, pieces, asked, cells, piece)
+        or _across_hinge(region, cells, at, rng)
+    )
+
+
+def _remote_pieces(pieces: Labels, boxes: IntArray, asked: list[int]) -> list[BoolArray]:
+    """All groups of pieces but the largest, where groups lie farther from one another than their pieces are wide.
+
+    That a plane passes through two small things at opposite ends of the image says nothing of either of them.
+
+    boxes : (p, 5) left, top, width, height and area of the pieces; asked : those with matches enough to be judged by.
+    """
+    if len(asked) < 2:
+        return []
+    low, side = boxes[:, :2], np.sqrt(boxes[:, 4])
+    high = low + boxes[:, 2:4]
+    between = np.maximum(low[:, None] - high[None, asked], low[None, asked] - high[:, None])
+    gap = np.hypot(*np.maximum(between, 0).transpose(2, 0, 1))
+    reach = np.maximum(REMOTE * np.maximum(side[asked, None], side[None, asked]), GAP * max(pieces.shape))
+    group = _connected(gap[asked] <= reach)
+    of_piece = group[gap.argmin(1)]  # small pieces go with the nearest
+    of_piece[0] = -1
+    area = np.bincount(group, boxes[asked, 4])
+    return [np.isin(pieces, np.flatnonzero(of_piece == k)) for k in np.unique(group) if k != area.argmax()]
+
+
+def _connected(neighbours: BoolArray) -> IntArray:
+    """(n,) the first node of the component of every node, from who is whose neighbour (n, n)."""
+    first = np.arange(len(neighbours))
+    for _ in first:
+        first = np.where(neighbours, first, len(first)).min(1)
+    return first
+
+
+def _pieces_apart(
+    region: BoolArray, pieces: Labels, asked: list[int], cells: RegionCells, piece: IntArray
+) -> list[BoolArray]:
+    """Connected pieces whose matches contradict the plane of all.
+
+    piece : (n,) of every cell.
+    """
+    if len(asked) < 2:
+        return []
+    plane = _plane(cells)
     apart = [k for k in asked if _contradicts(cells.take(np.flatnonzero(piece == k)), plane)]
     masks = [pieces == k for k in apart]
     if apart and len(apart) == len(asked):
         # the plane of all has no piece that bears it out: the rest goes with it
         masks[-1] |= region & ~np.isin(pieces, asked)
-    return masks if len(asked) > 1 else []
+    return masks
 
 
 def _contradicts(cells: RegionCells, plane: FloatArray) -> bool:
