@@ -176,6 +176,19 @@ def test_interval_covers_at_small_slopes_too(slope_sigmas: float, ratio: float) 
     assert 0.93 < covered < 0.98
 
 
+@pytest.mark.parametrize("ratio", [1.0, 5.0])
+@pytest.mark.parametrize("slope_sigmas", [0.0, 0.2, 0.5, 1.0, 2.0, 4.0])
+def test_interval_covers_a_truth_that_varies_about_what_is_laid_down(slope_sigmas: float, ratio: float) -> None:
+    """Up is taken from a plane that is level to a sigma: the tilt found is always the same, the true one is not."""
+    rng = np.random.default_rng(int(10 * slope_sigmas + ratio))
+    sigma = np.array([0.01, 0.01 / ratio])
+    laid_down = np.array([slope_sigmas * 0.01])
+    truth = np.hypot(*([laid_down[0], 0.0] + rng.standard_normal((20_000, 2)) * sigma).T)
+    covariance = np.diag(sigma**2)[None]
+    low, high = slope_interval(Slopes(laid_down, laid_down, laid_down, laid_down, covariance))[0]
+    assert 0.94 < np.mean((low <= truth) & (truth <= high)) < 0.98
+
+
 def test_interval_starts_at_zero_on_level_ground_and_is_gaussian_on_slopes() -> None:
     interval = slope_interval(isotropic([0.005, 0.5], 0.01))
     assert interval[0, 0] == 0.0

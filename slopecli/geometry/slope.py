@@ -28,7 +28,7 @@ _GAUSSIAN_BEYOND = 8.0
 _REACH = 9.0
 _NODES, _NODE_WEIGHTS = np.polynomial.legendre.leggauss(48)
 _HERMITE, _HERMITE_WEIGHTS = np.polynomial.hermite_e.hermegauss(16)
-_BISECTIONS = 40
+_BISECTIONS, _HALVINGS = 40, 24
 _AZIMUTHS = np.linspace(0.0, 2.0 * np.pi, 128, endpoint=False)
 _erf = np.frompyfunc(math.erf, 1, 1)
 
@@ -187,7 +187,8 @@ def slope_interval(slopes: Slopes, level: float = 0.95) -> FloatArray:
     A slope belongs to the interval when some tilt of that length agrees with the tilt found. How far the two may be
     apart depends on how strongly the circle of such tilts is curved against the error: two degrees of freedom for
     level ground, whose circle is a point, one on a steep plane, whose circle is straight. The interval so covers the
-    truth with the stated probability at small slopes too, where it starts at 0.
+    truth with the stated probability at small slopes too, where it starts at 0. There it does so as well where the
+    tilt is laid down and the truth varies about it, as with a plane that is taken as level.
 
     Parameters
     ----------
@@ -212,6 +213,9 @@ def slope_interval(slopes: Slopes, level: float = 0.95) -> FloatArray:
         s, tilt = estimate[gentle], _Tilt.of(estimate[gentle], covariance[gentle])
         interval[gentle, 0] = _farthest_agreeing(tilt, s, np.zeros_like(s), level)
         interval[gentle, 1] = _farthest_agreeing(tilt, s, s + _REACH * widest[gentle], level)
+        below = disc_probability(s, covariance[gentle], interval[gentle, 1])
+        short = gentle[(interval[gentle, 0] <= 0.0) & (below < level)]
+        interval[short, 1] = _disc_holding(estimate[short], covariance[short], _REACH * widest[short], level)
     return np.clip(interval, 0.0, np.pi)
 
 
@@ -255,6 +259,16 @@ def _agrees(tilt: _Tilt, slope: FloatArray, level: float) -> BoolArray:
     curvature_radius = ((a * np.sin(phi)) ** 2 + (b * np.cos(phi)) ** 2) ** 1.5 / np.maximum(a * b, 1e-300)
     radii, limits = _distance_limits(level)
     return np.asarray(np.sqrt(squared_distance) <= np.interp(curvature_radius, radii, limits))
+
+
+def _disc_holding(estimate: FloatArray, covariance: FloatArray, reach: FloatArray, level: float) -> FloatArray:
+    """(k,) radius, at most the slope and `reach`, of the disc of tilts about 0 that holds what is found at `level`."""
+    inside, outside = np.zeros_like(estimate), estimate + reach
+    for _ in range(_HALVINGS):
+        middle = 0.5 * (inside + outside)
+        small = disc_probability(estimate, covariance, middle) < level
+        inside, outside = np.where(small, middle, inside), np.where(small, outside, middle)
+    return outside
 
 
 @lru_cache(maxsize=8)
