@@ -108,13 +108,13 @@ def partly_seen(planes: Sequence[Plane], matched: dict[int, WindowMatch]) -> lis
     numbers = ", ".join(str(plane.id) for plane in mostly)
     shares = sorted(100 * min(matched[plane.id].share, 1.0) for plane in mostly)
     low, high = f"{shares[0]:.0f}", f"{shares[-1]:.0f}"
-    part = f"{low} %" if low == high else f"{low} to {high} %"
+    part = "not all" if low == "100" else f"only {low} %" if low == high else f"only {low} to {high} %"
     most = max(plane.slope_sigma_deg for plane in mostly)
     return [
         Diagnostic(
             "partly-seen",
             "info",
-            f"only {part} of {mostly[0].noun}{'' if one else 's'} {numbers} could be matched: most of the sigma, "
+            f"{part} of {mostly[0].noun}{'' if one else 's'} {numbers} could be matched: most of the sigma, "
             f"{'' if one else 'up to '}{most:.2g}°, is for ground that is not seen",
             float(len(mostly)),
             "choose windows in what both images show, or give the image that shows less of the ground first",

@@ -64,4 +64,4 @@ def _correlate(window: Window, scene: Scene, normal: FloatArray) -> WindowMatch:
         score=median(correlation[kept]),
         share=len(kept) / len(corners),
     )
-    return with_doubt_of_gaps(match, window, scene)
+    return with_doubt_of_gaps(match, match, window, scene)

@@ -152,7 +152,7 @@ def _dense_match(window: Window, scene: Scene, normal: FloatArray) -> WindowMatc
         smooth = matched(FAINT_SMOOTHINGS)
         # a smooth flow reaches from the border of bare ground into it, where it is no match
         match = smooth if match.origin == "own" or smooth.share >= PART_SHARE else match
-    return with_doubt_of_gaps(polish(match, window, scene, cell), window, scene)
+    return with_doubt_of_gaps(polish(match, window, scene, cell), match, window, scene)
 
 
 def match_of_cells(cells: Cells, scene: Scene, possible: float) -> WindowMatch:

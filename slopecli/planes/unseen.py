@@ -4,54 +4,116 @@ from __future__ import annotations
 
 from dataclasses import replace
 from functools import lru_cache
+from typing import NamedTuple
 
 import numpy as np
 
 from slopecli.geometry.epipolar import homogeneous
 from slopecli.geometry.motion import inverse_depth
+from slopecli.planes.contradiction import contradict
 from slopecli.planes.evidence import Evidence
+from slopecli.planes.gaps import Gaps, gaps_of
 from slopecli.planes.scene import Scene
 from slopecli.planes.window_match import WindowMatch
 from slopecli.planes.windows import Window
 from slopecli.types import BoolArray, FloatArray
 
-ACROSS = 16  # cells a window is divided into along its longer side, to count what is seen
-LEAST_CELL_PX = 3.0  # and not smaller than this
 STEP_PX, STEP_SHARE, LEAST_STEP = 1.0, 0.05, 6  # off the plane; of the window; matches of the overview
 STEP_FILLED = 0.5  # of the matches that might be around, from which on the window is matched there
 MOST_STEP_RAD = np.radians(30.0)  # in more doubt than this is nobody who has seen the larger part
+BESIDE = 0.25  # of a window's longer side: what is as near to a gap tells what may be in it
+BESIDE_COUNT, LEAST_BESIDE = 8, 3  # matches of the overview that tell it of every cell, and in all
+CONTRADICTED = 0.45  # of a window's longer side: how far off its plane something may stand that is not found on it
 MIN_IN_BLOCK = 6  # matches that give a block of ground its plane
 BLOCK_CELLS = 4.0  # a block is at least so many spacings of matches wide
 # what is believed of the ground before it is seen, and worth how many pairs of blocks
 BEND_RAD, BEND_COUNT = np.radians(10.0), 3.0
 
 
-def with_doubt_of_gaps(match: WindowMatch, window: Window, scene: Scene) -> WindowMatch:
-    """The match, its doubt grown by what its window's parts without matches leave open; a borrowed one as it is."""
+def with_doubt_of_gaps(match: WindowMatch, measured: WindowMatch, window: Window, scene: Scene) -> WindowMatch:
+    """The match, its doubt grown by what its window's parts without matches leave open; a borrowed one as it is.
+
+    measured : its matches as they were found one by one, where it has since been aligned as a whole: alignment of a
+        window has a match everywhere, also where the window is something else.
+    """
     if match.origin != "own":
         return match
-    w, _ = inverse_depth(scene.R, scene.T, match.x1, match.x2)
-    unseen = unseen_rad(window, match.uv1, _height_px(match.x1, w, scene.camera1.focal_px), scene.evidence)
-    unseen = max(unseen, stepped_rad(window, match, w, scene.evidence))
+    plane = _Plane.through(match, scene)
+    gaps = gaps_of(window, measured.uv1, measured.share)
+    unseen = max(
+        unseen_rad(gaps, _height_px(match.x1, plane.inverse, scene.camera1.focal_px), scene.evidence),
+        beside_rad(gaps, plane.normal, scene.evidence),
+        contradicted_rad(gaps, plane.normal, scene),
+        stepped_rad(gaps, plane.normal, scene.evidence),
+    )
     return replace(match, doubt_rad=match.doubt_rad + unseen, unseen_rad=unseen)
 
 
-def stepped_rad(window: Window, match: WindowMatch, inverse: FloatArray, evidence: Evidence) -> float:
+class _Plane(NamedTuple):
+    """The plane of a window's matches: scaled normal (3,), and their inverse depths (n,), 1/baseline."""
+
+    normal: FloatArray
+    inverse: FloatArray
+
+    @classmethod
+    def through(cls, match: WindowMatch, scene: Scene) -> _Plane:
+        w, _ = inverse_depth(scene.R, scene.T, match.x1, match.x2)
+        return cls(np.asarray(np.linalg.lstsq(homogeneous(match.x1), w, rcond=None)[0]), w)
+
+
+def beside_rad(gaps: Gaps, normal: FloatArray, evidence: Evidence) -> float:
+    """1-sigma of the tilt where the parts without matches stand as high as what the overview has matched by them.
+
+    Ground that a step hides from image 2, and what the flow did not follow down the step, has no match; the overview
+    often has some of it, or of the same surface beyond the window.
+
+    normal : (3,) scaled, of the plane of the window's matches.
+    """
+    if gaps.seen.all():
+        return 0.0
+    near = np.flatnonzero(evidence.near(gaps.window, BESIDE))
+    near = near[gaps.filled(evidence.uv1[near]) < STEP_FILLED]
+    if len(near) < LEAST_BESIDE:
+        return 0.0
+    off = np.abs(homogeneous(evidence.x1[near]) @ normal - evidence.w[near])
+    height = off / np.linalg.norm(normal) * evidence.focal_px
+    height = np.where(off * evidence.leverage[near] * evidence.focal_px > STEP_PX, height, 0.0)
+    distance = np.sqrt(((gaps.unseen[:, None] - evidence.uv1[near][None]) ** 2).sum(2))
+    nearest = np.argsort(distance, axis=1, kind="stable")[:, :BESIDE_COUNT]
+    distance = np.take_along_axis(distance, nearest, 1)
+    within = distance < BESIDE * max(gaps.window[2:])
+    # ground that only bends is off the plane as well, the farther away the more
+    step = np.maximum(height[nearest] - distance, 0.0)
+    square = (step**2 * within).sum(1) / np.maximum(within.sum(1), 1)
+    return min(gaps.tilt_rad(np.sqrt(square)), MOST_STEP_RAD)
+
+
+def contradicted_rad(gaps: Gaps, normal: FloatArray, scene: Scene) -> float:
+    """1-sigma of the tilt where parts that have texture contradict the plane: something stands there, or moves.
+
+    normal : (3,) scaled, of the plane of the window's matches.
+    """
+    if gaps.seen.all():
+        return 0.0
+    off = contradict(gaps.unseen, gaps.cell_px, normal, scene)
+    return min(gaps.tilt_rad(CONTRADICTED * max(gaps.window[2:]), off), MOST_STEP_RAD)
+
+
+def stepped_rad(gaps: Gaps, normal: FloatArray, evidence: Evidence) -> float:
     """How much the plane of a window's matches tilts when what stands off it by a step is counted in.
 
     The overview has matched what lies across a step; the window's own matches are those on one side of it. Where they
     lie, too, the overview has been mistaken.
 
-    inverse : (n,) inverse depths of the matches, 1/baseline.
+    normal : (3,) scaled, of the plane of the window's matches.
     """
-    inside = evidence.near(window, 0.0)
+    inside = evidence.near(gaps.window, 0.0)
     if inside.sum() < LEAST_STEP:
         return 0.0
-    normal = np.linalg.lstsq(homogeneous(match.x1), inverse, rcond=None)[0]
     rays, w = homogeneous(evidence.x1[inside]), evidence.w[inside]
     off = np.abs(rays @ normal - w) * evidence.leverage[inside] * evidence.focal_px > STEP_PX
     kept = ~off
-    kept[off] = _filled(evidence.uv1[inside][off], window, match) < STEP_FILLED
+    kept[off] = gaps.filled(evidence.uv1[inside][off]) < STEP_FILLED
     rays, w, off = rays[kept], w[kept], off[kept]
     if np.count_nonzero(off) < max(LEAST_STEP, STEP_SHARE * len(w)):
         return 0.0
@@ -59,14 +121,6 @@ def stepped_rad(window: Window, match: WindowMatch, inverse: FloatArray, evidenc
     points -= points.mean(axis=0)
     whole = np.linalg.svd(points, full_matrices=False)[2][2]
     return min(float(np.arccos(min(abs(whole @ normal) / float(np.linalg.norm(normal)), 1.0))), MOST_STEP_RAD)
-
-
-def _filled(at: FloatArray, window: Window, match: WindowMatch) -> FloatArray:
-    """(k,) matches around points `at` (k, 2) of a window over what there are where it is matched without gaps."""
-    reach = 1.5 * _cell_px(window, match.uv1)
-    around = (((at[:, None] - match.uv1[None]) ** 2).sum(axis=2) < reach**2).sum(axis=1)
-    densest = len(match.uv1) / max(match.share, 0.01) / (window[2] * window[3])
-    return np.asarray(around / (densest * np.pi * reach**2))
 
 
 def _height_px(x1: FloatArray, w: FloatArray, focal_px: float) -> float:
@@ -77,7 +131,7 @@ def _height_px(x1: FloatArray, w: FloatArray, focal_px: float) -> float:
     return float(np.sqrt(np.mean(off**2))) * focal_px
 
 
-def unseen_rad(window: Window, uv1: FloatArray, height_px: float, evidence: Evidence) -> float:
+def unseen_rad(gaps: Gaps, height_px: float, evidence: Evidence) -> float:
     """1-sigma of the tilt of a window's best-fit plane that is owed to its parts without matches.
 
     The plane through the matches goes on beyond them. Out there the ground stands off it as it does among the matches,
@@ -86,36 +140,12 @@ def unseen_rad(window: Window, uv1: FloatArray, height_px: float, evidence: Evid
 
     Parameters
     ----------
-    uv1 : (n, 2) px of image 1, matches the plane rests on.
     height_px : RMS height of the ground off the plane, in pixels of image 1 at its distance.
     """
-    at, seen = _gaps(window, uv1)
-    if seen.all():
+    if gaps.seen.all():
         return 0.0
-    bend = _lever(at, seen) * bend_rad(evidence, 0.5 * max(window[2:]))
-    # neighbouring cells are equally high; the worst is that all in a gap are
-    stand = np.linalg.norm(np.linalg.lstsq(at.T @ at, at[~seen].sum(axis=0), rcond=None)[0])
-    return float(np.hypot(bend, np.arctan(height_px * stand)))
-
-
-def _cell_px(window: Window, uv1: FloatArray) -> float:
-    """Side of the cells in which matches are counted: where a window is matched, none of them is empty."""
-    _, _, w, h = window
-    return max(max(w, h) / ACROSS, LEAST_CELL_PX, 1.5 * float(np.sqrt(w * h / max(len(uv1), 1))))
-
-
-def _gaps(window: Window, uv1: FloatArray) -> tuple[FloatArray, BoolArray]:
-    """Centres (k, 2) of the cells of a window, px from its middle, and which of them (k,) hold a match."""
-    x, y, w, h = window
-    side = _cell_px(window, uv1)
-    columns, rows = max(round(w / side), 1), max(round(h / side), 1)
-    column = np.clip(((uv1[:, 0] + 0.5 - x) * columns / w).astype(int), 0, columns - 1)
-    row = np.clip(((uv1[:, 1] + 0.5 - y) * rows / h).astype(int), 0, rows - 1)
-    seen = np.zeros((rows, columns), bool)
-    seen[row, column] = True
-    v, u = np.mgrid[:rows, :columns]
-    at = np.stack([(u + 0.5) / columns * w - 0.5 * w, (v + 0.5) / rows * h - 0.5 * h], axis=-1)
-    return at.reshape(-1, 2), seen.ravel()
+    bend = _lever(gaps.at, gaps.seen) * bend_rad(evidence, 0.5 * max(gaps.window[2:]))
+    return float(np.hypot(bend, gaps.tilt_rad(height_px)))
 
 
 def _lever(at: FloatArray, seen: BoolArray) -> float:
