@@ -1,4 +1,4 @@
-"""`slopemap batch` as a user meets it: pairs, files, streams, exit status, refusals. Runs the real command."""
+"""`slopemap batch` as a user meets it: pairs, files, streams, exit status, refusals."""
 
 from __future__ import annotations
 
@@ -15,7 +15,8 @@ from typing import Any
 import click
 import cv2
 import pytest
-from test_cli import DESCENT, slopemap
+from command import Done, in_a_process, slopemap
+from test_cli import DESCENT
 
 from slopecli.batch.jobs import Outcome, Progress
 from slopecli.cli.batch_table import batch_table
@@ -26,7 +27,7 @@ SCALE = 0.4
 COUNT = 5  # images: two views in turn, so four pairs
 SUMMARIES = {"summary.csv", "results.jsonl", "index.html"}
 NAMES = [f"view_{number}-view_{number + 1}" for number in range(8, 12)]
-Run = tuple[subprocess.CompletedProcess[str], Path]
+Run = tuple[Done, Path]
 
 
 def make_flight(folder: Path) -> Path:
@@ -49,7 +50,7 @@ def flight(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def answer(flight: Path, tmp_path_factory: pytest.TempPathFactory) -> Run:
     """One ordinary run."""
     folder = tmp_path_factory.mktemp("answer") / "new" / "out"
-    return slopemap("batch", str(flight), "-o", str(folder), "--jobs", "2"), folder
+    return in_a_process("batch", str(flight), "-o", str(folder), "--jobs", "2"), folder
 
 
 def lines_of(folder: Path) -> list[dict[str, Any]]:

@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import json
-import subprocess
-import sys
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from command import slopemap
 
 from slopecli.errors import InputError
 from slopecli.geometry.epipolar import rotation_from_vector, rotation_vector
@@ -24,10 +23,6 @@ DESCENT = Path(__file__).resolve().parent.parent / "sample_data" / "descent"
 TRUTH = json.loads((DESCENT / "truth.json").read_text())
 R, T = np.array(TRUTH["R"]), np.array(TRUTH["T"])
 PAIR = (str(DESCENT / "image1.png"), str(DESCENT / "image2.png"), "--camera", str(DESCENT / "camera.json"))
-
-
-def slopemap(*arguments: str) -> subprocess.CompletedProcess[str]:
-    return subprocess.run([sys.executable, "-m", "slopecli", *arguments], capture_output=True, text=True, check=False)
 
 
 def answer(*arguments: str) -> tuple[dict[str, Any], str]:
