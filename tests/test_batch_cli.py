@@ -23,7 +23,7 @@ from slopecli.cli.batch_table import batch_table
 from slopecli.cli.progress import ProgressLine
 from slopecli.cli.talk import Talk
 
-SCALE = 0.4
+SCALE = 0.16
 COUNT = 5  # images: two views in turn, so four pairs
 SUMMARIES = {"summary.csv", "results.jsonl", "index.html"}
 NAMES = [f"view_{number}-view_{number + 1}" for number in range(8, 12)]
@@ -75,8 +75,10 @@ def test_every_pair_has_its_line_its_folder_and_its_row(answer: Run) -> None:
 
 
 def test_a_pair_has_the_files_that_estimate_writes(answer: Run, flight: Path, tmp_path: Path) -> None:
+    """The processes of a batch have one thread each; it must not show."""
     images = [str(flight / f"view_{number}.png") for number in (8, 9)]
-    done = slopemap("estimate", *images, "--camera", str(flight / "camera.json"), "-o", str(tmp_path))
+    asked = ("estimate", *images, "--camera", str(flight / "camera.json"), "-o", str(tmp_path))
+    done = in_a_process(*asked, OPENCV_FOR_THREADS_NUM="3")
     assert done.returncode == 0, done.stderr
     ours = contents_of(answer[1] / NAMES[0])
     ours.pop("pair.json")
@@ -113,7 +115,8 @@ def test_a_second_run_keeps_everything_as_it_is(answer: Run, flight: Path) -> No
 def test_quiet_says_nothing_and_verbose_every_pair(answer: Run, flight: Path) -> None:
     arguments = ("batch", str(flight), "-o", str(answer[1]))
     assert slopemap(*arguments, "-q").stderr == ""
-    assert all(f"{name}: answered" in slopemap(*arguments, "-v").stderr for name in NAMES)
+    verbose = slopemap(*arguments, "-v")
+    assert all(f"{name}: answered" in verbose.stderr for name in NAMES)
 
 
 def test_options_of_estimate_reach_every_pair(flight: Path, tmp_path: Path) -> None:

@@ -156,9 +156,7 @@ def test_piped_output_has_no_escape_codes(answer: tuple[Done, Path]) -> None:
     assert "\x1b" not in answer[0].stdout + answer[0].stderr
 
 
-def test_json_on_stdout_is_slopes_json_and_stands_alone(
-    answer: tuple[Done, Path], tmp_path: Path
-) -> None:
+def test_json_on_stdout_is_slopes_json_and_stands_alone(answer: tuple[Done, Path], tmp_path: Path) -> None:
     done = slopemap("estimate", *PAIR, *CAMERA, "--json", cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     assert json.loads(done.stdout) == json.loads((answer[1] / "slopes.json").read_text())
@@ -239,9 +237,7 @@ def test_demo_agrees_with_the_truth(answer: tuple[Done, Path]) -> None:
     assert "9 of 9 windows" in done.stdout
 
 
-def test_demo_check_finds_a_wrong_and_a_missing_slope(
-    answer: tuple[Done, Path], tmp_path: Path
-) -> None:
+def test_demo_check_finds_a_wrong_and_a_missing_slope(answer: tuple[Done, Path], tmp_path: Path) -> None:
     result = json.loads((answer[1] / "slopes.json").read_text())
     result["planes"][0]["slope_deg"] += 5 * result["planes"][0]["slope_sigma_deg"]
     del result["planes"][1]
