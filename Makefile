@@ -3,6 +3,8 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 DEMO := sample_data/descent
+# one process a core, whole files, as tests of a file share what takes long; in the order that tests/conftest.py gives
+PARALLEL := -n auto --dist loadfile --no-loadscope-reorder
 
 .PHONY: help venv demo test test-fast lint types bench sample-data docs clean
 
@@ -30,10 +32,10 @@ demo: venv
 	$(BIN)/python sample_data/check_demo.py demo_output/slopes.json $(DEMO)/truth.json
 
 test: lint types
-	$(BIN)/python -m pytest
+	$(BIN)/python -m pytest $(PARALLEL)
 
 test-fast: venv
-	$(BIN)/python -m pytest -m 'not slow'
+	$(BIN)/python -m pytest $(PARALLEL) -m 'not slow'
 
 lint: venv
 	$(BIN)/ruff check .

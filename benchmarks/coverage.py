@@ -27,6 +27,7 @@ from slopecli.errors import NoAnswer
 from slopecli.options import Options
 from slopecli.pipeline import estimate
 from slopecli.types import Camera, Image, Report
+from slopecli.vision.features import FeatureMemory
 
 HERE = Path(__file__).resolve().parent
 sys.path.insert(0, str(HERE.parent / "sample_data"))
@@ -72,12 +73,18 @@ class Asked:
 
 
 def ask(
-    kinds: list[str], windows: list[Window], normals: list[FloatArray], images: Any, camera: Camera, where: str
+    kinds: list[str],
+    windows: list[Window],
+    normals: list[FloatArray],
+    images: Any,
+    camera: Camera,
+    where: str,
+    memory: FeatureMemory | None = None,
 ) -> list[Asked]:
-    """Ask for the windows of one pair. normals: true ones, towards camera 1."""
+    """Ask for the windows of one pair. normals: true ones, towards camera 1; memory: of the pair's features."""
     true = [angle_deg(normal, np.array([0.0, 0.0, -1.0])) for normal in normals]
     try:
-        report = estimate(*images, camera, camera, Options(windows=tuple(windows)))
+        report = estimate(*images, camera, camera, Options(windows=tuple(windows)), memory=memory)
     except NoAnswer:
         return [Asked(kind, where, slope) for kind, slope in zip(kinds, true, strict=True)]
     return [answer_of(i, report, *rest, where) for i, rest in enumerate(zip(kinds, normals, true, strict=True), 1)]
@@ -133,12 +140,13 @@ def data_windows(folder: Path) -> Iterator[Asked]:
             tests["camera_of"](pair.cameras[0]),
             [tests["load_image"](p) for p in (pair.image1, pair.image2)],
         )
+        memory = FeatureMemory()
         for grid, name in GRIDS.items():
             listed = truth[grid]
             kinds = [name if w["visible_fraction"] >= MOSTLY_SEEN else f"{name}, partly seen" for w in listed]
             windows = [(w["x0"], w["y0"], w["x1"] - w["x0"], w["y1"] - w["y0"]) for w in listed]
             normals = [-np.array(w["n"]) for w in listed]
-            yield from ask(kinds, windows, normals, images, camera, pair.name)
+            yield from ask(kinds, windows, normals, images, camera, pair.name, memory)
 
 
 # ---- tables ----

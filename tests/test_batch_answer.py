@@ -27,6 +27,8 @@ from slopecli.options import Options
 from slopecli.pipeline import estimate
 from slopecli.vision import features
 
+QUICK = Options(grid=(1, 1))  # where it does not matter what the answer is
+
 
 @pytest.fixture(scope="module")
 def images(tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
@@ -142,12 +144,12 @@ def test_neighbours_share_what_was_decoded_and_found_and_nobody_can_tell(
 
 
 def test_the_memory_does_not_grow(pairs: list[Pair], tmp_path: Path) -> None:
-    answer_jobs([make_job(pair, tmp_path) for pair in pairs])
+    answer_jobs([make_job(pair, tmp_path, QUICK) for pair in pairs])
     assert len(room._memory()._images) == room.N_IMAGES
 
 
 def test_a_finished_pair_is_looked_up(pairs: list[Pair], tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    job = make_job(pairs[0], tmp_path)
+    job = make_job(pairs[0], tmp_path, QUICK)
     first = answer(job)
     before = tree(tmp_path)
     monkeypatch.setattr(room, "estimate", lambda *_, **__: pytest.fail("was estimated again"))
@@ -200,7 +202,7 @@ def spoil_directory(path: Path) -> None:
 
 
 def spoil_size(path: Path) -> None:
-    cv2.imwrite(str(path), cv2.imread(str(path))[:200])
+    cv2.imwrite(str(path), cv2.imread(str(path))[: SIDE - 20])
 
 
 SPOILERS = [spoil_empty, spoil_cut, spoil_text, spoil_missing, spoil_directory, spoil_size]
@@ -213,7 +215,7 @@ def test_a_bad_image_is_named_and_the_pair_is_answered_once_it_is_good(
     paths = make_images(tmp_path / "views", 2)
     good = paths[1].read_bytes()
     spoil(paths[1])
-    job = make_job(make_pairs(paths)[0], tmp_path / "out")
+    job = make_job(make_pairs(paths)[0], tmp_path / "out", QUICK)
     outcome = answer(job).outcome
     assert outcome.exit_status == 1
     assert outcome.code in ("input", "unreadable")
@@ -253,7 +255,7 @@ def test_a_file_that_is_missing_for_a_moment_is_named(
 
 def test_a_pair_that_cannot_tell_has_the_reason_and_the_remedy(tmp_path: Path) -> None:
     paths = make_images(tmp_path / "views", 2)
-    cv2.imwrite(str(paths[1]), np.full((240, 240), 128, np.uint8))
+    cv2.imwrite(str(paths[1]), np.full((SIDE, SIDE), 128, np.uint8))
     job = make_job(make_pairs(paths)[0], tmp_path / "out")
     first, again = answer(job), answer(job)
     outcome = first.outcome
@@ -295,7 +297,7 @@ class OpenCVError(Exception):
 def test_what_goes_wrong_inside_is_an_outcome_and_is_tried_again(
     pairs: list[Pair], tmp_path: Path, error: Exception, code: str
 ) -> None:
-    job = make_job(pairs[0], tmp_path)
+    job = make_job(pairs[0], tmp_path, QUICK)
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(room, "estimate", lambda *_, **__: (_ for _ in ()).throw(error))
         outcome = answer(job).outcome
@@ -310,7 +312,7 @@ def test_what_goes_wrong_inside_is_an_outcome_and_is_tried_again(
 def test_what_goes_wrong_around_the_estimate_is_an_outcome_too(
     pairs: list[Pair], tmp_path: Path, error: Exception, code: str, place: str
 ) -> None:
-    job = make_job(pairs[0], tmp_path)
+    job = make_job(pairs[0], tmp_path, QUICK)
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(room, place, lambda *_, **__: (_ for _ in ()).throw(error))
         outcome = answer(job).outcome
@@ -326,7 +328,7 @@ def test_a_full_disk_is_not_the_fault_of_a_pair(
 
     monkeypatch.setattr(os, "fsync", full)
     with pytest.raises(DiskFull, match=pairs[0].name):
-        answer(make_job(pairs[0], tmp_path))
+        answer(make_job(pairs[0], tmp_path, QUICK))
     assert not tree(tmp_path)
 
 
@@ -370,7 +372,7 @@ def answer_stored(job: Job) -> str:
 
 
 def test_of_a_finished_pair_nothing_is_shipped(pairs: list[Pair], tmp_path: Path) -> None:
-    job = make_job(pairs[0], tmp_path)
+    job = make_job(pairs[0], tmp_path, QUICK)
     outcome = answer(job).outcome
     assert load_inputs(job) == Answer(outcome, kept=True)
 
@@ -378,7 +380,7 @@ def test_of_a_finished_pair_nothing_is_shipped(pairs: list[Pair], tmp_path: Path
 def test_paths_may_be_relative_to_another_folder_than_that_of_the_worker(images: list[Path], tmp_path: Path) -> None:
     folder = images[0].parent
     pair = make_pair(Path(images[0].name), Path(images[1].name), CameraChoice("camera.json"))
-    job = replace(make_job(pair, tmp_path), base=str(folder))
+    job = replace(make_job(pair, tmp_path, QUICK), base=str(folder))
     outcome = answer(job).outcome
     assert outcome.exit_status == 0
     assert outcome.image1 == images[0].name

@@ -1,4 +1,4 @@
-"""`slopemap batch` as a user meets it: pairs, files, streams, exit status, refusals. Runs the real command."""
+"""`slopemap batch` as a user meets it: pairs, files, streams, exit status, refusals."""
 
 from __future__ import annotations
 
@@ -15,18 +15,19 @@ from typing import Any
 import click
 import cv2
 import pytest
-from test_cli import DESCENT, slopemap
+from command import Done, in_a_process, slopemap
+from test_cli import DESCENT
 
 from slopecli.batch.jobs import Outcome, Progress
 from slopecli.cli.batch_table import batch_table
 from slopecli.cli.progress import ProgressLine
 from slopecli.cli.talk import Talk
 
-SCALE = 0.4
+SCALE = 0.16
 COUNT = 5  # images: two views in turn, so four pairs
 SUMMARIES = {"summary.csv", "results.jsonl", "index.html"}
 NAMES = [f"view_{number}-view_{number + 1}" for number in range(8, 12)]
-Run = tuple[subprocess.CompletedProcess[str], Path]
+Run = tuple[Done, Path]
 
 
 def make_flight(folder: Path) -> Path:
@@ -49,7 +50,7 @@ def flight(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def answer(flight: Path, tmp_path_factory: pytest.TempPathFactory) -> Run:
     """One ordinary run."""
     folder = tmp_path_factory.mktemp("answer") / "new" / "out"
-    return slopemap("batch", str(flight), "-o", str(folder), "--jobs", "2"), folder
+    return in_a_process("batch", str(flight), "-o", str(folder), "--jobs", "2"), folder
 
 
 def lines_of(folder: Path) -> list[dict[str, Any]]:
@@ -74,8 +75,10 @@ def test_every_pair_has_its_line_its_folder_and_its_row(answer: Run) -> None:
 
 
 def test_a_pair_has_the_files_that_estimate_writes(answer: Run, flight: Path, tmp_path: Path) -> None:
+    """The processes of a batch have one thread each; it must not show."""
     images = [str(flight / f"view_{number}.png") for number in (8, 9)]
-    done = slopemap("estimate", *images, "--camera", str(flight / "camera.json"), "-o", str(tmp_path))
+    asked = ("estimate", *images, "--camera", str(flight / "camera.json"), "-o", str(tmp_path))
+    done = in_a_process(*asked, OPENCV_FOR_THREADS_NUM="3")
     assert done.returncode == 0, done.stderr
     ours = contents_of(answer[1] / NAMES[0])
     ours.pop("pair.json")
@@ -112,7 +115,8 @@ def test_a_second_run_keeps_everything_as_it_is(answer: Run, flight: Path) -> No
 def test_quiet_says_nothing_and_verbose_every_pair(answer: Run, flight: Path) -> None:
     arguments = ("batch", str(flight), "-o", str(answer[1]))
     assert slopemap(*arguments, "-q").stderr == ""
-    assert all(f"{name}: answered" in slopemap(*arguments, "-v").stderr for name in NAMES)
+    verbose = slopemap(*arguments, "-v")
+    assert all(f"{name}: answered" in verbose.stderr for name in NAMES)
 
 
 def test_options_of_estimate_reach_every_pair(flight: Path, tmp_path: Path) -> None:

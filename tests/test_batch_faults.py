@@ -18,7 +18,7 @@ from typing import Any
 
 import cv2
 import pytest
-from batch_factory import make_images, tree
+from batch_factory import SIDE, make_images, tree
 
 pytestmark = [
     pytest.mark.slow,
@@ -271,7 +271,7 @@ def spoil(folder: Path) -> dict[str, str]:
     cv2.imwrite(str(paths[14]), cv2.imread(str(paths[14]))[:100])
     paths[15].unlink()
     paths[15].symlink_to(folder / "nowhere.png")
-    said = {3: "cut short", 4: "empty", 9: "text", 13: "is a folder", 14: "240x100", 15: "no such file"}
+    said = {3: "cut short", 4: "empty", 9: "text", 13: "is a folder", 14: f"{SIDE}x100", 15: "no such file"}
     if os.geteuid() != 0:  # root reads everything
         paths[19].chmod(0)
         said[19] = "cannot be read"

@@ -85,8 +85,14 @@ def test_calls_come_back_in_order_from_one_process(worker: Worker) -> None:
     assert first["pid"] != os.getpid()
 
 
-def test_the_process_has_one_thread_of_computation_and_leaves_ctrl_c_to_its_parent(worker: Worker) -> None:
+def test_the_process_has_one_thread_of_computation_and_leaves_ctrl_c_to_its_parent(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    for name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "OPENCV_FOR_THREADS_NUM"):
+        monkeypatch.setenv(name, "3")
+    worker = Worker()
     facts = worker.submit(own_facts).result(PATIENCE_S)
+    worker.shutdown()
     assert facts["threads"] == ("1", 1)
     assert facts["interrupt"]
     assert facts["main"] is None  # a script that uses workers is not run again in each

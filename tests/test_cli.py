@@ -1,4 +1,4 @@
-"""`slopemap estimate` as a user meets it: streams, files, exit status, refusals. Runs the real command."""
+"""`slopemap estimate` as a user meets it: streams, files, exit status, refusals."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ import sys
 from pathlib import Path
 
 import pytest
+from command import Done, in_a_process, slopemap
 
 from slopecli import __version__
 from slopecli.cli.app import slopemap as commands
@@ -22,23 +23,11 @@ CAMERA = ("--camera", str(DESCENT / "camera.json"))
 FILES = {"slopes.json", "overlay.png", "patches.ply", "labels.png"}
 
 
-def slopemap(*arguments: str, cwd: Path | None = None, **environment: str) -> subprocess.CompletedProcess[str]:
-    return subprocess.run(
-        [sys.executable, "-m", "slopecli", *arguments],
-        capture_output=True,
-        text=True,
-        encoding="utf-8",
-        cwd=cwd,
-        env={**os.environ, **environment},
-        check=False,
-    )
-
-
 @pytest.fixture(scope="module")
-def answer(tmp_path_factory: pytest.TempPathFactory) -> tuple[subprocess.CompletedProcess[str], Path]:
+def answer(tmp_path_factory: pytest.TempPathFactory) -> tuple[Done, Path]:
     """One ordinary run, and its output folder, which did not exist before."""
     folder = tmp_path_factory.mktemp("answer") / "new" / "out"
-    done = slopemap("estimate", *PAIR, *CAMERA, "-o", str(folder))
+    done = in_a_process("estimate", *PAIR, *CAMERA, "-o", str(folder))
     assert done.returncode == 0, done.stderr
     return done, folder
 
@@ -47,7 +36,7 @@ def answer(tmp_path_factory: pytest.TempPathFactory) -> tuple[subprocess.Complet
 
 
 def test_version() -> None:
-    assert slopemap("--version").stdout == f"slopemap {__version__}\n"
+    assert in_a_process("--version").stdout == f"slopemap {__version__}\n"
 
 
 @pytest.mark.parametrize(
@@ -56,7 +45,7 @@ def test_version() -> None:
 def test_help_answers_at_once(arguments: list[str]) -> None:
     def seconds() -> float:
         before = os.times()
-        assert slopemap(*arguments).returncode == 0
+        assert in_a_process(*arguments).returncode == 0
         after = os.times()  # of the processor, not of the clock: other work on the machine is not our slowness
         return after.children_user + after.children_system - before.children_user - before.children_system
 
@@ -64,7 +53,7 @@ def test_help_answers_at_once(arguments: list[str]) -> None:
 
 
 def test_a_misspelt_command_is_a_usage_error() -> None:
-    done = slopemap("estimat")
+    done = in_a_process("estimat")
     assert (done.returncode, done.stdout) == (2, "")
     assert "estimat" in done.stderr
 
@@ -137,14 +126,14 @@ def test_a_file_cannot_be_the_output_folder(tmp_path: Path) -> None:
 # ---- an answer ----
 
 
-def test_table_has_a_line_for_every_window(answer: tuple[subprocess.CompletedProcess[str], Path]) -> None:
+def test_table_has_a_line_for_every_window(answer: tuple[Done, Path]) -> None:
     header, *rows = answer[0].stdout.splitlines()
     assert header.split()[:2] == ["id", "slope"]
     assert [int(row.split()[0]) for row in rows] == list(range(1, 10))
     assert all(re.search(r"\d+\.\d\d ± \d+\.\d\d° .* (safe|unsafe|undecided) ", row) for row in rows)
 
 
-def test_table_says_what_the_json_says(answer: tuple[subprocess.CompletedProcess[str], Path]) -> None:
+def test_table_says_what_the_json_says(answer: tuple[Done, Path]) -> None:
     done, folder = answer
     for row, plane in zip(
         done.stdout.splitlines()[1:], json.loads((folder / "slopes.json").read_text())["planes"], strict=True
@@ -153,23 +142,21 @@ def test_table_says_what_the_json_says(answer: tuple[subprocess.CompletedProcess
         assert plane["verdict"] in row.split()
 
 
-def test_all_files_are_written_and_named(answer: tuple[subprocess.CompletedProcess[str], Path]) -> None:
+def test_all_files_are_written_and_named(answer: tuple[Done, Path]) -> None:
     done, folder = answer
     assert {path.name for path in folder.iterdir()} == FILES
     assert all(name in done.stderr for name in FILES)
 
 
-def test_stderr_tells_what_slopes_refer_to(answer: tuple[subprocess.CompletedProcess[str], Path]) -> None:
+def test_stderr_tells_what_slopes_refer_to(answer: tuple[Done, Path]) -> None:
     assert "camera 1 taken to look straight down" in answer[0].stderr
 
 
-def test_piped_output_has_no_escape_codes(answer: tuple[subprocess.CompletedProcess[str], Path]) -> None:
+def test_piped_output_has_no_escape_codes(answer: tuple[Done, Path]) -> None:
     assert "\x1b" not in answer[0].stdout + answer[0].stderr
 
 
-def test_json_on_stdout_is_slopes_json_and_stands_alone(
-    answer: tuple[subprocess.CompletedProcess[str], Path], tmp_path: Path
-) -> None:
+def test_json_on_stdout_is_slopes_json_and_stands_alone(answer: tuple[Done, Path], tmp_path: Path) -> None:
     done = slopemap("estimate", *PAIR, *CAMERA, "--json", cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     assert json.loads(done.stdout) == json.loads((answer[1] / "slopes.json").read_text())
@@ -177,7 +164,7 @@ def test_json_on_stdout_is_slopes_json_and_stands_alone(
 
 
 def test_quiet_says_nothing_and_verbose_gives_times() -> None:
-    quiet = slopemap("estimate", *PAIR, *CAMERA, "--json", "-q")
+    quiet = in_a_process("estimate", *PAIR, *CAMERA, "--json", "-q")
     assert (quiet.returncode, quiet.stderr) == (0, "")
     verbose = slopemap("estimate", *PAIR, *CAMERA, "--json", "-v")
     assert verbose.stdout == quiet.stdout
@@ -238,21 +225,19 @@ def test_a_reader_that_leaves_is_no_failure() -> None:
     assert "Error" not in stderr
 
 
-def check_demo(slopes: Path) -> subprocess.CompletedProcess[str]:
+def check_demo(slopes: Path) -> Done:
     script = ROOT / "sample_data" / "check_demo.py"
     command = [sys.executable, str(script), str(slopes), str(DESCENT / "truth.json")]
     return subprocess.run(command, capture_output=True, text=True, encoding="utf-8", check=False)
 
 
-def test_demo_agrees_with_the_truth(answer: tuple[subprocess.CompletedProcess[str], Path]) -> None:
+def test_demo_agrees_with_the_truth(answer: tuple[Done, Path]) -> None:
     done = check_demo(answer[1] / "slopes.json")
     assert done.returncode == 0, done.stdout + done.stderr
     assert "9 of 9 windows" in done.stdout
 
 
-def test_demo_check_finds_a_wrong_and_a_missing_slope(
-    answer: tuple[subprocess.CompletedProcess[str], Path], tmp_path: Path
-) -> None:
+def test_demo_check_finds_a_wrong_and_a_missing_slope(answer: tuple[Done, Path], tmp_path: Path) -> None:
     result = json.loads((answer[1] / "slopes.json").read_text())
     result["planes"][0]["slope_deg"] += 5 * result["planes"][0]["slope_sigma_deg"]
     del result["planes"][1]

@@ -8,6 +8,7 @@ import inspect
 import re
 import runpy
 from dataclasses import fields
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -203,6 +204,11 @@ def test_plan_page_has_every_key_and_the_limits_of_the_code() -> None:
 # ---- docs/diagnostics.md ----
 
 
+@cache
+def sources() -> dict[Path, ast.Module]:
+    return {path: ast.parse(path.read_text(encoding="utf-8")) for path in sorted((ROOT / "slopecli").rglob("*.py"))}
+
+
 def codes_in(tree: ast.AST, places: dict[str, int]) -> set[str]:
     """The codes that calls of these names are given, at these places among their arguments."""
     calls = [node for node in ast.walk(tree) if isinstance(node, ast.Call) and isinstance(node.func, ast.Name)]
@@ -212,7 +218,6 @@ def codes_in(tree: ast.AST, places: dict[str, int]) -> set[str]:
     return {code for code in codes if isinstance(code, str)}
 
 
-SOURCES = [ast.parse(path.read_text(encoding="utf-8")) for path in sorted((ROOT / "slopecli").rglob("*.py"))]
 DIAGNOSTICS = (ROOT / "docs" / "diagnostics.md").read_text(encoding="utf-8")
 
 
@@ -222,16 +227,16 @@ def listed(heading: str) -> set[str]:
 
 
 def test_diagnostics_page_lists_the_codes_there_are() -> None:
-    given = {code for tree in SOURCES for code in codes_in(tree, {"Diagnostic": 0, "NoAnswer": 0, "Cause": 0})}
+    trees = sources().values()
+    given = {code for tree in trees for code in codes_in(tree, {"Diagnostic": 0, "NoAnswer": 0, "Cause": 0})}
     assert listed("Codes") == given
-    rejected = {code for tree in SOURCES for code in codes_in(tree, {"no_match": 1, "Rejected": 2, "Cause": 0})}
+    rejected = {code for tree in trees for code in codes_in(tree, {"no_match": 1, "Rejected": 2, "Cause": 0})}
     assert rejected | {"poor-fit", "no-overlap"} == listed("Windows without an answer")
 
 
 def test_diagnostics_page_tells_refusals_from_warnings() -> None:
     """Those of pairs that were taken; `slopemap plan` refuses what it is asked for, too."""
-    taken = [path for path in (ROOT / "slopecli").rglob("*.py") if path.parent.name != "plan"]
-    trees = [ast.parse(path.read_text(encoding="utf-8")) for path in taken]
+    trees = [tree for path, tree in sources().items() if path.parent.name != "plan"]
     refused = {code for tree in trees for code in codes_in(tree, {"NoAnswer": 0, "Cause": 0})}
     assert set(re.findall(r"^\| `([a-z-]+)` \| refusal \|", DIAGNOSTICS, re.MULTILINE)) == refused
 

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import json
-import subprocess
-import sys
+from functools import cache
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from command import slopemap
 
 from slopecli.errors import InputError
 from slopecli.geometry.epipolar import rotation_from_vector, rotation_vector
@@ -26,11 +26,9 @@ R, T = np.array(TRUTH["R"]), np.array(TRUTH["T"])
 PAIR = (str(DESCENT / "image1.png"), str(DESCENT / "image2.png"), "--camera", str(DESCENT / "camera.json"))
 
 
-def slopemap(*arguments: str) -> subprocess.CompletedProcess[str]:
-    return subprocess.run([sys.executable, "-m", "slopecli", *arguments], capture_output=True, text=True, check=False)
-
-
+@cache
 def answer(*arguments: str) -> tuple[dict[str, Any], str]:
+    """The content of slopes.json, to be read only, and what was said on stderr."""
     done = slopemap("estimate", *PAIR, "--json", *arguments)
     assert done.returncode == 0, done.stderr
     return json.loads(done.stdout), done.stderr

@@ -1,4 +1,4 @@
-"""`slopemap plan` as a user meets it: table, JSON, files, refusals. Runs the real command."""
+"""`slopemap plan` as a user meets it: table, JSON, files, refusals."""
 
 from __future__ import annotations
 
@@ -13,6 +13,7 @@ from typing import Any
 import cv2
 import numpy as np
 import pytest
+from command import slopemap
 
 from slopecli.cli import plan as command
 from slopecli.io.plan_map import draw_plan, sigma_colours
@@ -24,17 +25,6 @@ ROOT = Path(__file__).resolve().parent.parent
 CAMERA = ("--camera", str(ROOT / "sample_data" / "descent" / "camera.json"))
 PAPER = ("--fov", "60", "--size", "1024x1024", "--trajectory", "45")
 FLIGHT = (*PAPER, "--height", "80", "--baseline", "16")
-
-
-def slopemap(*arguments: str, **environment: str) -> subprocess.CompletedProcess[str]:
-    return subprocess.run(
-        [sys.executable, "-m", "slopecli", *arguments],
-        capture_output=True,
-        text=True,
-        encoding="utf-8",
-        env={**os.environ, **environment},
-        check=False,
-    )
 
 
 def planned(*arguments: str) -> dict[str, Any]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from functools import lru_cache
+from functools import cache, lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -29,6 +29,7 @@ WALL = np.array([0.1, 0.0, 0.1])
 LEFT_PIECE, RIGHT_PIECE, WALL_BOX = (60, 60, 130, 110), (250, 200, 120, 110), (300, 40, 120, 120)
 
 
+@cache
 def town(**changes: Any) -> Pair:
     """Ground, a platform in two pieces, a wall."""
     surfaces = [Surface(GROUND), Surface(RAISED, LEFT_PIECE), Surface(RAISED, RIGHT_PIECE), Surface(WALL, WALL_BOX)]

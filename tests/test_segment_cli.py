@@ -1,9 +1,8 @@
-"""`slopemap segment` and `slopemap estimate --planes` as a user meets them. Runs the real command."""
+"""`slopemap segment` and `slopemap estimate --planes` as a user meets them."""
 
 from __future__ import annotations
 
 import json
-import subprocess
 from collections import Counter
 from pathlib import Path
 from typing import Any
@@ -12,7 +11,8 @@ import cv2
 import numpy as np
 import pytest
 import trimesh
-from test_cli import ROOT, slopemap
+from command import Done, slopemap
+from test_cli import ROOT
 
 from slopecli.cli.app import slopemap as commands
 from slopecli.cli.boundary import run
@@ -22,7 +22,7 @@ STEPS = {"step1_gradient.png", "step2_components.png", "step3_merged.png"}
 FILES = {"slopes.json", "labels.png", "overlay.png", "patches.ply", "patches.glb"}
 KINDS = ("ground", "wall", "roof")
 CLEAR_SHARE, CLEAR_PURITY = 0.01, 0.75  # of image 1, and of a plane's pixels: what should be named as it is
-Run = tuple[subprocess.CompletedProcess[str], Path]
+Run = tuple[Done, Path]
 
 
 @pytest.fixture(scope="module")
@@ -56,7 +56,7 @@ def labels(answer: Run) -> np.ndarray:
     return cv2.imread(str(answer[1] / "labels.png"), cv2.IMREAD_UNCHANGED)
 
 
-def rows_of(done: subprocess.CompletedProcess[str]) -> list[list[str]]:
+def rows_of(done: Done) -> list[list[str]]:
     return [row.split() for row in done.stdout.splitlines()[1:]]
 
 

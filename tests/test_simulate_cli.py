@@ -31,6 +31,12 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return place
 
 
+@pytest.fixture
+def _no_figures(monkeypatch: pytest.MonkeyPatch) -> None:
+    """For what is not of the figures: they take most of the time of a small study."""
+    monkeypatch.setattr("slopecli.io.study_files.draw_figures", lambda *_: {})
+
+
 def test_every_file_is_there_and_is_what_its_name_says(folder: Path) -> None:
     assert {path.name for path in folder.iterdir()} == set(STUDY_NAMES) - set(TIMED)
     for name in FIGURES:
@@ -86,21 +92,24 @@ def test_same_seed_same_bytes_on_any_number_of_workers(folder: Path, tmp_path: P
         assert (tmp_path / name).read_bytes() == (folder / name).read_bytes(), name
 
 
+@pytest.mark.usefixtures("_no_figures")
 def test_another_seed_is_another_study(folder: Path, tmp_path: Path) -> None:
     assert run("-o", str(tmp_path), *QUICK, "--seed", "1", "--jobs", "1", "-q") == 0
     assert (tmp_path / "trials.csv").read_bytes() != (folder / "trials.csv").read_bytes()
 
 
+@pytest.mark.usefixtures("_no_figures")
 def test_times_have_files_of_their_own_which_a_study_without_them_takes_away(tmp_path: Path) -> None:
     small = ["--terrains", "1", "--noise", "0.3", "--solvers", "mle", "--jobs", "1", "-q", "-o", str(tmp_path)]
     assert run(*small, "--most-windows", "64") == 0
-    assert {path.name for path in tmp_path.iterdir()} == set(STUDY_NAMES)
+    assert {path.name for path in tmp_path.iterdir()} == set(STUDY_NAMES) - set(FIGURES)
     timing = json.loads((tmp_path / "timing.json").read_text("ascii"))
     assert [entry["windows"] for entry in timing["timings"]] == [4, 16, 64]
     assert run(*small, "--most-windows", "0") == 0
     assert not {path.name for path in tmp_path.iterdir()} & set(TIMED)
 
 
+@pytest.mark.usefixtures("_no_figures")
 def test_verdicts_are_printed_and_talk_is_apart(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert run("-o", str(tmp_path), *QUICK, "--jobs", "1", "-v") == 0
     out, err = capsys.readouterr()
@@ -110,6 +119,7 @@ def test_verdicts_are_printed_and_talk_is_apart(tmp_path: Path, capsys: pytest.C
     assert "trials" in err
 
 
+@pytest.mark.usefixtures("_no_figures")
 def test_other_scenes_through_a_lens(tmp_path: Path) -> None:
     camera = tmp_path / "camera.json"
     camera.write_text(
@@ -189,6 +199,7 @@ def test_code_of_the_page_runs() -> None:
     assert len(names["flight"]) == 2  # type: ignore[arg-type]
 
 
+@pytest.mark.usefixtures("_no_figures")
 def test_three_points_in_a_window_are_enough_for_mle_and_the_others_say_why_not(tmp_path: Path) -> None:
     few = ["--points", "3", "--terrains", "1", "--noise", "0.3", "--solvers", "mle,ha", "--most-windows", "16"]
     assert run("-o", str(tmp_path), *few, "--jobs", "1", "-q") == 0
