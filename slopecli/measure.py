@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Literal, TypedDict
 
 import numpy as np
@@ -13,6 +12,7 @@ from slopecli.geometry.quantiles import median
 from slopecli.geometry.slope import measure_slopes, probability_below, slope_interval, surface_normals
 from slopecli.options import Options
 from slopecli.planes.joint import Matched
+from slopecli.records import dataclass
 from slopecli.types import FloatArray, Slopes, Solution, Up
 
 Verdict = Literal["safe", "unsafe", "undecided"]

@@ -7,13 +7,14 @@ import sys
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass
 from typing import TextIO
 
 import click
 
+from slopecli.records import dataclass
 
-@dataclass
+
+@dataclass(eq=False)
 class Talk:
     """How much the command says on stderr; errors are said in any case."""
 
