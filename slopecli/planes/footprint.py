@@ -33,6 +33,8 @@ class Footprint:
     @property
     def largest_share(self) -> float:
         """Share of the pixels that the largest connected piece holds; 1 for a patch in one piece."""
+        if self.mask.all():
+            return 1.0
         _, _, stats, _ = cv2.connectedComponentsWithStats(self.mask.astype(np.uint8), connectivity=8)
         return float(stats[1:, cv2.CC_STAT_AREA].max(initial=0) / max(self.area_px, 1))
 
