@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from functools import cached_property, lru_cache
 from typing import Any
@@ -74,17 +75,33 @@ def badge_centre(label: Label, centre: FloatArray) -> FloatArray:
 
 
 def write(picture: Picture, texts: Sequence[Text]) -> Picture:
-    """Return the picture with the texts written on it; Pillow cannot write into an array in place."""
+    """Write texts on a picture and return it; those parts of it that texts lie on go through Pillow, not all of it."""
+    for item in texts:
+        left, top, right, bottom = _reach(item)
+        left, top = max(left, 0), max(top, 0)
+        under = picture[top : max(bottom, 0), left : max(right, 0)]
+        if under.size:
+            under[:] = _lettered(under, item, (item.at[0] - left, item.at[1] - top))
+    return picture
+
+
+def _reach(item: Text) -> tuple[int, int, int, int]:
+    """Left, top, right, bottom of what a text can touch, whichever of its points is anchored, px."""
+    u, v = item.at
+    aside, above = math.ceil(text_width(item.text, item.size)) + item.size, 2 * item.size
+    return math.floor(u) - aside, math.floor(v) - above, math.ceil(u) + aside, math.ceil(v) + above
+
+
+def _lettered(ground: Picture, item: Text, at: tuple[float, float]) -> Picture:
+    """A copy of a part of a picture with a text on it, `at` px of that part."""
     from PIL import Image, ImageDraw
 
-    sheet = Image.fromarray(picture)
-    draw = ImageDraw.Draw(sheet)
-    for item in texts:
-        options: dict[str, Any] = {"font": _font(item.size), "anchor": item.anchor, "fill": item.colour}
-        if item.halo is not None:
-            options |= {"stroke_width": max(2, round(item.size / 8)), "stroke_fill": item.halo}
-        draw.text(item.at, printable(item.text), **options)
-    return np.array(sheet)
+    options: dict[str, Any] = {"font": _font(item.size), "anchor": item.anchor, "fill": item.colour}
+    if item.halo is not None:
+        options |= {"stroke_width": max(2, round(item.size / 8)), "stroke_fill": item.halo}
+    sheet = Image.fromarray(np.ascontiguousarray(ground))
+    ImageDraw.Draw(sheet).text(at, printable(item.text), **options)
+    return np.asarray(sheet)
 
 
 def printable(text: str) -> str:
