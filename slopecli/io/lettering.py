@@ -109,6 +109,7 @@ def printable(text: str) -> str:
     return text.encode("latin-1", "replace").decode("latin-1")
 
 
+@lru_cache(maxsize=1024)  # a label is measured for every place it may take, and once more when it is written
 def text_width(text: str, size: int) -> float:
     """Return the width of one line, px."""
     return float(_font(size).getlength(printable(text)))
