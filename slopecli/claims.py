@@ -8,11 +8,11 @@ paper calls normal: up to 0.3 px.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
 
+from slopecli.records import dataclass
 from slopecli.study import QUANTITIES, Spread, Study
 from slopecli.timing import Timing
 from slopecli.types import BoolArray, FloatArray

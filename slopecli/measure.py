@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import math
+from functools import cached_property
 from typing import Literal, TypedDict
 
 import numpy as np
@@ -13,6 +14,7 @@ from slopecli.geometry.quantiles import median
 from slopecli.geometry.slope import measure_slopes, probability_below, slope_interval, surface_normals
 from slopecli.options import Options
 from slopecli.planes.joint import Matched
+from slopecli.records import dataclass
 from slopecli.types import FloatArray, Slopes, Solution, Up
 
 Verdict = Literal["safe", "unsafe", "undecided"]
@@ -20,6 +22,16 @@ Verdict = Literal["safe", "unsafe", "undecided"]
 CAMERA_UP = (0.0, 0.0, -1.0)  # the camera looks straight down
 SAME_AREA = 0.99  # footprints this alike count as equally large
 BORROWED_SIGMA_DEG = 5.0  # terrain next to a window tells its slope no better than this
+
+
+class SlopeNumbers(TypedDict):
+    """A slope as a plane of either answer states it, deg."""
+
+    slope_deg: float
+    slope_sigma_deg: float
+    slope_ci95_deg: tuple[float, float]
+    aspect_deg: float | None
+    dip_direction_deg: float | None
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,16 +43,10 @@ class Measured:
     slopes: Slopes
     p_safe: FloatArray
 
-    def only(self, k: int) -> Slopes:
-        """The slope of plane k alone."""
-        one, all_of = slice(k, k + 1), self.slopes
-        return Slopes(
-            all_of.slope_rad[one],
-            all_of.sigma_rad[one],
-            all_of.aspect_rad[one],
-            all_of.aspect_sigma_rad[one],
-            all_of.tilt_covariance[one],
-        )
+    @cached_property
+    def numbers(self) -> list[SlopeNumbers]:
+        """The slope of every plane, in degrees; of all at once, as their intervals take long one by one."""
+        return slope_numbers(self.slopes)
 
 
 def measure(solution: Solution, matched: Matched, options: Options) -> Measured:
@@ -112,24 +118,18 @@ def _doubted(slopes: Slopes, matched: Matched, level: int | None = None) -> Slop
     return Slopes(slopes.slope_rad, sigma, slopes.aspect_rad + nothing, slopes.aspect_sigma_rad + nothing, covariance)
 
 
-class SlopeNumbers(TypedDict):
-    """A slope as a plane of either answer states it, deg."""
-
-    slope_deg: float
-    slope_sigma_deg: float
-    slope_ci95_deg: tuple[float, float]
-    aspect_deg: float | None
-    dip_direction_deg: float | None
+def slope_numbers(slopes: Slopes) -> list[SlopeNumbers]:
+    """The slope of every plane, in degrees."""
+    each = (slopes.slope_rad, slopes.sigma_rad, slope_interval(slopes), slopes.aspect_rad)
+    return [_numbers(*one) for one in zip(*(np.degrees(values).tolist() for values in each), strict=True)]
 
 
-def slope_numbers(one: Slopes) -> SlopeNumbers:
-    """The slope of one plane, in degrees."""
-    low, high = np.degrees(slope_interval(one)[0])
-    aspect = None if np.isnan(one.aspect_rad[0]) else float(np.degrees(one.aspect_rad[0]))
+def _numbers(slope: float, sigma: float, interval: list[float], azimuth: float) -> SlopeNumbers:
+    aspect = None if math.isnan(azimuth) else azimuth
     return {
-        "slope_deg": float(np.degrees(one.slope_rad[0])),
-        "slope_sigma_deg": float(np.degrees(one.sigma_rad[0])),
-        "slope_ci95_deg": (float(low), float(high)),
+        "slope_deg": slope,
+        "slope_sigma_deg": sigma,
+        "slope_ci95_deg": (interval[0], interval[1]),
         "aspect_deg": aspect,
         "dip_direction_deg": aspect,
     }

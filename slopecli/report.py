@@ -15,7 +15,7 @@ from slopecli.geometry.homography import homography_in_pixels, homography_of_pla
 from slopecli.geometry.metrics import rotation_angle
 from slopecli.geometry.quantiles import median
 from slopecli.geometry.slope import surface_normals
-from slopecli.measure import Measured, judge, measure, signed_distance, slope_numbers
+from slopecli.measure import Measured, judge, measure, signed_distance
 from slopecli.options import Options
 from slopecli.planes.changes import Change
 from slopecli.planes.footprint import paint_labels
@@ -214,7 +214,7 @@ def _plane(
     match = matched.matches[number]
     member = matched.correspondences.patch == k
     kept = member & solution.inlier
-    slope = slope_numbers(main.only(k))
+    slope = main.numbers[k]
     inlier_share = float(kept.sum() / max(member.sum(), 1))
     doubts = _doubts(match, matched.patches.noun, float(solution.relief[k]), inlier_share)
     whole = matched.footprints[number].largest_share

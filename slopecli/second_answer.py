@@ -9,7 +9,7 @@ import numpy as np
 from slopecli.geometry.ambiguity import by_chance
 from slopecli.geometry.epipolar import rotation_vector
 from slopecli.geometry.slope import surface_normals
-from slopecli.measure import Measured, judge, signed_distance, slope_numbers
+from slopecli.measure import Measured, judge, signed_distance
 from slopecli.options import Options
 from slopecli.types import AlternativePlane, AmbiguityReport, FloatArray, Plane, Solution
 
@@ -25,7 +25,7 @@ def second_plane(
     first : the same plane in the first answer.  x1 : (n, 2) rays of its points.
     length : of a baseline in the second answer, in the unit of the report.
     """
-    slope, p_safe = slope_numbers(other.only(k)), float(other.p_safe[k])
+    slope, p_safe = other.numbers[k], float(other.p_safe[k])
     return AlternativePlane(
         id=first.id,
         normal_cam1=surface_normals(other.solution)[k],

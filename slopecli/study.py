@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Executor, Future, wait
-from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -14,6 +13,7 @@ from slopecli.geometry.homography import apply_homography, fit_homography, homog
 from slopecli.geometry.metrics import direction_angle, normal_angle, rotation_angle
 from slopecli.geometry.solve import solve_planes
 from slopecli.geometry.uncertainty import cramer_rao_bound
+from slopecli.records import dataclass
 from slopecli.simulate import Scene, field_of_view_camera, make_scene
 from slopecli.study_options import FEWEST_ALONE, StudyOptions
 from slopecli.types import Camera, FloatArray

@@ -18,7 +18,7 @@ PACKAGE = ROOT / "slopecli"
 MODULES = sorted(PACKAGE.rglob("*.py"))
 FLOORS = (
     "__init__",
-    "errors types segmentation options orders study_options",
+    "errors records types segmentation options orders study_options",
     "geometry",
     "vision",
     "planes",

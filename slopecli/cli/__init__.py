@@ -10,7 +10,7 @@ def main() -> None:
 
     # loading modules makes tens of thousands of objects that stay: to look through them for garbage again and again,
     # and at the end, takes longer than to load them
-    gc.set_threshold(50_000, 20, 20)
+    gc.set_threshold(500_000, 20, 20)
 
     from slopecli.cli.app import slopemap
     from slopecli.cli.boundary import run

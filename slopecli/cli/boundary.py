@@ -5,7 +5,6 @@ from __future__ import annotations
 import errno
 import os
 import sys
-import traceback
 from collections.abc import Sequence
 
 import click
@@ -61,6 +60,8 @@ def _disk_trouble(error: OSError) -> int:
 
 def _unexpected(error: Exception, talk: Talk) -> int:
     if talk.verbose:
+        import traceback
+
         traceback.print_exception(error)
     hint = "" if talk.verbose else "; run again with -v for the traceback"
     return _end(f"unexpected {type(error).__name__}: {error}; this is a fault of slopemap{hint}", UNEXPECTED)

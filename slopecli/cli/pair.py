@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from slopecli.cli.memory import keep_freed_memory
 from slopecli.cli.shared_options import at_most_one, check_known_motion, given, options_from
 from slopecli.cli.table import result_table, talk_lines
 from slopecli.cli.talk import Talk, print_result
@@ -27,6 +28,7 @@ FINDERS_WITH = {
 def answer_pair(ctx: click.Context, image1: str, image2: str, parameters: dict[str, Any]) -> None:
     """One pair from files to files, and a table or JSON on stdout."""
     _check_usage(ctx)
+    keep_freed_memory()
     talk = ctx.ensure_object(Talk)
     if parameters["output"]:
         _check_output(parameters["output"])

@@ -7,13 +7,14 @@ import sys
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass
 from typing import TextIO
 
 import click
 
+from slopecli.records import dataclass
 
-@dataclass
+
+@dataclass(eq=False)
 class Talk:
     """How much the command says on stderr; errors are said in any case."""
 
@@ -33,9 +34,9 @@ class Talk:
     @contextmanager
     def timed(self, name: str) -> Iterator[None]:
         """Time the body as one stage."""
-        start = time.perf_counter()
+        start = time.process_time()
         yield
-        self.stage(name, time.perf_counter() - start)
+        self.stage(name, time.process_time() - start)
 
 
 def print_result(text: str) -> None:

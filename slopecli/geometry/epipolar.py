@@ -18,7 +18,9 @@ LEVI_CIVITA = np.array(
 def homogeneous(x: FloatArray) -> FloatArray:
     """Append a 1 to every point: (n, 2) -> (n, 3)."""
     # eq. (4): z = 1
-    return np.column_stack([x, np.ones(len(x))])
+    points = np.ones((len(x), 3))
+    points[:, :2] = x
+    return points
 
 
 def unit_vector(v: FloatArray) -> FloatArray:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -13,6 +12,7 @@ from slopecli.geometry.refinement import Refined, State, System, levenberg_marqu
 from slopecli.geometry.relief import Relief, estimate_relief
 from slopecli.geometry.robust import Kept, consensus, gate_squared, inliers
 from slopecli.geometry.starts import starting_states
+from slopecli.records import dataclass
 from slopecli.types import BoolArray, FloatArray
 
 Motion = tuple[FloatArray, FloatArray]

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
+
 import cv2
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -25,5 +27,11 @@ def slope_colours(slope_deg: ArrayLike) -> NDArray[np.uint8]:
     low, high = SLOPE_RANGE_DEG
     fraction = np.clip((np.atleast_1d(np.asarray(slope_deg, float)) - low) / (high - low), 0.0, 1.0)
     level = np.rint(255.0 * fraction).astype(np.uint8)
-    bgr = cv2.applyColorMap(level[:, None], cv2.COLORMAP_CIVIDIS)  # (n, 1): OpenCV 4 and 5 differ on 1-D input
-    return np.ascontiguousarray(bgr[:, 0, ::-1])
+    return _cividis()[level]
+
+
+@lru_cache(maxsize=1)
+def _cividis() -> NDArray[np.uint8]:
+    """(256, 3) RGB of every level; OpenCV makes the map anew at every call."""
+    levels = np.arange(256, dtype=np.uint8)[:, None]  # (n, 1): OpenCV 4 and 5 differ on 1-D input
+    return np.ascontiguousarray(cv2.applyColorMap(levels, cv2.COLORMAP_CIVIDIS)[:, 0, ::-1])

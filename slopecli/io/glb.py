@@ -11,7 +11,6 @@ import json
 import math
 import struct
 from collections.abc import Sequence
-from dataclasses import dataclass, field
 from typing import Any
 
 import cv2
@@ -20,6 +19,7 @@ from numpy.typing import NDArray
 
 from slopecli import __version__
 from slopecli.io.surface import Surface
+from slopecli.records import dataclass, field
 from slopecli.types import AlternativePlane, FloatArray, Image, Plane, Report
 
 LARGEST_TEXTURE_PX = 2048  # what every device can show
@@ -81,7 +81,7 @@ def model_from_camera1(up_cam1: FloatArray) -> FloatArray:
     return np.array([np.cross(ahead, up_cam1), up_cam1, -ahead])
 
 
-@dataclass
+@dataclass(eq=False)
 class _Contents:
     """The binary part of the file, with the tables that say what lies where."""
 

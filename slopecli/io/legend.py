@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
 from functools import partial
 
 import numpy as np
@@ -13,6 +12,7 @@ from slopecli.io.colormap import SLOPE_RANGE_DEG, slope_colours
 from slopecli.io.lettering import LEADING, Text, text_width, wrapped, write
 from slopecli.io.marks import Picture
 from slopecli.options import Options
+from slopecli.records import dataclass, field
 from slopecli.second_answer import margin
 from slopecli.types import Report
 
@@ -27,7 +27,7 @@ UP_WORDS = {
 Sign = Callable[[Picture, np.ndarray, float], None]  # draws into a picture, at a centre, with a radius
 
 
-@dataclass
+@dataclass(eq=False)
 class Strip:
     """A sheet of paper that is filled from left to right, line by line."""
 

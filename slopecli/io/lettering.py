@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from typing import Any
 
@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from slopecli.io.marks import INK, PAPER, Colour, Picture
+from slopecli.records import dataclass
 from slopecli.types import FloatArray
 
 LEADING = 1.22  # row height over font size
@@ -74,17 +75,33 @@ def badge_centre(label: Label, centre: FloatArray) -> FloatArray:
 
 
 def write(picture: Picture, texts: Sequence[Text]) -> Picture:
-    """Return the picture with the texts written on it; Pillow cannot write into an array in place."""
+    """Write texts on a picture and return it; those parts of it that texts lie on go through Pillow, not all of it."""
+    for item in texts:
+        left, top, right, bottom = _reach(item)
+        left, top = max(left, 0), max(top, 0)
+        under = picture[top : max(bottom, 0), left : max(right, 0)]
+        if under.size:
+            under[:] = _lettered(under, item, (item.at[0] - left, item.at[1] - top))
+    return picture
+
+
+def _reach(item: Text) -> tuple[int, int, int, int]:
+    """Left, top, right, bottom of what a text can touch, whichever of its points is anchored, px."""
+    u, v = item.at
+    aside, above = math.ceil(text_width(item.text, item.size)) + item.size, 2 * item.size
+    return math.floor(u) - aside, math.floor(v) - above, math.ceil(u) + aside, math.ceil(v) + above
+
+
+def _lettered(ground: Picture, item: Text, at: tuple[float, float]) -> Picture:
+    """A copy of a part of a picture with a text on it, `at` px of that part."""
     from PIL import Image, ImageDraw
 
-    sheet = Image.fromarray(picture)
-    draw = ImageDraw.Draw(sheet)
-    for item in texts:
-        options: dict[str, Any] = {"font": _font(item.size), "anchor": item.anchor, "fill": item.colour}
-        if item.halo is not None:
-            options |= {"stroke_width": max(2, round(item.size / 8)), "stroke_fill": item.halo}
-        draw.text(item.at, printable(item.text), **options)
-    return np.array(sheet)
+    options: dict[str, Any] = {"font": _font(item.size), "anchor": item.anchor, "fill": item.colour}
+    if item.halo is not None:
+        options |= {"stroke_width": max(2, round(item.size / 8)), "stroke_fill": item.halo}
+    sheet = Image.fromarray(np.ascontiguousarray(ground))
+    ImageDraw.Draw(sheet).text(at, printable(item.text), **options)
+    return np.asarray(sheet)
 
 
 def printable(text: str) -> str:
@@ -92,6 +109,7 @@ def printable(text: str) -> str:
     return text.encode("latin-1", "replace").decode("latin-1")
 
 
+@lru_cache(maxsize=1024)  # a label is measured for every place it may take, and once more when it is written
 def text_width(text: str, size: int) -> float:
     """Return the width of one line, px."""
     return float(_font(size).getlength(printable(text)))

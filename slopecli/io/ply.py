@@ -11,7 +11,6 @@ faces), scalars named `scalar_...` for CloudCompare and one `quality` for MeshLa
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from functools import lru_cache
 
 import cv2
@@ -23,6 +22,7 @@ from slopecli.geometry.quantiles import median
 from slopecli.io.colormap import slope_colours
 from slopecli.io.marks import NO_ANSWER
 from slopecli.io.surface import Surface, lay_on_plane
+from slopecli.records import dataclass
 from slopecli.types import Camera, FloatArray, Image, IntArray, Plane, Report
 
 SUBDIVISIONS = 2  # of every edge by two: enough to follow the curve that a lens makes of a straight border

@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import math
 from dataclasses import fields, is_dataclass
-from importlib import resources
 from pathlib import PurePath
 from typing import Any
 
@@ -48,6 +47,8 @@ def to_json(document: dict[str, Any]) -> str:
 
 def load_schema() -> dict[str, Any]:
     """Return the JSON schema (draft 2020-12) of slopes.json that is shipped in the package."""
+    from importlib import resources
+
     name = f"schemas/slopes-{SCHEMA_VERSION}.schema.json"
     schema: dict[str, Any] = json.loads(resources.files("slopecli").joinpath(name).read_text("utf-8"))
     return schema

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Literal, NamedTuple
 
 import numpy as np
@@ -16,6 +16,7 @@ from slopecli.geometry.slope import measure_slopes
 from slopecli.geometry.solve import solve_planes
 from slopecli.geometry.uncertainty import covariance_of
 from slopecli.plan.flight import Flight, Seen, see
+from slopecli.records import dataclass
 from slopecli.types import Diagnostic, FloatArray, Solution
 
 UNKNOWN_DEG = 60.0  # sigma beyond which slopes are anything, and a covariance says nothing

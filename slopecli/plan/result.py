@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
@@ -25,6 +24,7 @@ from slopecli.plan.flight import (
     horizontal,
 )
 from slopecli.plan.prediction import TRIALS, Forecast, forecast
+from slopecli.records import dataclass
 from slopecli.types import Camera, Diagnostic, FloatArray, Up
 from slopecli.wording import beside
 

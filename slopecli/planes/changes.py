@@ -6,7 +6,6 @@ for in cells over all of image 1, and areas below `LEAST_AREA` are left to the r
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Literal
 
 import cv2
@@ -16,6 +15,7 @@ from slopecli.geometry.motion import epipolar_residual, inverse_depth
 from slopecli.geometry.quantiles import median
 from slopecli.planes.scene import Scene
 from slopecli.planes.survey import MIN_INFORMATION
+from slopecli.records import dataclass
 from slopecli.types import BoolArray, FloatArray
 from slopecli.vision.overview import CELL, sparse_transfer
 from slopecli.vision.photometric import detrend

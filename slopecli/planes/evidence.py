@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from slopecli.geometry.epipolar import homogeneous
@@ -11,6 +9,7 @@ from slopecli.geometry.motion import epipolar_residual, inverse_depth
 from slopecli.geometry.quantiles import median
 from slopecli.planes.robust import robust_plane
 from slopecli.planes.windows import Window
+from slopecli.records import dataclass
 from slopecli.types import BoolArray, FloatArray, IntArray
 
 TOLERANCE_PX = 1.5  # epipolar residual of matches that count

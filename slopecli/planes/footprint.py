@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from slopecli.planes.windows import Window, window_polygon
+from slopecli.records import dataclass
 from slopecli.types import BoolArray, FloatArray
 from slopecli.vision.segmentation import Labels, resized
 
@@ -33,6 +33,8 @@ class Footprint:
     @property
     def largest_share(self) -> float:
         """Share of the pixels that the largest connected piece holds; 1 for a patch in one piece."""
+        if self.mask.all():
+            return 1.0
         _, _, stats, _ = cv2.connectedComponentsWithStats(self.mask.astype(np.uint8), connectivity=8)
         return float(stats[1:, cv2.CC_STAT_AREA].max(initial=0) / max(self.area_px, 1))
 

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import cv2
 import numpy as np
 
@@ -14,6 +12,7 @@ from slopecli.planes.footprint import Footprint
 from slopecli.planes.joint import Matched
 from slopecli.planes.patches import Patches
 from slopecli.planes.window_match import WindowMatch, no_match
+from slopecli.records import dataclass
 from slopecli.types import BoolArray, Camera, Correspondences, FloatArray, IntArray
 
 WIDEST_RAY = 5.0  # tangent

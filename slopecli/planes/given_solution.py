@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
@@ -11,6 +10,7 @@ from slopecli.geometry.flatness import Flatness, flatness
 from slopecli.geometry.priors import MotionPrior
 from slopecli.geometry.solve import solve_planes
 from slopecli.planes.joint import Matched
+from slopecli.records import dataclass
 from slopecli.types import BoolArray, Solution
 
 MOST_LEFT_OUT = 0.25  # share of a patch's rows off its plane beyond which it is not one plane

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Literal
 
 import numpy as np
@@ -18,6 +18,7 @@ from slopecli.planes.footprint import Footprint
 from slopecli.planes.patches import Patches
 from slopecli.planes.scene import Scene
 from slopecli.planes.window_match import WindowMatch
+from slopecli.records import dataclass
 from slopecli.types import Correspondences, FloatArray, IntArray, Solution
 from slopecli.vision.sampling import correlation_gain, thin
 

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Protocol
 
 import numpy as np
 
 from slopecli.planes.labelling import Energy, cover, in_use
 from slopecli.planes.labelling_noise import cost_of, scale_of
+from slopecli.records import dataclass
 from slopecli.types import BoolArray, FloatArray, IntArray
 
 ROUNDS = 6  # of proposing anew: the energy rarely falls after three

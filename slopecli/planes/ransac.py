@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from slopecli.errors import InputError
@@ -20,6 +18,7 @@ from slopecli.planes.proposals import (
     propose_depth_planes,
     propose_homographies,
 )
+from slopecli.records import dataclass
 from slopecli.types import BoolArray, FloatArray, IntArray
 
 LEAST_POINTS = 5  # four fix a homography and leave nothing to check it

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from slopecli.geometry.epipolar import homogeneous
 from slopecli.geometry.motion import epipolar_residual, inverse_depth
 from slopecli.planes.labelling import cover
 from slopecli.planes.scene import Scene, axis_variance
+from slopecli.records import dataclass
 from slopecli.types import FloatArray, IntArray
 from slopecli.vision.dense import Cells
 from slopecli.vision.segmentation import Labels, grown

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import cv2
 import numpy as np
 
+from slopecli.records import dataclass
 from slopecli.types import FloatArray
 from slopecli.vision.comparison import OUTSIDE, Box, Comparison
 from slopecli.vision.segmentation import Labels

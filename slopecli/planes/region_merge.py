@@ -5,11 +5,10 @@ Source: Cheng, experiment 3, step 6, on pixels in place of features.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import cv2
 import numpy as np
 
+from slopecli.records import dataclass
 from slopecli.types import FloatArray, IntArray
 from slopecli.vision.comparison import OUTSIDE, Comparison, Points
 from slopecli.vision.segmentation import Labels

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
@@ -12,6 +11,7 @@ from slopecli.geometry.camera import pixels_from_rays, rays_from_pixels
 from slopecli.geometry.epipolar import homogeneous
 from slopecli.planes.evidence import Evidence
 from slopecli.planes.windows import Window
+from slopecli.records import dataclass
 from slopecli.types import Camera, FloatArray
 from slopecli.vision.dense import Cells
 from slopecli.vision.features import shrink

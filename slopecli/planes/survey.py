@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -10,6 +10,7 @@ import numpy as np
 from slopecli.geometry.motion import MotionEstimate, assess_motion, epipolar_residual, refine_motion
 from slopecli.planes.evidence import gather_evidence, scene_planes
 from slopecli.planes.scene import Scene
+from slopecli.records import dataclass
 from slopecli.types import Camera, FloatArray
 from slopecli.vision.dense import Cells
 from slopecli.vision.features import Grey, shrink

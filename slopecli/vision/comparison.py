@@ -7,12 +7,12 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
 
 import cv2
 import numpy as np
 
 from slopecli.geometry.epipolar import homogeneous
+from slopecli.records import dataclass
 from slopecli.types import FloatArray, IntArray
 from slopecli.vision.photometric import detrend, grid_rays
 from slopecli.vision.warp import (

@@ -6,7 +6,6 @@ its ground, and picking corners picks ridges.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from functools import lru_cache
 from threading import get_ident
 from typing import Any
@@ -16,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from slopecli.geometry.quantiles import quantile
+from slopecli.records import dataclass
 from slopecli.types import FloatArray
 from slopecli.vision.features import Grey
 from slopecli.vision.warp import FloatImage, Grid, Pyramid, block_sum, covered, image_gradient, resample

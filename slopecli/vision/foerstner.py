@@ -8,11 +8,11 @@ compositional form of Baker and Matthews, "Lucas-Kanade 20 years on", IJCV 56(3)
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass
 
 import cv2
 import numpy as np
 
+from slopecli.records import dataclass
 from slopecli.types import BoolArray, FloatArray, IntArray
 from slopecli.vision.features import Grey, match_descriptors, shrink, to_full
 from slopecli.vision.warp import FloatImage, Layer, image_gradient

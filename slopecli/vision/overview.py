@@ -6,11 +6,10 @@ give every window a first idea of its plane.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import cv2
 import numpy as np
 
+from slopecli.records import dataclass
 from slopecli.types import FloatArray
 from slopecli.vision.dense import SMOOTHINGS, Cells, dense_cells
 from slopecli.vision.warp import Grid, Layer, Pyramid, Transfer, transfer_map

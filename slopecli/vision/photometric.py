@@ -5,7 +5,6 @@ The motion is held; the plane has three parameters, so even faint texture spread
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import NamedTuple
 
 import cv2
@@ -14,6 +13,7 @@ from numpy.typing import NDArray
 
 from slopecli.geometry.epipolar import homogeneous
 from slopecli.geometry.quantiles import median, quantile
+from slopecli.records import dataclass
 from slopecli.types import FloatArray
 from slopecli.vision.warp import (
     FloatImage,

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
 from slopecli.geometry.camera import rays_from_pixels
 from slopecli.geometry.motion import MotionEstimate, epipolar_residual
+from slopecli.records import dataclass
 from slopecli.types import BoolArray, Camera, FloatArray
 from slopecli.vision.features import Grey
 from slopecli.vision.starts import inliers_of, rank_motions, starting_motions

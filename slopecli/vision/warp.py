@@ -7,13 +7,13 @@ turn a residual flow back into pixels of image 2, so its own interpolation error
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from slopecli.geometry.quantiles import median
+from slopecli.records import dataclass
 from slopecli.types import FloatArray
 from slopecli.vision.features import Grey
 
