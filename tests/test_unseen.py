@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from slopecli.planes.evidence import Evidence
-from slopecli.planes.unseen import bend_rad, unseen_rad
+from slopecli.planes.gaps import gaps_of
+from slopecli.planes.unseen import bend_rad, beside_rad, stepped_rad, unseen_rad
 from slopecli.types import FloatArray
 
 WINDOW = (100, 80, 160, 160)
@@ -31,7 +32,8 @@ def matches(spacing: float = 8.0) -> FloatArray:
 
 
 def doubt_deg(uv1: FloatArray, bend_deg: float = 10.0, height_px: float = 0.0) -> float:
-    return float(np.degrees(unseen_rad(WINDOW, uv1, height_px, evidence_of(bend_deg))))
+    gaps = gaps_of(WINDOW, uv1, len(uv1) / len(matches()))
+    return float(np.degrees(unseen_rad(gaps, height_px, evidence_of(bend_deg))))
 
 
 def test_a_window_seen_all_over_leaves_no_doubt() -> None:
@@ -83,3 +85,56 @@ def test_no_bend_is_believed_to_be_nothing() -> None:
 def test_the_bend_is_that_of_the_ground() -> None:
     # along one of two axes, from +15 to -15 degrees about the mean at every step
     assert 6.0 < np.degrees(bend_rad(evidence_of(15.0), 80)) < 16.0
+
+
+# ---- steps ----
+
+LEVEL = np.array([0.0, 0.0, 0.2])  # 5 baselines off
+
+
+def terrace(edge: float, drop: float, count: int = 3000) -> Evidence:
+    """Level ground, left of the column `edge` at 5 baselines, right of it farther by the share `drop`."""
+    uv1 = np.random.default_rng(0).uniform(0, 480, (count, 2))
+    x1 = (uv1 - 240) / FOCAL
+    ones = np.ones(count)
+    w = np.where(uv1[:, 0] < edge, 0.2, 0.2 / (1 + drop))
+    return Evidence(uv1, x1, x1, w, ones, ones, FOCAL, count)
+
+
+def left_part(edge: float) -> FloatArray:
+    uv1 = matches()
+    return uv1[uv1[:, 0] < edge]
+
+
+def beside_deg(uv1: FloatArray, evidence: Evidence) -> float:
+    return float(np.degrees(beside_rad(gaps_of(WINDOW, uv1, len(uv1) / len(matches())), LEVEL, evidence)))
+
+
+@pytest.mark.parametrize("drop", [0.1, 0.3])
+def test_a_gap_may_lie_as_deep_as_the_ground_beside_it(drop: float) -> None:
+    """The right quarter of the window has no match, and what the overview has matched there lies across a step."""
+    step_px = drop * FOCAL  # at the distance of the plane, about
+    sought = np.degrees(np.arctan(0.25 * step_px * 60 / (160**2 / 12)))
+    assert beside_deg(left_part(220), terrace(220, drop)) == pytest.approx(min(sought, 30.0), rel=0.35)
+
+
+def test_a_step_that_begins_beyond_the_window_counts_where_the_window_ends_in_a_gap() -> None:
+    assert beside_deg(left_part(244), terrace(262, 0.3)) > 3.0
+
+
+def test_no_gap_no_step() -> None:
+    assert beside_deg(matches(), terrace(262, 0.3)) == 0.0
+    assert beside_deg(left_part(220), terrace(480, 0.3)) == 0.0
+
+
+def test_ground_that_bends_beside_a_gap_is_no_step() -> None:
+    """Off the plane by no more than it is away: a slope of less than 45 degrees against the window."""
+    assert beside_deg(left_part(244), evidence_of(20.0)) < 0.5
+
+
+def test_the_part_across_a_step_tilts_the_whole() -> None:
+    gaps = gaps_of(WINDOW, left_part(220), 0.75)
+    assert np.degrees(stepped_rad(gaps, LEVEL, terrace(220, 0.2))) > 10.0
+    assert stepped_rad(gaps, LEVEL, terrace(480, 0.2)) == 0.0
+    # where the window is matched all over, the overview is mistaken
+    assert stepped_rad(gaps_of(WINDOW, matches(), 1.0), LEVEL, terrace(220, 0.2)) == 0.0

@@ -88,6 +88,38 @@ def matched(surfaces: Sequence[Surface | FloatArray], window: Window = WINDOW, *
     return match_window(window, scene_of(pair)), pair
 
 
+# ---- what else is in the window ----
+
+
+def of_a_side(normal: FloatArray, share: float) -> Surface:
+    """A surface in the right part of the window, and on to the right of it."""
+    x, _, w, _ = WINDOW
+    left = round(x + (1 - share) * w)
+    return Surface(normal, box=(left, 0, 320 - left, 240))
+
+
+@pytest.mark.parametrize("share", [0.12, 0.2, 0.3])
+@pytest.mark.parametrize("distance", [8.0, 4.5])
+def test_a_window_across_a_step_is_not_sure_of_the_part_it_sees(share: float, distance: float) -> None:
+    """Ground and what lies beyond an edge, or stands before it: its plane is neither of them."""
+    match, _ = matched([GROUND, of_a_side(tilted(0.2, -0.1, distance), share)])
+    alone, _ = matched([GROUND])
+    assert np.degrees(alone.doubt_rad) < 0.5
+    assert np.degrees(match.doubt_rad) > 4.0
+
+
+def test_a_window_with_something_that_has_moved_is_not_sure_of_the_part_it_sees() -> None:
+    here = render(R, T, [GROUND], noise=1.0)
+    moved = render(R, T, [GROUND], noise=1.0, seed=1)
+    grey2 = here.grey2.copy()
+    corner = here.transfer(np.array([[185.0, 75.0]]))[0].round().astype(int)
+    part = np.s_[corner[1] : corner[1] + 90, corner[0] : corner[0] + 25]
+    grey2[part] = moved.grey2[part]
+    match = match_window(WINDOW, scene_of(replace(here, grey2=grey2)))
+    assert tilt_error_deg(match, here) < 1.0
+    assert np.degrees(match.doubt_rad) > 4.0
+
+
 # ---- windows ----
 
 

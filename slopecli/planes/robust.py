@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from slopecli.geometry.epipolar import homogeneous
 from slopecli.geometry.metrics import normal_angle
 from slopecli.geometry.quantiles import median, quantile
+from slopecli.records import dataclass
 from slopecli.types import BoolArray, FloatArray, IntArray
 
 HYPOTHESES = 300

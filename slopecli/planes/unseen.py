@@ -72,7 +72,7 @@ def beside_rad(gaps: Gaps, normal: FloatArray, evidence: Evidence) -> float:
     if gaps.seen.all():
         return 0.0
     near = np.flatnonzero(evidence.near(gaps.window, BESIDE))
-    near = near[gaps.filled(evidence.uv1[near]) < STEP_FILLED]
+    near = near[~gaps.holds(evidence.uv1[near])]
     if len(near) < LEAST_BESIDE:
         return 0.0
     off = np.abs(homogeneous(evidence.x1[near]) @ normal - evidence.w[near])
