@@ -26,6 +26,8 @@ MOST_APART = 0.25  # of the distance to the scene: images taken farther apart sh
 MOSTLY_UNSEEN = 0.5  # share of the variance of a slope
 TOUCHED, MOST_NAMED = 0.02, 5  # share of a patch that changed from which on it is named, and how many are at most
 NON_PLANAR = "non-planar-patch"  # as a diagnostic, and as the reason of a plane
+ROUGH = 0.025  # RMS height off the plane over distance beyond which a window is not one plane
+MOST_LEFT_OUT = 0.25  # share of a window's matches off its plane beyond which it is not one plane
 # what to do about it
 FLATTER: dict[Source, str] = {
     "window": "use smaller windows",
@@ -269,10 +271,15 @@ def _focus_in(plane: Plane) -> Diagnostic:
 
 
 def _not_flat(plane: Plane, relief: float) -> Diagnostic:
+    found = (
+        f"its relief is {100 * relief:.1f} % of its distance"
+        if relief > ROUGH
+        else f"more than {100 * MOST_LEFT_OUT:.0f} % of its matches lie off it, across a step or an edge"
+    )
     return Diagnostic(
         NON_PLANAR,
         "warning",
-        f"{plane.noun} {plane.id} is not one plane: relief {100 * relief:.1f} % of its distance, or a step in it",
+        f"{plane.noun} {plane.id} is not one plane: {found}",
         float(plane.id),
         FLATTER[plane.source],
     )

@@ -9,7 +9,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from slopecli.errors import InputError, NoAnswer
-from slopecli.findings import NON_PLANAR, changed, diagnose, epipole1_px, of_geometry, unexplained
+from slopecli.findings import (
+    MOST_LEFT_OUT,
+    NON_PLANAR,
+    ROUGH,
+    changed,
+    diagnose,
+    epipole1_px,
+    of_geometry,
+    unexplained,
+)
 from slopecli.geometry.epipolar import homogeneous
 from slopecli.geometry.homography import homography_in_pixels, homography_of_plane
 from slopecli.geometry.metrics import rotation_angle
@@ -49,8 +58,6 @@ OF_IMAGES = {
     "grid", "windows", "planes", "min_region_percent", "gradient_threshold", "merge_px", "features", "seed",
 }  # fmt: skip
 LEAST_SEEN = 0.5  # share of a window that must be matched to speak for all of it
-ROUGH = 0.025  # RMS height off the plane over distance beyond which a window is not one plane
-MOST_LEFT_OUT = 0.25  # share of a window's matches off its plane beyond which it is not one plane
 LEAST_WHOLE = 0.5  # of a plane found must lie in one piece: what cuts through many things at one height is no surface
 UNSETTLED = "the joint solution did not settle"
 LEVEL_LOOK = 0.05  # mean drop to the ground over its distance below which an altitude gives no scale
@@ -242,8 +249,7 @@ def _plane(
         n_inliers=int(kept.sum()),
         rms_px=_px(rms, cameras[1]),
         rms_mrad=_mrad(rms, cameras[1]),
-        # points of a user's own are held coplanar where they can be: nothing is said of relief then
-        roughness=_roughness(solution, k, matched.patches.source),
+        roughness=_roughness(solution, k, matched.patches.source, options),
         homography_px=homography_in_pixels(H, cameras[0].K, cameras[1].K),
         verdict=judge(p_safe, p_other, both_known and not doubts, options.confidence),
         p_safe=p_safe if p_other is None else min(p_safe, p_other),
@@ -253,8 +259,13 @@ def _plane(
     )
 
 
-def _roughness(solution: Solution, k: int, source: Source) -> float:
-    return float(solution.relief[k]) if source != "given" or solution.relief.any() else float("nan")
+def _roughness(solution: Solution, k: int, source: Source, options: Options) -> float:
+    """Relief of a plane over its distance, NaN where it was not asked for.
+
+    Points of a user's own are held coplanar where they can be, and only the joint solution tells relief from noise.
+    """
+    asked = options.solver == "mle" and (source != "given" or bool(solution.relief.any()))
+    return float(solution.relief[k]) if asked else float("nan")
 
 
 def _too_vague(sigma_deg: float, limit_deg: float) -> str:

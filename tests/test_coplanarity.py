@@ -4,14 +4,19 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from solution_factory import make_solution, with_second_root
+from solution_factory import make_match, make_solution, with_second_root
 
 from slopecli.geometry import measure_slopes, solve_planes
 from slopecli.geometry.coplanarity import AT, merge_coplanar
 from slopecli.geometry.priors import MotionPrior
 from slopecli.geometry.robust import chi2_quantile
+from slopecli.planes.coplanar import merge_patches
+from slopecli.planes.footprint import window_footprint
+from slopecli.planes.joint import Matched
+from slopecli.planes.patches import Patches
+from slopecli.planes.windows import grid_windows
 from slopecli.simulate import UP, Scene, make_scene, project
-from slopecli.types import FloatArray, Solution
+from slopecli.types import Correspondences, Diagnostic, FloatArray, Solution
 
 EVERY = np.arange(9)
 
@@ -164,3 +169,37 @@ def test_the_quantile_is_that_of_chi_square() -> None:
     for dof in (2, 3, 6, 24, 200):
         for share, at in ((0.999, AT["plane"]), (0.95, AT["normal"])):
             assert chi2_quantile(dof, at) == pytest.approx(scipy_stats.chi2.ppf(share, dof), rel=0.03)
+
+
+# ---- patches, with what speaks against them ----
+
+
+def merged_windows(*doubts_deg: tuple[float, float]) -> tuple[Matched, list[Diagnostic]]:
+    """The windows of a level scene, merged; doubts_deg: of each, all of it and what is owed to parts not seen."""
+    scene = make_scene(
+        np.random.default_rng(3), slopes_deg=[0.0] * 9, height_spread=0.0, noise_px=0.3, trajectory_deg=90
+    )
+    solution = true_root(scene)
+    windows = grid_windows(3, 3, 640, 480)
+    matches = [
+        make_match(window, normal, solution, doubt_rad=np.radians(doubt), unseen_rad=np.radians(unseen))
+        for window, normal, (doubt, unseen) in zip(windows, solution.scaled_normals, doubts_deg, strict=True)
+    ]
+    patches = Patches("window", [window_footprint(window) for window in windows], matches)
+    nothing = np.zeros((0, 2))
+    points = Correspondences(nothing, nothing, nothing, nothing, np.zeros(0, int))
+    found, _, notes = merge_patches(Matched(patches, list(range(len(matches))), points, np.zeros(0)), solution)
+    return found, notes
+
+
+def test_a_window_in_much_doubt_does_not_lie_on_the_plane_of_others() -> None:
+    """Something stands in window 3: it agrees with any plane, and would be level and sure by the others."""
+    found, (note,) = merged_windows((0.1, 0.0), (0.1, 0.0), (20.0, 20.0), *[(0.1, 0.0)] * 6)
+    assert note.message.startswith("1, 2, 4, 5, 6, 7, 8, 9 lie on one plane")
+    assert np.degrees(found.matches[2].doubt_rad) == pytest.approx(20.0)
+
+
+def test_what_no_window_shows_stays_in_doubt_when_they_are_merged() -> None:
+    found, (note,) = merged_windows(*[(0.5, 0.3)] * 9)
+    assert note.message.startswith("1, 2, 3, 4, 5, 6, 7, 8, 9 lie on one plane")
+    assert [np.degrees(match.doubt_rad) for match in found.matches] == pytest.approx([0.3] * 9)

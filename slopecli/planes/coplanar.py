@@ -10,26 +10,30 @@ from slopecli.geometry.coplanarity import Group, merge_coplanar
 from slopecli.planes.joint import Matched
 from slopecli.types import Diagnostic, Solution
 
+MOST_DOUBT_RAD = np.radians(5.0)  # of a patch that may say it lies on the plane of others
+
 
 def merge_patches(matched: Matched, solution: Solution) -> tuple[Matched, Solution, list[Diagnostic]]:
     """The solution with coplanar and parallel patches solved as one, and a note on every group of them.
 
-    Only patches with matches of their own take part, and of those what nothing speaks against. What doubt there is
-    about a match goes into the covariance here, so the matches returned carry none.
+    Only patches with matches of their own take part, and of those what nothing speaks against: one that is in much
+    doubt agrees with any plane. What doubt there is about a match goes into the covariance here, so the matches
+    returned carry only that about their patch's parts without matches, which no other patch tells of.
     """
     chosen = [matched.matches[i] for i in matched.answered]
-    own = np.array([match.origin == "own" and not match.reason for match in chosen])
+    own = np.array([m.origin == "own" and not m.reason and m.doubt_rad < MOST_DOUBT_RAD for m in chosen])
     doubt = np.where(own, [match.doubt_rad for match in chosen], 0.0)
     merged, groups = merge_coplanar(solution, np.flatnonzero(own), doubt)
     if not groups:
         return matched, solution, []
     sure = {
-        i: replace(matched.matches[i], doubt_rad=0.0, unseen_rad=0.0)
+        i: replace(matched.matches[i], doubt_rad=matched.matches[i].unseen_rad)
         for i, seen in zip(matched.answered, own, strict=True)
         if seen
     }
     matches = [sure.get(i, match) for i, match in enumerate(matched.matches)]
-    before, after = _tilt_sigma(solution, doubt), _tilt_sigma(merged, np.zeros(len(doubt)))
+    left = np.array([matches[i].doubt_rad for i in matched.answered])
+    before, after = _tilt_sigma(solution, doubt), _tilt_sigma(merged, np.where(own, left, 0.0))
     notes = [_note(group, matched, before, after) for group in groups]
     return replace(matched, patches=replace(matched.patches, matches=matches)), merged, notes
 
