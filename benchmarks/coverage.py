@@ -4,8 +4,9 @@
 
 Renders pairs of random terrain (`sample_data/random_terrain.py`), asks for nine windows of random place and size in
 each, and compares the slope of every window with that of the plane nearest to all of its ground, seen in image 2 or
-not. With SLOPEMAP_DATA the windows that the rendered pairs below it list are judged in the same way: smooth ones of
-151 px, and whole grids of 3x3 and 6x6 over craters and rocks. --into writes the tables between the marks of a document.
+not. With SLOPEMAP_DATA the windows that the rendered pairs below it list are judged in the same way: on terrain smooth
+ones of 151 px, and whole grids of 3x3 and 6x6 over craters and rocks; and such grids over panels, towns, a platform and
+vehicles, where hardly a window is one plane. --into writes the tables between the marks of a document.
 """
 
 from __future__ import annotations
@@ -15,7 +16,7 @@ import json
 import os
 import runpy
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -40,6 +41,7 @@ PAIRS = 7  # of each kind of ground
 SIDES_PX = 60, 130  # of windows
 MOSTLY_SEEN = 0.9  # of a window, in image 2; the rest counts as partly seen
 LIMIT_DEG = Options().tolerance_deg
+TERRAIN, STEPS = ("rendered/A",), ("rendered/B", "rendered/C", "rendered/D09")  # pairs by the beginnings of their names
 GRIDS = {"windows_151": "smooth", "windows_3x3": "3x3", "windows_6x6": "6x6"}
 MARKS = ("<!-- coverage: begin -->", "<!-- coverage: end -->")
 
@@ -130,11 +132,11 @@ def terrain_windows(kind: str, seed: int) -> list[Asked]:
     return ask(kinds, windows, [pair.normal(window) for window in windows], images, camera, f"{kind}/{seed}")
 
 
-def data_windows(folder: Path) -> Iterator[Asked]:
-    """Windows of the terrain pairs below a folder of rendered pairs, grid by grid."""
+def data_windows(folder: Path, sets: Sequence[str] = TERRAIN) -> Iterator[Asked]:
+    """Windows of sets of the pairs below a folder of rendered pairs, grid by grid."""
     accuracy = runpy.run_path(str(HERE / "accuracy.py"))
     tests = runpy.run_path(str(HERE.parent / "tests" / "test_data_sets.py"))
-    for pair in accuracy["true_pairs"](folder, "rendered/A"):
+    for pair in (pair for name in sets for pair in accuracy["true_pairs"](folder, name)):
         truth = json.loads(pair.path.read_text(encoding="utf-8"))
         camera, images = (
             tests["camera_of"](pair.cameras[0]),
@@ -142,11 +144,12 @@ def data_windows(folder: Path) -> Iterator[Asked]:
         )
         memory = FeatureMemory()
         for grid, name in GRIDS.items():
-            listed = truth[grid]
+            listed = truth.get(grid, [])
             kinds = [name if w["visible_fraction"] >= MOSTLY_SEEN else f"{name}, partly seen" for w in listed]
             windows = [(w["x0"], w["y0"], w["x1"] - w["x0"], w["y1"] - w["y0"]) for w in listed]
             normals = [-np.array(w["n"]) for w in listed]
-            yield from ask(kinds, windows, normals, images, camera, pair.name, memory)
+            if listed:
+                yield from ask(kinds, windows, normals, images, camera, pair.name, memory)
 
 
 # ---- tables ----
@@ -206,7 +209,7 @@ def main() -> None:
     parts = [table(asked)]
     data = os.environ.get("SLOPEMAP_DATA")
     if data:
-        parts.append(table(list(data_windows(Path(data)))))
+        parts += [table(list(data_windows(Path(data), sets))) for sets in (TERRAIN, STEPS)]
     print("\n\n".join(parts))
     if options.into:
         write_into(options.into, "\n\n".join(parts))

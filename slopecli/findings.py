@@ -102,24 +102,26 @@ def apart_of(solution: Solution, matches: Correspondences, length_m: float | Non
 
 
 def partly_seen(planes: Sequence[Plane], matched: dict[int, WindowMatch]) -> list[Diagnostic]:
-    """Windows whose sigma is mostly owed to ground that the images do not both show."""
+    """Windows whose sigma is mostly owed to their parts without matches."""
     mostly = [p for p in planes if np.degrees(matched[p.id].unseen_rad) ** 2 > MOSTLY_UNSEEN * p.slope_sigma_deg**2]
     if not mostly:
         return []
     one = len(mostly) == 1
-    numbers = ", ".join(str(plane.id) for plane in mostly)
+    which = f"{mostly[0].noun}{'' if one else 's'} {', '.join(str(plane.id) for plane in mostly)}"
     shares = sorted(100 * min(matched[plane.id].share, 1.0) for plane in mostly)
     low, high = f"{shares[0]:.0f}", f"{shares[-1]:.0f}"
-    part = "not all" if low == "100" else f"only {low} %" if low == high else f"only {low} to {high} %"
+    share = f"only {low} %" if low == high else f"only {low} to {high} %"
+    matched_part = f"not all of {which}" if high == "100" else f"{share} of {which}"
     most = max(plane.slope_sigma_deg for plane in mostly)
     return [
         Diagnostic(
             "partly-seen",
             "info",
-            f"{part} of {mostly[0].noun}{'' if one else 's'} {numbers} could be matched: most of the sigma, "
-            f"{'' if one else 'up to '}{most:.2g}°, is for ground that is not seen",
+            f"{matched_part} could be matched: most of the sigma, {'' if one else 'up to '}{most:.2g}°, is for the "
+            "rest: outside image 2, hidden, bare, or something that stands or moves there",
             float(len(mostly)),
-            "choose windows in what both images show, or give the image that shows less of the ground first",
+            "choose windows in what both images show, clear of steps and of what moves, or give the image that shows "
+            "less of the ground first",
         )
     ]
 

@@ -8,6 +8,8 @@ import numpy as np
 import pytest
 from scenery import Pair, Surface, make_camera, render, tilted, turn, unit
 
+from slopecli.geometry.camera import rays_from_pixels
+from slopecli.geometry.epipolar import homogeneous
 from slopecli.planes.contradiction import contradict
 from slopecli.planes.evidence import gather_evidence
 from slopecli.planes.scene import Scene
@@ -90,3 +92,22 @@ def test_ground_outside_image_2_contradicts_nothing() -> None:
 def test_ground_behind_camera_2_contradicts_nothing() -> None:
     pair = render(R, T, [GROUND])
     assert not contradict(lattice(BOX), SIDE_PX, np.array([0.0, 0.0, 40.0]), scene_of(pair)).any()
+
+
+def test_a_plane_that_ends_at_its_horizon_says_nothing_beyond_it() -> None:
+    """There camera 1 would have it behind itself."""
+    here, there = render(R, T, [GROUND], seed=0), render(R, T, [GROUND], seed=1)
+    slanted = np.array([0.0, 0.6, 0.05])
+    cells = lattice((0, 0, 320, 240))
+    found = contradict(cells, SIDE_PX, slanted, scene_of(replace(here, grey2=there.grey2)))
+    below = homogeneous(rays_from_pixels(here.camera1, cells)) @ slanted > 0
+    assert found[below].any()
+    assert not found[~below].any()
+
+
+def test_a_lens_that_folds_leaves_out_what_it_has_no_picture_of() -> None:
+    """Beyond some angle nothing comes of a polynomial that bends back; cells across that border are not compared."""
+    lens = make_camera(model="brown", distortion=(-0.6,))
+    here, there = (render(turn(0, 6, 0), T, [GROUND], camera1=lens, seed=seed) for seed in (0, 1))
+    found = contradict(lattice((0, 0, 320, 240)), SIDE_PX, GROUND, scene_of(replace(here, grey2=there.grey2)))
+    assert 0.3 < found.mean() < 1.0

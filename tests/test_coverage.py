@@ -86,3 +86,14 @@ def test_gentle_windows_that_are_seen_are_called_safe(windows: Any) -> None:
 def test_hardly_any_normal_is_off_by_more_than_it_admits(windows: Any) -> None:
     wrong = [asked.where for asked in decided(windows()) if asked.normal_deg > 1 + 4 * asked.sigma_deg]
     assert len(wrong) <= 0.01 * len(windows())
+
+
+def test_no_window_across_steps_is_called_safe_for_the_part_that_is_level() -> None:
+    """Grids over panels, towns and vehicles: at most 1 % of those whose nearest plane is steep."""
+    if "SLOPEMAP_DATA" not in os.environ:
+        pytest.skip("SLOPEMAP_DATA names no folder of image pairs")
+    asked = list(COVERAGE["data_windows"](Path(os.environ["SLOPEMAP_DATA"]), COVERAGE["STEPS"]))
+    steep = [a for a in asked if a.true_deg > COVERAGE["LIMIT_DEG"]]
+    assert len(steep) >= 100
+    assert sum(a.verdict == "safe" for a in steep) <= 0.01 * len(steep)
+    assert sum(a.verdict == "safe" for a in asked) >= 20

@@ -177,7 +177,14 @@ def test_a_window_seen_by_half_is_told_and_no_longer_move_is_recommended_for_it(
     (info,) = report.diagnostics
     assert (info.code, info.severity, info.value) == ("partly-seen", "info", 1.0)
     assert "only 55 % of window 1 could be matched" in info.message
-    assert "2°, is for ground that is not seen" in info.message
+    assert "2°, is for the rest: outside image 2, hidden" in info.message
+
+
+def test_a_window_matched_all_over_but_for_a_step_is_not_said_to_be_seen_by_a_share() -> None:
+    doubts = [{"doubt_rad": np.radians(9.0), "unseen_rad": np.radians(9.0), "share": share} for share in (0.7, 1.02)]
+    solution = make_solution([14.0, 5.0], sigma_deg=0.3)
+    (info,) = make_report_of(solution, match_changes=dict(enumerate(doubts))).diagnostics
+    assert info.message.startswith("not all of windows 1, 2 could be matched: most of the sigma, up to 9")
 
 
 def test_nothing_is_said_of_parallax_where_two_answers_are_undecided() -> None:

@@ -107,7 +107,7 @@ def left_part(edge: float) -> FloatArray:
 
 
 def beside_deg(uv1: FloatArray, evidence: Evidence) -> float:
-    return float(np.degrees(beside_rad(gaps_of(WINDOW, uv1, len(uv1) / len(matches())), LEVEL, evidence)))
+    return float(np.degrees(beside_rad(gaps_of(WINDOW, uv1, len(uv1) / len(matches())), LEVEL, evidence, FOCAL)))
 
 
 @pytest.mark.parametrize("drop", [0.1, 0.3])
@@ -120,6 +120,14 @@ def test_a_gap_may_lie_as_deep_as_the_ground_beside_it(drop: float) -> None:
 
 def test_a_step_that_begins_beyond_the_window_counts_where_the_window_ends_in_a_gap() -> None:
     assert beside_deg(left_part(244), terrace(262, 0.3)) > 3.0
+
+
+@pytest.mark.parametrize("zoom", [0.5, 2.0])
+def test_a_step_is_as_high_whatever_camera_2_is(zoom: float) -> None:
+    seen = terrace(220, 0.1)
+    names = ("uv1", "x1", "x2", "w", "leverage", "grey")
+    zoomed = Evidence(*(getattr(seen, name) for name in names), zoom * FOCAL, len(seen))
+    assert beside_deg(left_part(220), zoomed) == pytest.approx(beside_deg(left_part(220), seen), rel=1e-6)
 
 
 def test_no_gap_no_step() -> None:
@@ -138,3 +146,12 @@ def test_the_part_across_a_step_tilts_the_whole() -> None:
     assert stepped_rad(gaps, LEVEL, terrace(480, 0.2)) == 0.0
     # where the window is matched all over, the overview is mistaken
     assert stepped_rad(gaps_of(WINDOW, matches(), 1.0), LEVEL, terrace(220, 0.2)) == 0.0
+
+
+@pytest.mark.parametrize("side", [16, 24, 48, 160])
+def test_a_window_matched_all_over_is_so_up_to_its_rim(side: int) -> None:
+    window = (100, 80, side, side)
+    u, v = np.meshgrid(np.arange(101.5, 100 + side, 4.0), np.arange(81.5, 80 + side, 4.0))
+    gaps = gaps_of(window, np.column_stack([u.ravel(), v.ravel()]), 1.0)
+    rim = np.column_stack([np.full(side, 100.0), 80.0 + np.arange(side)])
+    assert gaps.filled(rim).min() > 0.5

@@ -57,7 +57,10 @@ class Gaps:
         reach = 1.5 * self.cell_px
         u, v = (uv1[:, k, None] - self.matched[None, :, k] for k in (0, 1))
         around = (u * u + v * v < reach**2).sum(axis=1)
-        return np.asarray(around / (self.per_px * np.pi * reach**2))
+        x, y, w, h = self.window
+        low, high = np.array([x, y]) - 0.5, np.array([x + w, y + h]) - 0.5
+        inside = np.clip(np.minimum(uv1 + reach, high) - np.maximum(uv1 - reach, low), 0.1 * reach, None).prod(axis=1)
+        return np.asarray(around / (self.per_px * np.pi / 4 * inside))
 
 
 def gaps_of(window: Window, uv1: FloatArray, share: float) -> Gaps:

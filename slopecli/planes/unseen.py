@@ -42,7 +42,7 @@ def with_doubt_of_gaps(match: WindowMatch, measured: WindowMatch, window: Window
     gaps = gaps_of(window, measured.uv1, measured.share)
     unseen = max(
         unseen_rad(gaps, _height_px(match.x1, plane.inverse, scene.camera1.focal_px), scene.evidence),
-        beside_rad(gaps, plane.normal, scene.evidence),
+        beside_rad(gaps, plane.normal, scene.evidence, scene.camera1.focal_px),
         contradicted_rad(gaps, plane.normal, scene),
         stepped_rad(gaps, plane.normal, scene.evidence),
     )
@@ -61,13 +61,13 @@ class _Plane(NamedTuple):
         return cls(np.asarray(np.linalg.lstsq(homogeneous(match.x1), w, rcond=None)[0]), w)
 
 
-def beside_rad(gaps: Gaps, normal: FloatArray, evidence: Evidence) -> float:
+def beside_rad(gaps: Gaps, normal: FloatArray, evidence: Evidence, focal1_px: float) -> float:
     """1-sigma of the tilt where the parts without matches stand as high as what the overview has matched by them.
 
     Ground that a step hides from image 2, and what the flow did not follow down the step, has no match; the overview
     often has some of it, or of the same surface beyond the window.
 
-    normal : (3,) scaled, of the plane of the window's matches.
+    normal : (3,) scaled, of the plane of the window's matches.  focal1_px : of camera 1.
     """
     if gaps.seen.all():
         return 0.0
@@ -76,7 +76,7 @@ def beside_rad(gaps: Gaps, normal: FloatArray, evidence: Evidence) -> float:
     if len(near) < LEAST_BESIDE:
         return 0.0
     off = np.abs(homogeneous(evidence.x1[near]) @ normal - evidence.w[near])
-    height = off / np.linalg.norm(normal) * evidence.focal_px
+    height = off / np.linalg.norm(normal) * focal1_px
     height = np.where(off * evidence.leverage[near] * evidence.focal_px > STEP_PX, height, 0.0)
     distance = np.sqrt(((gaps.unseen[:, None] - evidence.uv1[near][None]) ** 2).sum(2))
     nearest = np.argsort(distance, axis=1, kind="stable")[:, :BESIDE_COUNT]
