@@ -13,17 +13,18 @@ from slopecli.geometry.epipolar import focus_of_expansion, homogeneous
 from slopecli.geometry.motion import inverse_depth
 from slopecli.geometry.quantiles import median, normal_quantile, quantile
 from slopecli.options import Options
+from slopecli.parts import unmatched_parts
 from slopecli.planes.changes import Change
 from slopecli.planes.window_match import WindowMatch
 from slopecli.types import BoolArray, Camera, Correspondences, Diagnostic, FloatArray, Plane, Solution, Source
 
 POOR_FIT_PX = 0.5  # noise of matches beyond which the cameras are in doubt, or the images
+UPRIGHT_DEG = 90.0
 WORTH = 1.1  # times as far: a move longer by less is not worth a word
 ALONG_DEG, FLAT_DEG = 15.0, 5.0  # motion off the normal of the ground, and RMS of its slopes, of a straight descent
 FLAT_PX, NOISE_OFF = 0.2, 4.0  # off one plane, px and sigmas: within either, relief tells nothing of the motion
 MOST_OF_IT, PLANE_ROUNDS = 0.9, 5
 MOST_APART = 0.25  # of the distance to the scene: images taken farther apart show too little of the same
-MOSTLY_UNSEEN = 0.5  # share of the variance of a slope
 TOUCHED, MOST_NAMED = 0.02, 5  # share of a patch that changed from which on it is named, and how many are at most
 NON_PLANAR = "non-planar-patch"  # as a diagnostic, and as the reason of a plane
 ROUGH = 0.025  # RMS height off the plane over distance beyond which a window is not one plane
@@ -91,7 +92,8 @@ def of_geometry(
     apart = apart_of(solution, matches, length_m)
     found = on_one_plane(solution, matches, focal_px) + towards_flat_ground(planes, solution, apart)
     doubts = {number: float(np.degrees(match.doubt_rad)) for number, match in matched.items()}
-    return found + partly_seen(planes, matched) + short_of_tolerance(planes, doubts, solution, apart, options)
+    found += upside_down(planes, options)
+    return found + unmatched_parts(planes, matched) + short_of_tolerance(planes, doubts, solution, apart, options)
 
 
 def apart_of(solution: Solution, matches: Correspondences, length_m: float | None) -> Apart:
@@ -101,27 +103,17 @@ def apart_of(solution: Solution, matches: Correspondences, length_m: float | Non
     return Apart(abs(median(inverse_depth)), length_m)
 
 
-def partly_seen(planes: Sequence[Plane], matched: dict[int, WindowMatch]) -> list[Diagnostic]:
-    """Windows whose sigma is mostly owed to their parts without matches."""
-    mostly = [p for p in planes if np.degrees(matched[p.id].unseen_rad) ** 2 > MOSTLY_UNSEEN * p.slope_sigma_deg**2]
-    if not mostly:
+def upside_down(planes: Sequence[Plane], options: Options) -> list[Diagnostic]:
+    """Up given the wrong way round: all that image 1 shows would hang over."""
+    if isinstance(options.up, str) or not planes or min(plane.slope_deg for plane in planes) <= UPRIGHT_DEG:
         return []
-    one = len(mostly) == 1
-    which = f"{mostly[0].noun}{'' if one else 's'} {', '.join(str(plane.id) for plane in mostly)}"
-    shares = sorted(100 * min(matched[plane.id].share, 1.0) for plane in mostly)
-    low, high = f"{shares[0]:.0f}", f"{shares[-1]:.0f}"
-    share = f"only {low} %" if low == high else f"only {low} to {high} %"
-    matched_part = f"not all of {which}" if high == "100" else f"{share} of {which}"
-    most = max(plane.slope_sigma_deg for plane in mostly)
     return [
         Diagnostic(
-            "partly-seen",
-            "info",
-            f"{matched_part} could be matched: most of the sigma, {'' if one else 'up to '}{most:.2g}°, is for the "
-            "rest: outside image 2, hidden, bare, or something that stands or moves there",
-            float(len(mostly)),
-            "choose windows in what both images show, clear of steps and of what moves, or give the image that shows "
-            "less of the ground first",
+            "upside-down",
+            "warning",
+            f"every {planes[0].noun} faces away from up, as if the ground hung over the camera",
+            float(len(planes)),
+            "turn the sign of --up: it points against gravity, in camera-1 axes (x right, y down, z forward)",
         )
     ]
 

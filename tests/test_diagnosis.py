@@ -177,10 +177,23 @@ def test_a_window_seen_by_half_is_told_and_no_longer_move_is_recommended_for_it(
     (info,) = report.diagnostics
     assert (info.code, info.severity, info.value) == ("partly-seen", "info", 1.0)
     assert "only 55 % of window 1 could be matched" in info.message
-    assert "2°, is for the rest: outside image 2, hidden" in info.message
+    assert "2°, is for ground that is not seen" in info.message
 
 
-def test_a_window_matched_all_over_but_for_a_step_is_not_said_to_be_seen_by_a_share() -> None:
+def test_a_window_across_a_step_is_told_so() -> None:
+    doubts = [
+        {"doubt_rad": np.radians(9.0), "unseen_rad": np.radians(9.0), "against_rad": np.radians(against)}
+        for against in (9.0, 1.0)
+    ]
+    report = make_report_of(make_solution([14.0, 5.0], sigma_deg=0.3), match_changes=dict(enumerate(doubts)))
+    step, hidden = report.diagnostics
+    assert (step.code, step.severity, step.value) == ("step-or-object", "info", 1.0)
+    assert step.message.startswith("parts of window 1 are not on its plane")
+    assert (hidden.code, hidden.value) == ("partly-seen", 1.0)
+    assert "of window 2 could be matched" in hidden.message
+
+
+def test_a_window_matched_nearly_all_over_is_not_said_to_be_seen_by_a_share() -> None:
     doubts = [{"doubt_rad": np.radians(9.0), "unseen_rad": np.radians(9.0), "share": share} for share in (0.7, 1.02)]
     solution = make_solution([14.0, 5.0], sigma_deg=0.3)
     (info,) = make_report_of(solution, match_changes=dict(enumerate(doubts))).diagnostics
@@ -353,3 +366,14 @@ def test_one_image_shifted_against_itself_is_level_ground_on_a_sideways_move() -
     report = estimate(Image(grey[:, 20:].copy()), Image(grey[:, :360].copy()), camera, camera, Options())
     assert max(plane.slope_deg for plane in report.planes) < 1
     assert {"low-parallax", "single-plane"} <= set(reported(report))
+
+
+# ---- up ----
+
+
+def test_up_the_wrong_way_round_is_told() -> None:
+    solution = make_solution([14.0, 5.0], sigma_deg=0.3)
+    found = reported(make_report_of(solution, Options(up=(0.0, 0.0, 1.0))))
+    assert "upside-down" in found
+    assert "upside-down" not in reported(make_report_of(solution, Options(up=(0.0, 0.0, -1.0))))
+    assert "upside-down" not in reported(make_report_of(solution))

@@ -24,6 +24,7 @@ FLOORS = (
     "planes",
     "simulate",
     "diagnosis measure kinds known_motion study timing wording",
+    "parts",
     "findings second_answer unanswered",
     "report plan claims given_review",
     "pipeline",

@@ -46,7 +46,7 @@ def contradict(uv1: FloatArray, side_px: float, normal: FloatArray, scene: Scene
 
 
 def _differ(ours: FloatImage, near: FloatArray, along: FloatArray, scene: Scene) -> BoolArray:
-    """(k,) cells of grey values (k, n) that image 2 shows otherwise at px (k, n, 2), and about there `along` (k, n, 2)."""
+    """(k,) cells of grey values (k, n) that image 2 shows otherwise at px (k, n, 2), and near them along (k, n, 2)."""
     apart = median(np.linalg.norm(np.diff(near, axis=1)[:, : SAMPLES - 1], axis=2))
     along = along * (apart / np.maximum(np.linalg.norm(along, axis=2, keepdims=True), 1e-9))
     layer = scene.pyramid2.at(apart)

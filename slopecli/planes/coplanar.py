@@ -10,7 +10,7 @@ from slopecli.geometry.coplanarity import Group, merge_coplanar
 from slopecli.planes.joint import Matched
 from slopecli.types import Diagnostic, Solution
 
-MOST_DOUBT_RAD = np.radians(5.0)  # of a patch that may say it lies on the plane of others
+MOST_DOUBT_DEG = 5.0  # 1-sigma of the tilt of a patch that may say it lies on the plane of others
 
 
 def merge_patches(matched: Matched, solution: Solution) -> tuple[Matched, Solution, list[Diagnostic]]:
@@ -21,8 +21,10 @@ def merge_patches(matched: Matched, solution: Solution) -> tuple[Matched, Soluti
     returned carry only that about their patch's parts without matches, which no other patch tells of.
     """
     chosen = [matched.matches[i] for i in matched.answered]
-    own = np.array([m.origin == "own" and not m.reason and m.doubt_rad < MOST_DOUBT_RAD for m in chosen])
+    own = np.array([match.origin == "own" and not match.reason for match in chosen])
     doubt = np.where(own, [match.doubt_rad for match in chosen], 0.0)
+    own &= _tilt_sigma(solution, doubt) < MOST_DOUBT_DEG
+    doubt *= own
     merged, groups = merge_coplanar(solution, np.flatnonzero(own), doubt)
     if not groups:
         return matched, solution, []
@@ -57,7 +59,7 @@ def _note(group: Group, matched: Matched, before: np.ndarray, after: np.ndarray)
         "coplanar",
         "info",
         f"{ids} {what}, and are solved so (chi-square {group.chi2:.1f} over {group.dof}): 1-sigma of the tilt "
-        f"{old:.2f} -> {new:.2f} deg",
+        f"{old:.2g} -> {new:.2g} deg",
         old / max(new, 1e-9),
         "leave out --merge-coplanar to have each by itself",
     )

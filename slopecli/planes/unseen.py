@@ -40,13 +40,14 @@ def with_doubt_of_gaps(match: WindowMatch, measured: WindowMatch, window: Window
         return match
     plane = _Plane.through(match, scene)
     gaps = gaps_of(window, measured.uv1, measured.share)
-    unseen = max(
-        unseen_rad(gaps, _height_px(match.x1, plane.inverse, scene.camera1.focal_px), scene.evidence),
+    against = max(
         beside_rad(gaps, plane.normal, scene.evidence, scene.camera1.focal_px),
         contradicted_rad(gaps, plane.normal, scene),
         stepped_rad(gaps, plane.normal, scene.evidence),
     )
-    return replace(match, doubt_rad=match.doubt_rad + unseen, unseen_rad=unseen)
+    height_px = _height_px(match.x1, plane.inverse, scene.camera1.focal_px)
+    unseen = max(against, unseen_rad(gaps, height_px, scene.evidence))
+    return replace(match, doubt_rad=match.doubt_rad + unseen, unseen_rad=unseen, against_rad=against)
 
 
 class _Plane(NamedTuple):

@@ -21,8 +21,8 @@ class WindowMatch:
     index (n, 2): row and column of the cells; origin "own" when they lie in the window, "borrowed" when they are of
     the plane around it; score: correlation of the images after matching; share of the window matched; reason and code:
     why it is borrowed or none; doubt_rad: 1-sigma of the tilt beyond what the residuals show; unseen_rad: what of
-    it is owed to parts without matches; left_out: share of the matches found that stand off the plane by far more than
-    the rest, or across a step.
+    it is owed to parts without matches, and against_rad to those of them that are not on its plane; left_out: share of
+    the matches found that stand off the plane by far more than the rest, or across a step.
     """
 
     uv1: FloatArray
@@ -38,6 +38,7 @@ class WindowMatch:
     code: str = ""
     doubt_rad: float = 0.0
     unseen_rad: float = 0.0
+    against_rad: float = 0.0
     left_out: float = 0.0
 
 
