@@ -18,6 +18,8 @@ def _dataclass(*, frozen: bool = False, eq: bool = True) -> Callable[[type], typ
         cls.__doc__ = cls.__doc__ or cls.__name__  # else the library makes one, from a signature
         cls = dataclasses.dataclass(init=False, repr=False, eq=False)(cls)  # the fields alone
         fields = dataclasses.fields(cls)
+        _check(cls, fields)
+        cls.__signature__ = _Signature()  # type: ignore[attr-defined]
         methods: dict[str, Any] = {"__init__": _init(fields, hasattr(cls, "__post_init__")), "__repr__": _repr}
         if eq:
             methods |= {"__eq__": _eq, "__hash__": _hash if frozen else None}
@@ -29,6 +31,37 @@ def _dataclass(*, frozen: bool = False, eq: bool = True) -> Callable[[type], typ
         return cls
 
     return process
+
+
+class _Signature:
+    """Parameters of a record, made when they are asked for: `help` and notebooks show them."""
+
+    def __get__(self, record: Any, cls: type) -> inspect.Signature:
+        import inspect
+
+        kind = inspect.Parameter.POSITIONAL_OR_KEYWORD
+        empty = inspect.Parameter.empty
+        return inspect.Signature(
+            [
+                inspect.Parameter(f.name, kind, default=_shown_default(f, empty), annotation=f.type)
+                for f in dataclasses.fields(cls)
+            ]
+        )
+
+
+def _shown_default(field: dataclasses.Field[Any], empty: Any) -> Any:
+    if field.default_factory is not dataclasses.MISSING:
+        return field.default_factory()
+    return empty if field.default is dataclasses.MISSING else field.default
+
+
+def _check(cls: type, fields: tuple[dataclasses.Field[Any], ...]) -> None:
+    """Refuse what is not made here, and what the library refuses."""
+    defaulted = [f.default is not dataclasses.MISSING or f.default_factory is not dataclasses.MISSING for f in fields]
+    if sorted(defaulted) != defaulted:
+        raise TypeError(f"{cls.__name__}: a field without a default follows one with a default")
+    if any(not f.init or f.kw_only for f in fields):
+        raise TypeError(f"{cls.__name__}: fields without init, or for keywords only, are for the library's dataclass")
 
 
 def _init(fields: tuple[dataclasses.Field[Any], ...], more: bool) -> Callable[..., None]:
@@ -86,6 +119,7 @@ def _refuse(self: Any, name: str, *value: Any) -> None:
 
 
 if TYPE_CHECKING:
+    import inspect
     from dataclasses import dataclass, field
 else:
     dataclass, field = _dataclass, dataclasses.field

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import inspect
 import pickle
 from typing import Any
 
@@ -106,3 +107,28 @@ def test_methods_of_the_class_itself_stay() -> None:
 def test_it_survives_pickling() -> None:
     options = Options(grid=(2, 2), seed=4)
     assert pickle.loads(pickle.dumps(options)) == options
+
+
+def test_help_and_notebooks_show_the_fields() -> None:
+    parameters = inspect.signature(Options).parameters
+    assert list(parameters) == [field.name for field in dataclasses.fields(Options)]
+    assert parameters["seed"].default == 0
+    listed = inspect.signature(make(records.dataclass)).parameters
+    assert [p.default is p.empty for p in listed.values()] == [
+        p.default is p.empty for p in inspect.signature(make(dataclasses.dataclass)).parameters.values()
+    ]
+
+
+def test_what_is_not_made_here_is_refused() -> None:
+    with pytest.raises(TypeError, match="without a default follows"):
+
+        @records.dataclass()
+        class Disordered:
+            first: int = 1
+            second: int  # type: ignore[misc]
+
+    with pytest.raises(TypeError, match="without init"):
+
+        @records.dataclass()
+        class Hidden:
+            first: int = records.field(init=False, default=1)

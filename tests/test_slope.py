@@ -189,6 +189,17 @@ def test_interval_covers_a_truth_that_varies_about_what_is_laid_down(slope_sigma
     assert 0.94 < np.mean((low <= truth) & (truth <= high)) < 0.98
 
 
+@pytest.mark.parametrize("ratio", [0.0, 0.01, 0.1, 1.0])
+@pytest.mark.parametrize("narrow", [0, 1])
+def test_limits_rise_smoothly_with_the_slope_however_thin_the_error_is(ratio: float, narrow: int) -> None:
+    slope = np.linspace(0.0, 0.079, 159)  # from eight sigmas on it is Gaussian
+    covariance = np.broadcast_to(np.diag(np.roll([0.01**2, (ratio * 0.01) ** 2], narrow - 1)), (159, 2, 2))
+    interval = slope_interval(Slopes(slope, slope, slope, slope, covariance))
+    steps = np.diff(interval, axis=0)
+    assert steps.min() > -1e-4
+    assert steps[:, 1].max() < 0.002
+
+
 def test_interval_starts_at_zero_on_level_ground_and_is_gaussian_on_slopes() -> None:
     interval = slope_interval(isotropic([0.005, 0.5], 0.01))
     assert interval[0, 0] == 0.0

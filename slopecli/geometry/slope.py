@@ -29,6 +29,7 @@ _REACH = 9.0
 _NODES, _NODE_WEIGHTS = np.polynomial.legendre.leggauss(48)
 _HERMITE, _HERMITE_WEIGHTS = np.polynomial.hermite_e.hermegauss(16)
 _BISECTIONS, _HALVINGS = 40, 24
+_NARROWEST = 0.03  # of the wider sigma of a tilt is the narrower at least: the azimuths tell no thinner ellipse
 _AZIMUTHS = np.linspace(0.0, 2.0 * np.pi, 128, endpoint=False)
 _erf = np.frompyfunc(math.erf, 1, 1)
 
@@ -228,7 +229,7 @@ class _Tilt(NamedTuple):
     @classmethod
     def of(cls, slope: FloatArray, covariance: FloatArray) -> _Tilt:
         values, axes = np.linalg.eigh(covariance)
-        return cls(slope[:, None] * axes[:, 0, :], np.sqrt(np.maximum(values, 1e-8 * values[:, 1:])))
+        return cls(slope[:, None] * axes[:, 0, :], np.sqrt(np.maximum(values, _NARROWEST**2 * values[:, 1:])))
 
 
 def _farthest_agreeing(tilt: _Tilt, inside: FloatArray, outside: FloatArray, level: float) -> FloatArray:
