@@ -73,6 +73,10 @@ for name, seconds in zip(("start+imports", "decode", "corners", "tracking"), np.
 """
 
 
+# as a user's shell starts them: how many threads it starts is a program's own affair
+ENVIRONMENT = {name: value for name, value in os.environ.items() if not name.endswith("_NUM_THREADS")}
+
+
 @dataclass(frozen=True)
 class Cost:
     """Processor time of all threads, s; largest resident memory, MB; what was said."""
@@ -86,7 +90,7 @@ class Cost:
 def cost_of(command: list[str]) -> Cost:
     """Run one process and ask the system what it took; stop where it fails."""
     with tempfile.TemporaryFile("w+") as out, tempfile.TemporaryFile("w+") as err:
-        process = subprocess.Popen(command, stdout=out, stderr=err)
+        process = subprocess.Popen(command, stdout=out, stderr=err, env=ENVIRONMENT)
         _, status, usage = os.wait4(process.pid, 0)
         process.returncode = os.waitstatus_to_exitcode(status)
         stdout, stderr = (stream.seek(0) or stream.read() for stream in (out, err))
