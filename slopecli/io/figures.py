@@ -30,6 +30,7 @@ STYLES: dict[str, tuple[str, dict[str, Any]]] = {
     "mle": ("joint maximum likelihood", {"color": "#009E73", "linestyle": "-", "marker": "D"}),
 }
 BOUND: dict[str, Any] = {"color": "black", "linestyle": ":", "linewidth": 2.2, "zorder": 5}
+DASH: dict[str, Any] = {"marker": "_", "markersize": 24.0, "markeredgewidth": 2.2}  # of a line through one point
 PRINTED: dict[str, Any] = {"color": "#CC79A7", "marker": "v", "linestyle": "none", "markersize": 11, "zorder": 6}
 LETTERING = {
     "font.family": "DejaVu Sans",
@@ -203,9 +204,7 @@ def _curves(
         errors = errors[trajectory] if window is None else errors[trajectory, :, :, window]
         return unit(mean(errors)[noisy])
 
-    alone: dict[str, Any] = (
-        {"marker": "_", "markersize": 24.0, "markeredgewidth": 2.2} if noisy.sum() == 1 else {}
-    )  # a line has two
+    alone = DASH if noisy.sum() == 1 else {}
     for solver in STYLES:
         if solver in study.options.solvers:
             name, style = STYLES[solver]

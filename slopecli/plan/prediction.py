@@ -15,7 +15,7 @@ from slopecli.geometry.refinement import State, normal_equations
 from slopecli.geometry.slope import measure_slopes
 from slopecli.geometry.solve import solve_planes
 from slopecli.geometry.uncertainty import covariance_of
-from slopecli.plan.flight import Flight, Seen, see
+from slopecli.plan.flight import Flight, Seen, refuse_sky, see
 from slopecli.records import dataclass
 from slopecli.types import Diagnostic, FloatArray, Solution
 
@@ -68,6 +68,7 @@ def forecast(flight: Flight, baseline: float) -> Forecast:
     ------
     NoAnswer : image 2 shows none of the windows, or there is too little parallax, as `estimate` would refuse it.
     """
+    refuse_sky(flight)
     seen = see(flight, baseline)
     if not len(seen.windows):
         raise NoAnswer(
@@ -76,7 +77,7 @@ def forecast(flight: Flight, baseline: float) -> Forecast:
             "shorten the baseline, or turn the camera to the ground with --up",
         )
     parallax = parallax_px(seen.x1, seen.x2, flight.camera.focal_px)
-    diagnostics = check_parallax(parallax, flight.noise_px)
+    diagnostics = planned_parallax(parallax, flight.noise_px)
     sigma, trials = slope_sigmas(flight, seen), simulate(flight, seen)
     joined = float(np.median(trials.error_rad)) < JOINED * float(np.median(sigma))
     sigma = trials.error_rad if joined else sigma
@@ -96,6 +97,25 @@ def forecast(flight: Flight, baseline: float) -> Forecast:
         first_error_rad=float(np.median(trials.first_error_rad)),
         diagnostics=tuple(diagnostics),
     )
+
+
+def planned_parallax(parallax: FloatArray, noise_px: float) -> list[Diagnostic]:
+    """What `estimate` would say of parallax (n,) px; it refuses matches that are found, here none are yet.
+
+    Raises
+    ------
+    NoAnswer : there is too little.
+    """
+    try:
+        return check_parallax(parallax, noise_px)
+    except NoAnswer as refused:
+        raise NoAnswer(
+            refused.code,
+            f"the parallax is {refused.value:.2g} px at most, which among matches that err by {noise_px:g} px is no "
+            "parallax",
+            "lengthen the baseline (5 to 20 % of the height is usual), or count on less noise (--noise)",
+            value=refused.value,
+        ) from refused
 
 
 def _open(flight: Flight, seen: Seen) -> NoAnswer:
