@@ -24,7 +24,7 @@ FLOORS = (
     "planes",
     "simulate",
     "diagnosis measure kinds known_motion study timing wording",
-    "findings second_answer unanswered",
+    "findings second_answer unanswered study_sampling",
     "report plan claims given_review",
     "pipeline",
     "io",
