@@ -18,6 +18,8 @@ from slopecli.geometry.metrics import normal_angle
 from slopecli.plan import Flight, PlanOptions, forecast, ground_normals, horizontal, make_plan, needed_baseline
 from slopecli.plan import baseline as baseline_module
 from slopecli.plan import flight as flight_module
+from slopecli.plan import unseen as unseen_module
+from slopecli.plan.unseen import unseen_tilts
 from slopecli.planes.windows import grid_windows
 from slopecli.simulate import UP, field_of_view_camera, project
 from slopecli.types import Camera, FloatArray, IntArray, Solution
@@ -220,6 +222,40 @@ def test_a_window_that_sees_no_ground_has_no_baseline() -> None:
     horizon = replace(PAPER, height=None, sigma_deg=0.5, up=(0.0, -1.0, 0.0))
     with pytest.raises(NoAnswer, match="window 1 does not see the ground"):
         make_plan(CAMERA, NINE, horizon)
+
+
+# ---- what image 2 does not show ----
+
+
+def test_what_is_not_shown_is_doubted_as_estimate_doubts_it() -> None:
+    from slopecli.planes import unseen
+
+    plan = flight(90.0)
+    found = unseen_tilts(plan, 0.4)
+    inside = flight_module.in_image2(plan, 0.4)
+    assert np.array_equal(found == 0.0, inside.all(axis=1))
+    assert 0 < np.count_nonzero(found) < len(found)
+    for i in np.flatnonzero(found):
+        assert found[i] == pytest.approx(unseen.BEND_RAD * unseen._lever(plan.places(i), inside[i]))
+
+
+def test_doubt_of_half_a_window_is_that_of_a_plane_that_bends_at_its_middle() -> None:
+    """Least squares over a window whose unseen half tilts by t give t / 2."""
+    x, y = np.meshgrid(np.linspace(-1.0, 1.0, 41), np.linspace(-1.0, 1.0, 41))
+    at = np.column_stack([x.ravel(), y.ravel()])
+    tilt = np.linalg.lstsq(at, 0.1 * np.maximum(at[:, 0], 0.0), rcond=None)[0][0]
+    assert unseen_module._lever(at, at[:, 0] <= 0.0) == pytest.approx(tilt / 0.1, rel=0.01)
+    assert unseen_module._lever(at, np.zeros(len(at), bool)) == 1.0
+
+
+def test_sigma_is_of_what_is_seen_and_the_rest_stands_beside_it() -> None:
+    found = make_plan(CAMERA, NINE, replace(PAPER, trajectory_deg=90.0, uneven_deg=2.0))
+    for one in found.windows:
+        assert one.unseen_deg is not None
+        assert (one.unseen_deg == 0.0) == (one.share_in_image2 == 1.0)
+        assert one.unseen_deg < 10.0
+    worst = min(found.windows, key=lambda one: one.share_in_image2)
+    assert worst.unseen_deg > 5.0 * worst.slope_sigma_deg
 
 
 # ---- windows and pairs that would be refused ----

@@ -65,6 +65,10 @@ class Flight:
         uv = np.concatenate([_lattice(window, self.lattice) for window in self.windows])
         return rays_from_pixels(self.camera, uv).reshape(len(self.windows), -1, 2)
 
+    def places(self, window: int) -> FloatArray:
+        """(lattice, 2) px of the points of a window from its middle."""
+        return _lattice(self.windows[window], self.lattice) - _middle(self.windows[window])
+
     @property
     def lattice(self) -> int:
         """How many points stand for the matches of a window."""
@@ -136,8 +140,12 @@ def horizontal(up: FloatArray, azimuth_rad: float, north: FloatArray | None = No
 
 def shares(flight: Flight, baseline: float) -> FloatArray:
     """(m,) share of every window that image 2 shows."""
-    m, n = flight.rays.shape[:2]
-    return np.asarray(_inside(flight, baseline).reshape(m, n).mean(axis=1))
+    return np.asarray(in_image2(flight, baseline).mean(axis=1))
+
+
+def in_image2(flight: Flight, baseline: float) -> BoolArray:
+    """(m, lattice) whether image 2 shows a point of a window."""
+    return _inside(flight, baseline).reshape(len(flight.windows), -1)
 
 
 def sees_ground(flight: Flight) -> BoolArray:

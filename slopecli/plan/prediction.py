@@ -16,6 +16,7 @@ from slopecli.geometry.slope import measure_slopes
 from slopecli.geometry.solve import solve_planes
 from slopecli.geometry.uncertainty import covariance_of
 from slopecli.plan.flight import Flight, Seen, refuse_sky, see
+from slopecli.plan.unseen import unseen_tilts
 from slopecli.records import dataclass
 from slopecli.types import Diagnostic, FloatArray, Solution
 
@@ -32,7 +33,8 @@ class Forecast:
 
     sigma_rad : 1-sigma of the slopes.  source : whence: the solver's covariance, or simulated pairs, where two answers
         run into each other and a covariance says too much.
-    share : of each window seen in image 2.  parallax_px : median in each window.
+    share : of each window seen in image 2.  unseen_rad : 1-sigma that the rest adds in `estimate`, as it may tilt
+        otherwise; not NaN anywhere, and not in sigma_rad.  parallax_px : median in each window.
     median_parallax_px : of all points.  zoom : scale of image 2 over image 1, or its inverse, in the window of most.
     second_answer : share of the simulated pairs that have two answers: sigmas are those of the right one.
     first_error_rad : RMS error of the slopes, in the median window, of whoever takes the first answer all the same.
@@ -42,6 +44,7 @@ class Forecast:
     sigma_rad: FloatArray
     source: Literal["covariance", "simulation"]
     share: FloatArray
+    unseen_rad: FloatArray
     parallax_px: FloatArray
     median_parallax_px: float
     zoom: float
@@ -90,6 +93,7 @@ def forecast(flight: Flight, baseline: float) -> Forecast:
         sigma_rad=_spread(flight, seen, sigma),
         source="simulation" if joined else "covariance",
         share=seen.share,
+        unseen_rad=unseen_tilts(flight, baseline),
         parallax_px=_spread(flight, seen, np.array([np.median(parallax[seen.patch == k]) for k in _places(seen)])),
         median_parallax_px=float(np.median(parallax)),
         zoom=max(float(np.median(np.maximum(depth, 1.0 / depth)[seen.patch == k])) for k in _places(seen)),

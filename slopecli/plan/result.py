@@ -96,7 +96,10 @@ class SecondAnswer:
 
 @dataclass(frozen=True)
 class PlannedWindow:
-    """window: x, y, w, h px of image 1. share_in_image2: of its points. What is not known is None."""
+    """window: x, y, w, h px of image 1. share_in_image2: of its points. What is not known is None.
+
+    unseen_deg : 1-sigma that `estimate` adds, in quadrature, for what image 2 does not show of it.
+    """
 
     id: int
     window: Window
@@ -105,6 +108,7 @@ class PlannedWindow:
     share_in_image2: float
     status: Literal["ok", "poor", "refused"]
     reason: str | None = None
+    unseen_deg: float | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -253,7 +257,8 @@ def _window(i: int, flight: Flight, cast: Forecast) -> PlannedWindow:
     share, sigma = float(cast.share[i]), _degrees(float(cast.sigma_rad[i]))
     parallax = None if np.isnan(cast.parallax_px[i]) else float(cast.parallax_px[i])
     status, reason = _status(share, sigma)
-    return PlannedWindow(i + 1, flight.windows[i], sigma, parallax, share, status, reason)
+    unseen = None if sigma is None else _degrees(float(cast.unseen_rad[i]))
+    return PlannedWindow(i + 1, flight.windows[i], sigma, parallax, share, status, reason, unseen)
 
 
 def _status(share: float, sigma: float | None) -> tuple[Literal["ok", "poor", "refused"], str | None]:
