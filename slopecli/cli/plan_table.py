@@ -8,7 +8,6 @@ from slopecli.cli.table import aligned
 from slopecli.plan import Plan, PlannedWindow, sigma_text
 
 HEADER = ("id", "sigma", "parallax", "in image 2", "note")
-COUNTS = 0.5  # of the sigma: what is added in quadrature, and less than this, makes little of it
 
 
 def plan_table(plan: Plan) -> str:
@@ -29,7 +28,7 @@ def _cells(one: PlannedWindow) -> tuple[str, ...]:
 def _notes(one: PlannedWindow) -> Iterator[str]:
     if one.reason:
         yield f"{'no answer' if one.status == 'refused' else one.status}: {one.reason}"
-    if one.slope_sigma_deg is not None and (one.unseen_deg or 0.0) > COUNTS * one.slope_sigma_deg:
+    if one.in_part:
         yield f"± {sigma_text(one.unseen_deg)} for the rest of it"
 
 
@@ -43,7 +42,7 @@ def _summary(plan: Plan) -> Iterator[str]:
     said = "likely" if second.likely else "possible" if second.share else "unlikely"
     alone = f"; the first by itself is off by {sigma_text(second.first_error_deg)}" if second.share else ""
     yield f"two answers: {said} ({100 * second.share:.0f} % of simulated pairs){alone}"
-    if any("rest of it" in note for one in plan.windows for note in _notes(one)):
+    if any(one.in_part for one in plan.windows):
         yield "the rest: sigma is of what image 2 shows of a window; estimate adds doubt for what it does not show"
 
 

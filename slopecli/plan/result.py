@@ -32,6 +32,7 @@ CAMERA_UP = (0.0, 0.0, -1.0)  # the camera looks straight down
 LIKELY = 0.5  # share of simulated pairs with two answers from which they are called likely
 LARGEST_ZOOM = 2.0  # scale between the images beyond which features are matched badly
 VAGUE_DEG = Options().max_sigma_deg
+COUNTS = 0.5  # of the sigma: what is added in quadrature, and less than this, makes little of it
 TOLERATED = 0.01  # share of the sigma asked for by which the one found may miss it
 ROUNDING = 1e-12  # what is left of sines and cosines that are zero
 Vector = tuple[float, float, float]
@@ -109,6 +110,11 @@ class PlannedWindow:
     status: Literal["ok", "poor", "refused"]
     reason: str | None = None
     unseen_deg: float | None = None
+
+    @property
+    def in_part(self) -> bool:
+        """Whether what image 2 does not show makes much of the sigma that `estimate` will report."""
+        return self.slope_sigma_deg is not None and (self.unseen_deg or 0.0) > COUNTS * self.slope_sigma_deg
 
 
 @dataclass(frozen=True, eq=False)
