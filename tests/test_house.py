@@ -25,7 +25,7 @@ FLOORS = (
     "simulate",
     "diagnosis measure kinds known_motion study timing wording",
     "parts",
-    "findings second_answer unanswered",
+    "findings second_answer unanswered study_sampling",
     "report plan claims given_review",
     "pipeline",
     "io",

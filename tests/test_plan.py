@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import re
 import subprocess
 import sys
 from dataclasses import replace
@@ -17,6 +18,8 @@ from slopecli.geometry.metrics import normal_angle
 from slopecli.plan import Flight, PlanOptions, forecast, ground_normals, horizontal, make_plan, needed_baseline
 from slopecli.plan import baseline as baseline_module
 from slopecli.plan import flight as flight_module
+from slopecli.plan import unseen as unseen_module
+from slopecli.plan.unseen import unseen_tilts
 from slopecli.planes.windows import grid_windows
 from slopecli.simulate import UP, field_of_view_camera, project
 from slopecli.types import Camera, FloatArray, IntArray, Solution
@@ -189,10 +192,28 @@ def test_baseline_for_a_sigma_is_in_metres_with_a_height_and_in_heights_without(
 
 
 def test_a_sigma_no_baseline_reaches_is_refused_with_what_can_be_had() -> None:
-    with pytest.raises(
-        NoAnswer, match=r"no baseline reaches 0.001 deg in the worst window: at 0.\d+ of the height it is"
-    ):
-        make_plan(CAMERA, NINE, replace(PAPER, height=None, sigma_deg=1e-3))
+    def refused(**values: object) -> str:
+        with pytest.raises(NoAnswer) as error:
+            make_plan(CAMERA, NINE, replace(PAPER, **{"height": None, "sigma_deg": 1e-3, **values}))  # type: ignore[arg-type]
+        return str(error.value)
+
+    for uneven in (0.0, 2.0):
+        said = refused(trajectory_deg=90.0, uneven_deg=uneven, roughness=0.002)
+        assert "with a longer baseline it grows again" in said
+        (found,) = re.findall(
+            r"0.001 deg in the worst window: the smallest sigma there is is (.*) deg, at (.*) of", said
+        )
+        smallest, place = map(float, found)
+        options = replace(PAPER, trajectory_deg=90.0, uneven_deg=uneven, roughness=0.002)
+        at, longer = (make_plan(CAMERA, NINE, replace(options, height=1.0 / b)) for b in (place, 1.2 * place))
+        assert at.worst_sigma_deg == pytest.approx(smallest, rel=0.01)
+        assert longer.worst_sigma_deg > smallest
+        assert min(one.share_in_image2 for one in longer.windows) > 0.5  # that is not why
+        reached = make_plan(CAMERA, NINE, replace(options, height=None, sigma_deg=1.001 * smallest))
+        assert reached.baseline <= 1.01 * place
+    said = refused(trajectory_deg=90.0, of="median", uneven_deg=0.0)
+    assert "with a longer baseline some window has less than half of it in image 2" in said
+    assert "slopes are left open at all of them" in refused(trajectory_deg=90.0, uneven_deg=0.0, noise_px=1000.0)
     with pytest.raises(NoAnswer, match=r"straight at ground that is one plane.*--uneven"):
         make_plan(CAMERA, NINE, replace(PAPER, height=None, sigma_deg=0.5, trajectory_deg=0.0, uneven_deg=0.0))
 
@@ -201,6 +222,40 @@ def test_a_window_that_sees_no_ground_has_no_baseline() -> None:
     horizon = replace(PAPER, height=None, sigma_deg=0.5, up=(0.0, -1.0, 0.0))
     with pytest.raises(NoAnswer, match="window 1 does not see the ground"):
         make_plan(CAMERA, NINE, horizon)
+
+
+# ---- what image 2 does not show ----
+
+
+def test_what_is_not_shown_is_doubted_as_estimate_doubts_it() -> None:
+    from slopecli.planes import unseen
+
+    plan = flight(90.0)
+    found = unseen_tilts(plan, 0.4)
+    inside = flight_module.in_image2(plan, 0.4)
+    assert np.array_equal(found == 0.0, inside.all(axis=1))
+    assert 0 < np.count_nonzero(found) < len(found)
+    for i in np.flatnonzero(found):
+        assert found[i] == pytest.approx(unseen.BEND_RAD * unseen._lever(plan.places(i), inside[i]))
+
+
+def test_doubt_of_half_a_window_is_that_of_a_plane_that_bends_at_its_middle() -> None:
+    """Least squares over a window whose unseen half tilts by t give t / 2."""
+    x, y = np.meshgrid(np.linspace(-1.0, 1.0, 41), np.linspace(-1.0, 1.0, 41))
+    at = np.column_stack([x.ravel(), y.ravel()])
+    tilt = np.linalg.lstsq(at, 0.1 * np.maximum(at[:, 0], 0.0), rcond=None)[0][0]
+    assert unseen_module._lever(at, at[:, 0] <= 0.0) == pytest.approx(tilt / 0.1, rel=0.01)
+    assert unseen_module._lever(at, np.zeros(len(at), bool)) == 1.0
+
+
+def test_sigma_is_of_what_is_seen_and_the_rest_stands_beside_it() -> None:
+    found = make_plan(CAMERA, NINE, replace(PAPER, trajectory_deg=90.0, uneven_deg=2.0))
+    for one in found.windows:
+        assert one.unseen_deg is not None
+        assert (one.unseen_deg == 0.0) == (one.share_in_image2 == 1.0)
+        assert one.unseen_deg < 10.0
+    worst = min(found.windows, key=lambda one: one.share_in_image2)
+    assert worst.unseen_deg > 5.0 * worst.slope_sigma_deg
 
 
 # ---- windows and pairs that would be refused ----
@@ -229,6 +284,22 @@ def test_without_parallax_or_overlap_there_is_no_plan() -> None:
         make_plan(CAMERA, NINE, replace(PAPER, height=1e5))
     with pytest.raises(NoAnswer, match="no-overlap: image 2 shows none of the 9 windows"):
         make_plan(CAMERA, NINE, replace(PAPER, trajectory_deg=90.0, height=0.5))
+
+
+def test_no_parallax_is_said_of_what_is_planned_not_of_matches() -> None:
+    level = replace(PAPER, trajectory_deg=90.0)
+    with pytest.raises(NoAnswer, match=r"parallax is [0-9]+ px at most, which among matches that err by 1000 px is no"):
+        make_plan(CAMERA, NINE, replace(level, noise_px=1000.0))
+    with pytest.raises(NoAnswer, match=r"parallax is 0\.00[0-9]+ px at most, which among matches that err by 0.1 px"):
+        make_plan(CAMERA, NINE, replace(level, height=1e5))
+
+
+@pytest.mark.parametrize("sigma_deg", [None, 0.5])
+def test_up_that_points_down_is_told_from_windows_that_leave_image_2(sigma_deg: float | None) -> None:
+    down = replace(PAPER, up=(0.0, 0.0, 1.0), sigma_deg=sigma_deg)
+    with pytest.raises(NoAnswer, match=r"none of the 9 windows looks at the ground.*turn the sign of --up") as refused:
+        make_plan(CAMERA, NINE, down)
+    assert "shorten the baseline" not in str(refused.value)
 
 
 def test_short_baseline_and_focus_of_expansion_are_said() -> None:

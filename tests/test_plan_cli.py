@@ -143,6 +143,17 @@ def test_windows_refused_and_second_answers_are_said() -> None:
     assert slopemap("plan", *FLIGHT, "--roughness", "0", "-q").stderr == ""
 
 
+def test_windows_shown_in_part_say_what_the_rest_adds() -> None:
+    level = ["plan", *CAMERA, "--trajectory", "90", "--height", "1", "--baseline", "0.2"]
+    lines = slopemap(*level).stdout.splitlines()
+    assert re.search(r"± \d\.\d° for the rest of it$", lines[1])
+    assert re.search(r"100 %$", lines[2])
+    assert lines[-1] == (
+        "the rest: sigma is of what image 2 shows of a window; estimate adds doubt for what it does not show"
+    )
+    assert "the rest" not in slopemap(*level[:-1], "0.005").stdout
+
+
 # ---- refusals ----
 
 USAGE = {

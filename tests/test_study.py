@@ -23,6 +23,7 @@ from slopecli.study import (
     study_scene,
 )
 from slopecli.study_options import StudyOptions
+from slopecli.study_sampling import chance_of_ratios, jackknifed
 from slopecli.timing import Timing, measure_times
 
 SMALL = StudyOptions(noises_px=(0.0, 0.3), terrains=3)
@@ -97,6 +98,39 @@ def test_claims_say_when_a_study_cannot_tell() -> None:
     assert "not those of the paper" in str(other["window-3"].reason)
     assert "0 deg trajectory" in str(other["vertical-worst"].reason)
     assert "without mismatches" in str(other["at-the-bound"].reason)
+
+
+@pytest.mark.parametrize(
+    "options",
+    [
+        replace(StudyOptions(), noises_px=(0.0, 0.3), terrains=2, solvers=("mle", "ha")),
+        replace(StudyOptions(), terrains=2, solvers=("mle", "ha")),
+        replace(StudyOptions(), terrains=1, points=3, solvers=("mle",)),
+    ],
+    ids=["six noisy trials", "two terrains", "one terrain"],
+)
+def test_chance_is_no_verdict(options: StudyOptions) -> None:
+    claims = verdicts(run_study(options))
+    assert claims["all-answered"].held  # that is a count
+    for name in ("at-the-bound", "vertical-worst", "gliding-best"):
+        if "ha" in options.solvers or name == "at-the-bound":
+            assert (claims[name].held, claims[name].reason) == (None, "too few trials"), name
+            assert claims[name].measured is not None
+
+
+def test_chance_of_ratios_is_what_ratios_do() -> None:
+    """Of 33 errors at their bound, by 200 studies of 20 trials each."""
+    study = run_study(replace(SMALL, noises_px=(1.0,), terrains=20, solvers=("mle",)))
+    errors = np.random.default_rng(0).standard_normal((200, 33, 20))
+    largest = np.abs(np.sqrt((errors**2).mean(axis=2)) - 1.0).max(axis=1)
+    assert largest.mean() < chance_of_ratios(study) < np.quantile(largest, 0.95)
+
+
+def test_jackknife_of_a_mean_is_its_standard_error() -> None:
+    study = run_study(replace(SMALL, noises_px=(0.3,), trajectories_deg=(90.0,), terrains=6, solvers=("mle",)))
+    errors = study.errors("mle", "rotation_error").ravel()
+    found = jackknifed(study, lambda s: float(s.errors("mle", "rotation_error").mean()))
+    assert found == pytest.approx(1.48 * errors.std(ddof=1) / np.sqrt(6))
 
 
 def test_a_claim_that_does_not_hold_is_said_not_to() -> None:

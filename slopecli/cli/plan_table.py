@@ -21,8 +21,15 @@ def _cells(one: PlannedWindow) -> tuple[str, ...]:
         sigma_text(one.slope_sigma_deg),
         "-" if one.parallax_px is None else f"{one.parallax_px:.1f} px",
         f"{100 * one.share_in_image2:.0f} %",
-        f"{'no answer' if one.status == 'refused' else one.status}: {one.reason}" if one.reason else "",
+        "; ".join(_notes(one)),
     )
+
+
+def _notes(one: PlannedWindow) -> Iterator[str]:
+    if one.reason:
+        yield f"{'no answer' if one.status == 'refused' else one.status}: {one.reason}"
+    if one.in_part:
+        yield f"± {sigma_text(one.unseen_deg)} for the rest of it"
 
 
 def _summary(plan: Plan) -> Iterator[str]:
@@ -35,6 +42,8 @@ def _summary(plan: Plan) -> Iterator[str]:
     said = "likely" if second.likely else "possible" if second.share else "unlikely"
     alone = f"; the first by itself is off by {sigma_text(second.first_error_deg)}" if second.share else ""
     yield f"two answers: {said} ({100 * second.share:.0f} % of simulated pairs){alone}"
+    if any(one.in_part for one in plan.windows):
+        yield "the rest: sigma is of what image 2 shows of a window; estimate adds doubt for what it does not show"
 
 
 def _baseline(plan: Plan) -> str:

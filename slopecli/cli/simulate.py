@@ -234,4 +234,5 @@ def _verdict(claim: Claim) -> str:
 def _measured(claim: Claim) -> str:
     if claim.measured is None:
         return "-"
-    return f"{claim.measured:.3g}" if abs(claim.measured) > ROUNDING else "0"
+    number = f"{claim.measured:.3g}" if abs(claim.measured) > ROUNDING else "0"
+    return f"{number}, {claim.reason}" if claim.held is None else number

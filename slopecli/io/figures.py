@@ -20,6 +20,9 @@ if TYPE_CHECKING:
 
 DPI = 120
 PANEL_IN = 3.4  # side of a panel
+ENTRY_IN = (3.3, 0.28)  # what the longest name takes in the legend, and a line of them
+MOST_COLUMNS, LEGEND_LINES = 3, 2  # of the legend; the lines are those the height of a figure allows for
+NO_NOISE = "This study has no noise:\nall errors are rounding,\nand nothing is left to draw."
 # solver -> what it is called, its colour (safe for the colour-blind: Okabe and Ito), line, marker
 STYLES: dict[str, tuple[str, dict[str, Any]]] = {
     "lh": ("averaged Longuet-Higgins", {"color": "#D55E00", "linestyle": "--", "marker": "s"}),
@@ -27,6 +30,7 @@ STYLES: dict[str, tuple[str, dict[str, Any]]] = {
     "mle": ("joint maximum likelihood", {"color": "#009E73", "linestyle": "-", "marker": "D"}),
 }
 BOUND: dict[str, Any] = {"color": "black", "linestyle": ":", "linewidth": 2.2, "zorder": 5}
+DASH: dict[str, Any] = {"marker": "_", "markersize": 24.0, "markeredgewidth": 2.2}  # of a line through one point
 PRINTED: dict[str, Any] = {"color": "#CC79A7", "marker": "v", "linestyle": "none", "markersize": 11, "zorder": 6}
 LETTERING = {
     "font.family": "DejaVu Sans",
@@ -90,11 +94,19 @@ def _encoded(name: str, figure: Figure) -> dict[str, bytes]:
     return contents
 
 
-def _legend(figure: Figure, axes: Any, columns: int = 3) -> None:
+def _legend(figure: Figure, axes: Any, columns: int | None = None) -> None:
+    """What lines mean, below the panels; None: in as many columns as there is width for, and the figure grows."""
     handles: dict[str, Any] = {}
     for panel in axes.flat:
         for handle, label in zip(*panel.get_legend_handles_labels(), strict=True):
             handles.setdefault(label, handle)
+    if not handles:
+        return
+    if columns is None:
+        width, height = figure.get_size_inches()
+        columns = min(max(int(width / ENTRY_IN[0]), 1), MOST_COLUMNS)
+        lines = -(-len(handles) // columns)
+        figure.set_size_inches(width, height + max(lines - LEGEND_LINES, 0) * ENTRY_IN[1])
     figure.legend(handles.values(), handles.keys(), loc="outside lower center", ncols=columns, frameon=False)
 
 
@@ -183,16 +195,21 @@ def _curves(
     """Mean error of every solver, and at the bound, against noise; where there is none, errors are rounding."""
     noises = np.array(study.options.noises_px)
     noisy = noises > 0.0
+    if not noisy.any():
+        panel.set(xticks=[], yticks=[])
+        panel.text(0.5, 0.5, NO_NOISE, ha="center", va="center", transform=panel.transAxes)
+        return
 
     def line(errors: FloatArray) -> FloatArray:
         errors = errors[trajectory] if window is None else errors[trajectory, :, :, window]
         return unit(mean(errors)[noisy])
 
+    alone = DASH if noisy.sum() == 1 else {}
     for solver in STYLES:
         if solver in study.options.solvers:
             name, style = STYLES[solver]
             panel.plot(noises[noisy], line(study.errors(solver, quantity)), label=name, **style)
-    panel.plot(noises[noisy], line(study.bound(quantity, "mean")), label="Cramér-Rao bound", **BOUND)
+    panel.plot(noises[noisy], line(study.bound(quantity, "mean")), label="Cramér-Rao bound", **BOUND, **alone)
     panel.set_yscale("log")
     panel.get_yaxis().set_major_formatter("{x:g}")
     panel.grid(which="major", alpha=0.5)

@@ -132,10 +132,11 @@ def _caption(plan: Plan) -> str:
     lengths = f"baseline {plan.baseline:.3g}{unit}" + (
         "" if plan.unit == "height" else f", height {plan.height:.3g}{unit}"
     )
+    seen = ", of what image 2 shows of it" if any(one.in_part for one in plan.windows) else ""
     return (
-        f"Window: id, predicted 1 sigma of its slope. {lengths[0].upper()}{lengths[1:]}, direction {x:.3g}, {y:.3g}, "
-        f"{z:.3g} in camera-1 axes. {plan.points} points a window, noise {plan.noise_px:g} px, "
-        f"roughness {plan.ground.roughness:g}. Median parallax {plan.parallax_px:.0f} px."
+        f"Window: id, predicted 1 sigma of its slope{seen}. {lengths[0].upper()}{lengths[1:]}, "
+        f"direction {x:.3g}, {y:.3g}, {z:.3g} in camera-1 axes. {plan.points} points a window, "
+        f"noise {plan.noise_px:g} px, roughness {plan.ground.roughness:g}. Median parallax {plan.parallax_px:.0f} px."
     )
 
 

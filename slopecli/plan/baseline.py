@@ -7,18 +7,21 @@ from typing import Literal
 
 import numpy as np
 
-from slopecli.diagnosis import check_parallax, parallax_px
+from slopecli.diagnosis import parallax_px
 from slopecli.errors import NoAnswer
-from slopecli.plan.flight import Flight, Seen, see, shares
-from slopecli.plan.prediction import UNKNOWN_DEG, slope_sigmas
+from slopecli.plan.flight import Flight, Seen, refuse_sky, see, shares
+from slopecli.plan.prediction import UNKNOWN_DEG, planned_parallax, slope_sigmas
 from slopecli.types import FloatArray
+from slopecli.wording import beside
 
 Of = Literal["worst", "median"]
 
 HALF_SEEN = 0.5  # share of a window in image 2 below which estimate calls its answer poor
 SHORTEST, LONGEST = 1e-3, 10.0  # baselines tried, in heights
 TRIED = 60  # how many between them: what they miss is found by halving
+FINER = 17  # and about the best of them
 BISECTIONS = 20  # to a millionth
+STRAIGHT_DEG = 1.0
 
 
 def sigma_of(sigma_rad: FloatArray, of: Of) -> float:
@@ -38,16 +41,35 @@ def needed_baseline(flight: Flight, sigma_rad: float, of: Of = "worst", *, ample
     ------
     NoAnswer : none does; says what the longest baseline allowed gives.
     """
+    refuse_sky(flight)
     longest = _longest(flight)
     tried = np.geomspace(SHORTEST, longest, TRIED) if longest >= SHORTEST else np.empty(0)
-    too_short, best = 0.0, (np.inf, 0.0)
-    for baseline in map(float, tried):
-        seen = see(flight, baseline)
-        if _reaches(flight, seen, sigma_rad, of, ample):
-            return _bisected(too_short, baseline, lambda b: _reaches(flight, see(flight, b), sigma_rad, of, ample))[1]
-        best = min(best, (sigma_of(slope_sigmas(flight, seen), of), baseline))
+    best = (np.inf, 0.0)
+    for finer in (False, True):
+        lengths = _around(tried, best[1]) if finer else tried
+        found = _first(flight, lengths, lambda seen: _reaches(flight, seen, sigma_rad, of, ample))
+        if found is not None:
+            return found
+        best = min([best, *((sigma_of(slope_sigmas(flight, see(flight, b)), of), b) for b in map(float, lengths))])
+    raise _unreachable(flight, sigma_rad, of, best, longest)
+
+
+def _first(flight: Flight, lengths: FloatArray, reaches: Callable[[Seen], bool]) -> float | None:
+    """The shortest baseline that reaches what is wanted; None where none of the lengths (k,), rising, does."""
+    too_short = 0.0
+    for baseline in map(float, lengths):
+        if reaches(see(flight, baseline)):
+            return _bisected(too_short, baseline, lambda b: reaches(see(flight, b)))[1]
         too_short = baseline
-    raise _unreachable(flight, sigma_rad, of, best)
+    return None
+
+
+def _around(tried: FloatArray, best: float) -> FloatArray:
+    """(k,) lengths between the neighbours of the best one tried: a smaller sigma may lie between them."""
+    if not best:
+        return np.empty(0)
+    place = int(np.flatnonzero(tried == best)[0])
+    return np.linspace(tried[max(place - 1, 0)], tried[min(place + 1, len(tried) - 1)], FINER)
 
 
 def _longest(flight: Flight) -> float:
@@ -68,7 +90,7 @@ def _reaches(flight: Flight, seen: Seen, sigma_rad: float, of: Of, ample: bool) 
     if sigma_of(slope_sigmas(flight, seen), of) > sigma_rad:
         return False
     try:
-        warnings = check_parallax(parallax_px(seen.x1, seen.x2, flight.camera.focal_px), flight.noise_px)
+        warnings = planned_parallax(parallax_px(seen.x1, seen.x2, flight.camera.focal_px), flight.noise_px)
     except NoAnswer:
         return False
     return not (ample and warnings)
@@ -82,7 +104,7 @@ def _bisected(low: float, high: float, holds: Callable[[float], bool]) -> tuple[
     return low, high
 
 
-def _unreachable(flight: Flight, sigma_rad: float, of: Of, best: tuple[float, float]) -> NoAnswer:
+def _unreachable(flight: Flight, sigma_rad: float, of: Of, best: tuple[float, float], longest: float) -> NoAnswer:
     wanted = f"{np.degrees(sigma_rad):.3g} deg in the {of} window"
     if not np.isfinite(best[0]):
         lost = 1 + int(np.argmin(shares(flight, SHORTEST)))
@@ -97,7 +119,7 @@ def _unreachable(flight: Flight, sigma_rad: float, of: Of, best: tuple[float, fl
             f"no baseline reaches {wanted}: up itself is known to {np.degrees(flight.up_sigma_rad):.3g} deg",
             "ask for a larger sigma than that of up, or give a smaller --up-sigma",
         )
-    if best[0] > np.radians(UNKNOWN_DEG):
+    if best[0] > np.radians(UNKNOWN_DEG) and _straight(flight):
         return NoAnswer(
             "single-plane",
             f"no baseline reaches {wanted}: straight at ground that is one plane, two answers run into each other",
@@ -105,7 +127,28 @@ def _unreachable(flight: Flight, sigma_rad: float, of: Of, best: tuple[float, fl
         )
     return NoAnswer(
         "low-parallax",
-        f"no baseline reaches {wanted}: at {best[1]:.3g} of the height it is {np.degrees(best[0]):.2g} deg at best, "
-        "and beyond some window leaves image 2 by half",
-        "ask for a larger sigma, give larger windows or a camera with more pixels, or fly in another direction",
+        f"no baseline reaches {wanted}: {_smallest(sigma_rad, best, longest)}",
+        "ask for a larger sigma, count on more points or less noise (--points, --noise), give larger windows or a "
+        "camera with more pixels, or fly in another direction",
     )
+
+
+def _smallest(sigma_rad: float, best: tuple[float, float], longest: float) -> str:
+    """What can be had, and why a longer baseline does not give less."""
+    if best[0] > np.radians(UNKNOWN_DEG):
+        return "slopes are left open at all of them"
+    wanted_deg, best_deg = np.degrees(sigma_rad), np.degrees(best[0])
+    text = f"{best_deg:.3g}"
+    text = text if float(text) > wanted_deg else beside(best_deg, wanted_deg)
+    found = f"the smallest sigma there is is {text} deg, at {best[1]:.3g} of the height"
+    if best[1] < longest:
+        return f"{found}; with a longer baseline it grows again"
+    if longest < LONGEST:
+        return f"{found}, and with a longer baseline some window has less than half of it in image 2"
+    return f"{found}, the longest baseline tried"
+
+
+def _straight(flight: Flight) -> bool:
+    """Whether the flight is straight at, or away from, ground that is one plane, to `STRAIGHT_DEG`."""
+    outward = flight.normals / np.linalg.norm(flight.normals, axis=1, keepdims=True)
+    return bool((np.abs(outward @ flight.T) > np.cos(np.radians(STRAIGHT_DEG))).all())

@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from slopecli.errors import InputError
+from slopecli.errors import InputError, NoAnswer
 from slopecli.geometry.camera import pixels_from_rays, rays_from_pixels
 from slopecli.geometry.epipolar import homogeneous, unit_vector
 from slopecli.geometry.observations import Prediction, observe, predict
@@ -64,6 +64,10 @@ class Flight:
         """(m, lattice, 2) normalised coordinates of points in every window; NaN where there is no ray."""
         uv = np.concatenate([_lattice(window, self.lattice) for window in self.windows])
         return rays_from_pixels(self.camera, uv).reshape(len(self.windows), -1, 2)
+
+    def places(self, window: int) -> FloatArray:
+        """(lattice, 2) px of the points of a window from its middle."""
+        return _lattice(self.windows[window], self.lattice) - _middle(self.windows[window])
 
     @property
     def lattice(self) -> int:
@@ -136,8 +140,30 @@ def horizontal(up: FloatArray, azimuth_rad: float, north: FloatArray | None = No
 
 def shares(flight: Flight, baseline: float) -> FloatArray:
     """(m,) share of every window that image 2 shows."""
-    m, n = flight.rays.shape[:2]
-    return np.asarray(_inside(flight, baseline).reshape(m, n).mean(axis=1))
+    return np.asarray(in_image2(flight, baseline).mean(axis=1))
+
+
+def in_image2(flight: Flight, baseline: float) -> BoolArray:
+    """(m, lattice) whether image 2 shows a point of a window."""
+    return _inside(flight, baseline).reshape(len(flight.windows), -1)
+
+
+def sees_ground(flight: Flight) -> BoolArray:
+    """(m,) whether camera 1 has any of a window's ground before it, and not the sky."""
+    rays = np.nan_to_num(flight.rays)
+    ahead = (homogeneous(rays.reshape(-1, 2)).reshape(*rays.shape[:2], 3) @ flight.normals[:, :, None])[..., 0] > 0.0
+    return np.asarray((ahead & np.isfinite(flight.rays).all(axis=2)).any(axis=1))
+
+
+def refuse_sky(flight: Flight) -> None:
+    """Raise NoAnswer where no window has ground before it: most often up points the wrong way."""
+    if not sees_ground(flight).any():
+        raise NoAnswer(
+            "no-overlap",
+            f"with this up none of the {len(flight.windows)} windows looks at the ground: all are above the horizon",
+            "turn the sign of --up round if it points down (of a camera that looks straight down it is 0,0,-1), or "
+            "turn the camera to the ground",
+        )
 
 
 def see(flight: Flight, baseline: float) -> Seen:

@@ -15,7 +15,8 @@ from slopecli.geometry.refinement import State, normal_equations
 from slopecli.geometry.slope import measure_slopes
 from slopecli.geometry.solve import solve_planes
 from slopecli.geometry.uncertainty import covariance_of
-from slopecli.plan.flight import Flight, Seen, see
+from slopecli.plan.flight import Flight, Seen, refuse_sky, see
+from slopecli.plan.unseen import unseen_tilts
 from slopecli.records import dataclass
 from slopecli.types import Diagnostic, FloatArray, Solution
 
@@ -32,7 +33,8 @@ class Forecast:
 
     sigma_rad : 1-sigma of the slopes.  source : whence: the solver's covariance, or simulated pairs, where two answers
         run into each other and a covariance says too much.
-    share : of each window seen in image 2.  parallax_px : median in each window.
+    share : of each window seen in image 2.  unseen_rad : 1-sigma that the rest adds in `estimate`, as it may tilt
+        otherwise; not NaN anywhere, and not in sigma_rad.  parallax_px : median in each window.
     median_parallax_px : of all points.  zoom : scale of image 2 over image 1, or its inverse, in the window of most.
     second_answer : share of the simulated pairs that have two answers: sigmas are those of the right one.
     first_error_rad : RMS error of the slopes, in the median window, of whoever takes the first answer all the same.
@@ -42,6 +44,7 @@ class Forecast:
     sigma_rad: FloatArray
     source: Literal["covariance", "simulation"]
     share: FloatArray
+    unseen_rad: FloatArray
     parallax_px: FloatArray
     median_parallax_px: float
     zoom: float
@@ -68,6 +71,7 @@ def forecast(flight: Flight, baseline: float) -> Forecast:
     ------
     NoAnswer : image 2 shows none of the windows, or there is too little parallax, as `estimate` would refuse it.
     """
+    refuse_sky(flight)
     seen = see(flight, baseline)
     if not len(seen.windows):
         raise NoAnswer(
@@ -76,7 +80,7 @@ def forecast(flight: Flight, baseline: float) -> Forecast:
             "shorten the baseline, or turn the camera to the ground with --up",
         )
     parallax = parallax_px(seen.x1, seen.x2, flight.camera.focal_px)
-    diagnostics = check_parallax(parallax, flight.noise_px)
+    diagnostics = planned_parallax(parallax, flight.noise_px)
     sigma, trials = slope_sigmas(flight, seen), simulate(flight, seen)
     joined = float(np.median(trials.error_rad)) < JOINED * float(np.median(sigma))
     sigma = trials.error_rad if joined else sigma
@@ -89,6 +93,7 @@ def forecast(flight: Flight, baseline: float) -> Forecast:
         sigma_rad=_spread(flight, seen, sigma),
         source="simulation" if joined else "covariance",
         share=seen.share,
+        unseen_rad=unseen_tilts(flight, baseline),
         parallax_px=_spread(flight, seen, np.array([np.median(parallax[seen.patch == k]) for k in _places(seen)])),
         median_parallax_px=float(np.median(parallax)),
         zoom=max(float(np.median(np.maximum(depth, 1.0 / depth)[seen.patch == k])) for k in _places(seen)),
@@ -96,6 +101,25 @@ def forecast(flight: Flight, baseline: float) -> Forecast:
         first_error_rad=float(np.median(trials.first_error_rad)),
         diagnostics=tuple(diagnostics),
     )
+
+
+def planned_parallax(parallax: FloatArray, noise_px: float) -> list[Diagnostic]:
+    """What `estimate` would say of parallax (n,) px; it refuses matches that are found, here none are yet.
+
+    Raises
+    ------
+    NoAnswer : there is too little.
+    """
+    try:
+        return check_parallax(parallax, noise_px)
+    except NoAnswer as refused:
+        raise NoAnswer(
+            refused.code,
+            f"the parallax is {refused.value:.2g} px at most, which among matches that err by {noise_px:g} px is no "
+            "parallax",
+            "lengthen the baseline (5 to 20 % of the height is usual), or count on less noise (--noise)",
+            value=refused.value,
+        ) from refused
 
 
 def _open(flight: Flight, seen: Seen) -> NoAnswer:

@@ -32,6 +32,7 @@ CAMERA_UP = (0.0, 0.0, -1.0)  # the camera looks straight down
 LIKELY = 0.5  # share of simulated pairs with two answers from which they are called likely
 LARGEST_ZOOM = 2.0  # scale between the images beyond which features are matched badly
 VAGUE_DEG = Options().max_sigma_deg
+COUNTS = 0.5  # of the sigma: what is added in quadrature, and less than this, makes little of it
 TOLERATED = 0.01  # share of the sigma asked for by which the one found may miss it
 ROUNDING = 1e-12  # what is left of sines and cosines that are zero
 Vector = tuple[float, float, float]
@@ -96,7 +97,10 @@ class SecondAnswer:
 
 @dataclass(frozen=True)
 class PlannedWindow:
-    """window: x, y, w, h px of image 1. share_in_image2: of its points. What is not known is None."""
+    """window: x, y, w, h px of image 1. share_in_image2: of its points. What is not known is None.
+
+    unseen_deg : 1-sigma that `estimate` adds, in quadrature, for what image 2 does not show of it.
+    """
 
     id: int
     window: Window
@@ -105,6 +109,12 @@ class PlannedWindow:
     share_in_image2: float
     status: Literal["ok", "poor", "refused"]
     reason: str | None = None
+    unseen_deg: float | None = None
+
+    @property
+    def in_part(self) -> bool:
+        """Whether what image 2 does not show makes much of the sigma that `estimate` will report."""
+        return self.slope_sigma_deg is not None and (self.unseen_deg or 0.0) > COUNTS * self.slope_sigma_deg
 
 
 @dataclass(frozen=True, eq=False)
@@ -253,7 +263,8 @@ def _window(i: int, flight: Flight, cast: Forecast) -> PlannedWindow:
     share, sigma = float(cast.share[i]), _degrees(float(cast.sigma_rad[i]))
     parallax = None if np.isnan(cast.parallax_px[i]) else float(cast.parallax_px[i])
     status, reason = _status(share, sigma)
-    return PlannedWindow(i + 1, flight.windows[i], sigma, parallax, share, status, reason)
+    unseen = None if sigma is None else _degrees(float(cast.unseen_rad[i]))
+    return PlannedWindow(i + 1, flight.windows[i], sigma, parallax, share, status, reason, unseen)
 
 
 def _status(share: float, sigma: float | None) -> tuple[Literal["ok", "poor", "refused"], str | None]:
