@@ -60,8 +60,13 @@ def starting_states(observations: Observations, initial: list[tuple[FloatArray, 
 def _plausible(chi2: FloatArray, dof: int) -> list[int]:
     """Starts by chi-square, best first, without those that fit so much worse that they cannot be an answer."""
     values = chi2.tolist()
-    limit = (_HOPELESS + _HOPELESS_CHI2 / dof) * (min(values) + dof * _ROUNDING)
+    limit = (_HOPELESS + _HOPELESS_CHI2 / dof) * _least(values, dof)
     return [i for i in sorted(range(len(values)), key=values.__getitem__) if values[i] <= limit]
+
+
+def _least(chi2: list[float], n_residuals: int) -> float:
+    """The best chi-square and its rounding, which leaves exact fits below 0."""
+    return max(min(chi2), 0.0) + n_residuals * _ROUNDING
 
 
 def _null_vectors(observations: Observations, moments: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -178,7 +183,7 @@ def _promising(chi2: FloatArray, n_initial: int, n_residuals: int) -> list[int]:
     candidates = [0, 1, essential, best]
     if values[best] <= min(values[0], values[1], values[essential]):
         candidates.append(best ^ 1)
-    limit = _UNPROMISING * (min(values) + _ROUNDING * n_residuals)
+    limit = _UNPROMISING * _least(values, n_residuals)
     keep = [i for i in candidates if values[i] <= limit]
     keep += [i for i in range(n_homographies + 2, len(values)) if np.isfinite(values[i])]
     return keep or [min(range(len(values)), key=values.__getitem__)]
