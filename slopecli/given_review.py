@@ -9,7 +9,7 @@ import numpy as np
 from slopecli.errors import NoAnswer
 from slopecli.findings import NON_PLANAR
 from slopecli.geometry.epipolar import homogeneous
-from slopecli.planes.given import RAYS
+from slopecli.planes.given import FEWEST, RAYS
 from slopecli.planes.given_solution import GivenSolution
 from slopecli.planes.joint import Matched
 from slopecli.types import Camera, Diagnostic, Solution
@@ -63,6 +63,10 @@ def review(
     for k in range(m):
         if solved.emptied[k]:
             reasons[k] = f"{NON_PLANAR}: too many of its rows lie off it"
+        elif solved.unchecked[k]:
+            reasons[k] = (
+                f"{NON_PLANAR}: the {FEWEST} rows kept fit any plane, so another may be the one that lies off it"
+            )
         elif seen.off[k] and seen.along[k] > FAR * seen.across and (seen.shaped[k] or not modelled):
             reasons[k] = f"{NON_PLANAR}: its rows do not lie on one plane"
         if seen.off[k] and noise is not None and seen.both[k] > FAR * noise:
