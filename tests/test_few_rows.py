@@ -9,6 +9,7 @@ import pytest
 
 from slopecli.errors import DegenerateConfiguration, NoAnswer
 from slopecli.geometry import solve_planes
+from slopecli.geometry.openness import tilt_growth
 from slopecli.geometry.uncertainty import small_sample
 from slopecli.options import Options
 from slopecli.pipeline import solve
@@ -76,14 +77,21 @@ def test_what_is_just_determined_asks_for_the_noise() -> None:
     assert len(solve_planes(scene.x1[use], scene.x2[use], np.zeros(4, np.int64), noise=3e-4).scaled_normals) == 1
 
 
-def test_three_rows_nearly_on_a_line_leave_their_tilt_open() -> None:
-    """A normal many times too long looks sharp; planes known to 10 degrees are never off by far more."""
-    off = [
-        abs(plane.slope_deg - np.degrees(scene.slopes[plane.id])) / plane.slope_sigma_deg
-        for scene, report in reports(ALL, 3, 60, NOISE_PX)
-        for plane in report.planes
-        if plane.slope_known
-    ]
-    assert len(off) > 450
-    assert max(off) < 4.0
-    assert np.mean(np.array(off) > 3.0) < 0.01
+@pytest.mark.parametrize("seed", [60, 175, 189, 272, 394])
+def test_three_rows_nearly_on_a_line_leave_their_tilt_open(seed: int) -> None:
+    """A scaled normal many times too long looks sharp: one plane of each of these was off by 25 sigmas and more."""
+    scene = make_scene(np.random.default_rng(seed), trajectory_deg=45.0, noise_px=NOISE_PX)
+    use = some_rows(scene, ALL, 3)
+    given = Given(scene.uv1[use], scene.uv2[use], scene.patch[use])
+    report = solve(given, (scene.camera, scene.camera), Options(), NOISE_PX)
+    for plane in report.planes:
+        off = abs(plane.slope_deg - np.degrees(scene.slopes[plane.id]))
+        assert plane.status == "poor" or off < 4.0 * plane.slope_sigma_deg
+
+
+def test_a_normal_known_well_grows_by_nothing() -> None:
+    normals = np.array([[0.1, 0.2, 1.0], [0.0, 0.0, 10.0]])
+    covariance = np.array([1e-4 * np.eye(3), np.diag([0.1, 0.1, 36.0])])
+    growth = tilt_growth(normals, covariance)
+    assert growth[0] == 1.0
+    assert growth[1] > 3.0

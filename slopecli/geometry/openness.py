@@ -16,8 +16,8 @@ _LINEAR = 1.05  # growth of a sigma below which linearising it is good enough
 def tilt_growth(normals: FloatArray, covariance: FloatArray) -> FloatArray:
     """How many times larger the RMS error of each tilt is than its derivative by the scaled normal says, at least 1.
 
-    Points tell the scaled normal, and its error is Gaussian. The tilt is the direction of that normal alone. Points that
-    lie nearly on a line leave the normal so open along one direction that it may be several times too long; seen
+    Points tell the scaled normal, and its error is Gaussian. The tilt is the direction of that normal alone. Points
+    that lie nearly on a line leave the normal so open along one direction that it may be several times too long; seen
     from there, what leaves it open hardly turns it. The mean over the error itself knows better.
 
     Parameters
