@@ -42,12 +42,12 @@ def image_notes(image1: Image, image2: Image) -> list[Diagnostic]:
 def refuse_unmatched(n_features: tuple[int, int], n_matches: int, n_inliers: int) -> None:
     """Raise NoAnswer when too few matches agree on one motion to be more than chance."""
     if min(n_features) < FEW_FEATURES:
-        which = 1 + int(np.argmin(n_features))
+        which, few = 1 + int(np.argmin(n_features)), min(n_features)
         raise NoAnswer(
             "low-texture",
-            f"image {which} has only {min(n_features)} distinctive points, {FEW_FEATURES} are needed",
+            f"image {which} has only {few} distinctive point{'' if few == 1 else 's'}, {FEW_FEATURES} are needed",
             "use sharper, larger, better exposed or closer images",
-            value=float(min(n_features)),
+            value=float(few),
         )
     if n_inliers < MIN_INLIERS or n_inliers < MIN_SHARE * n_matches:
         raise NoAnswer(

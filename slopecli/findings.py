@@ -16,7 +16,7 @@ from slopecli.options import Options
 from slopecli.parts import unmatched_parts
 from slopecli.planes.changes import Change
 from slopecli.planes.window_match import WindowMatch
-from slopecli.types import BoolArray, Camera, Correspondences, Diagnostic, FloatArray, Plane, Solution, Source
+from slopecli.types import BoolArray, Camera, Correspondences, Diagnostic, FloatArray, IntArray, Plane, Solution, Source
 
 POOR_FIT_PX = 0.5  # noise of matches beyond which the cameras are in doubt, or the images
 UPRIGHT_DEG = 90.0
@@ -68,9 +68,9 @@ def diagnose(
     if solution.ambiguity.status == "unresolved":
         found.append(_second_motion(solution))
     if noise_px > POOR_FIT_PX:
-        found.append(_poor_fit(noise_px))
+        found.append(_poor_fit(noise_px, solution))
     if not solution.converged:
-        remedy = "check the camera file, and that nothing in view moved"
+        remedy = of_solver(solution) or "check the camera file, and that nothing in view moved"
         found.append(Diagnostic("poor-fit", "warning", "the joint solution did not settle", None, remedy))
     return found
 
@@ -83,14 +83,15 @@ def of_geometry(
     focal_px: float | None,
     options: Options,
     matched: dict[int, WindowMatch],
+    noise: float,
 ) -> list[Diagnostic]:
     """What the shape of the ground and the way of the camera over it make hard, or would make easier.
 
     length_m : between the cameras, where it is known.  focal_px : of camera 2, None for rays without a camera.
-    matched : of every plane, by its id.
+    matched : of every plane, by its id.  noise : 1-sigma of a match of weight one as measured, normalised.
     """
     apart = apart_of(solution, matches, length_m)
-    found = on_one_plane(solution, matches, focal_px) + towards_flat_ground(planes, solution, apart)
+    found = on_one_plane(solution, matches, focal_px, noise) + towards_flat_ground(planes, solution, apart)
     doubts = {number: float(np.degrees(match.doubt_rad)) for number, match in matched.items()}
     found += upside_down(planes, options)
     return found + unmatched_parts(planes, matched) + short_of_tolerance(planes, doubts, solution, apart, options)
@@ -179,16 +180,19 @@ def towards_flat_ground(planes: Sequence[Plane], solution: Solution, apart: Apar
     ]
 
 
-def on_one_plane(solution: Solution, matches: Correspondences, focal_px: float | None) -> list[Diagnostic]:
+def on_one_plane(
+    solution: Solution, matches: Correspondences, focal_px: float | None, noise: float
+) -> list[Diagnostic]:
     """Say that the motion rests on a single plane, where the images leave no second answer for all that.
 
-    focal_px : of camera 2; None for rays, of which only their noise says what is flat.
+    focal_px : of camera 2; None for rays, of which only their noise says what is flat.  noise : as measured.
     """
     if solution.ambiguity.status == "unresolved" or not solution.inlier.any():
         return []
     x1, x2 = matches.x1[solution.inlier], matches.x2[solution.inlier]
     off = _off_one_plane(solution, x1, x2)
-    if off > max(NOISE_OFF * solution.noise, 0.0 if focal_px is None else FLAT_PX / focal_px):
+    seen = 0.0 if of_solver(solution) else noise  # residuals of the solver's own making hide how flat the scene is
+    if off > max(NOISE_OFF * seen, 0.0 if focal_px is None else FLAT_PX / focal_px):
         return []
     unit, size = ("mrad", 1e3 * off) if focal_px is None else ("px", off * focal_px)
     return [
@@ -279,7 +283,28 @@ def _not_flat(plane: Plane, relief: float) -> Diagnostic:
     )
 
 
-def _poor_fit(noise_px: float) -> Diagnostic:
+def of_solver(solution: Solution) -> str:
+    """What to do about large residuals that are the solver's own; "" where they are those of the matches."""
+    if solution.solver == "lh" or (solution.solver == "ha" and not solution.converged):
+        return f"--solver {solution.solver} does not fit noise away; use mle"
+    return ""
+
+
+def measured_noise(solution: Solution, patch: IntArray) -> float:
+    """1-sigma of a match of weight one by its residuals, where the solution's own may have been given.
+
+    patch : (n,) of the correspondences.
+    """
+    on_none = int((patch[solution.inlier] < 0).sum())
+    residuals = 2 * int(solution.inlier.sum()) - on_none
+    freedom = residuals - 5 - 3 * len(solution.scaled_normals)
+    return float(solution.noise * min(np.sqrt(solution.chi2 / max(freedom, 1)), 1.0))
+
+
+def _poor_fit(noise_px: float, solution: Solution) -> Diagnostic:
+    if remedy := of_solver(solution):
+        message = f"the solution misses the matches by {noise_px:.2f} px, which is the solver's doing or theirs"
+        return Diagnostic("poor-fit", "warning", message, noise_px, remedy)
     return Diagnostic(
         "poor-fit",
         "warning",

@@ -16,6 +16,7 @@ from slopecli.findings import (
     changed,
     diagnose,
     epipole1_px,
+    measured_noise,
     of_geometry,
     unexplained,
 )
@@ -96,6 +97,9 @@ def build_report(
     length_m = length if scale.unit == "m" else None
     focal_px = None if cameras[1] is RAYS else cameras[1].focal_px
     fit = _fit(solution, matched, cameras[1])
+    given = matched.patches.source == "given"
+    noise = measured_noise(solution, matched.correspondences.patch) if given else solution.noise
+    noise_px = fit.noise_px * noise / max(solution.noise, np.finfo(float).tiny)
     ids = [plane.id for plane in planes]
     labels = _labels(matched, every, ids, images[0])
     if matched.patches.found:
@@ -114,8 +118,8 @@ def build_report(
         diagnostics=(
             *diagnostics,
             *changed(changes, planes, labels),
-            *of_geometry(planes, solution, matched.correspondences, length_m, focal_px, options, own),
-            *diagnose(planes, relief, solution, epipole, fit.noise_px, labels),
+            *of_geometry(planes, solution, matched.correspondences, length_m, focal_px, options, own, noise),
+            *diagnose(planes, relief, solution, epipole, noise_px, labels),
         ),
         labels=labels,
         epipole1_px=epipole,

@@ -12,6 +12,7 @@ from slopecli.geometry.slope import surface_normals
 from slopecli.measure import Measured, judge, signed_distance
 from slopecli.options import Options
 from slopecli.types import AlternativePlane, AmbiguityReport, FloatArray, Plane, Solution
+from slopecli.wording import figures
 
 WORTH_NAMING_DEG = 0.1  # a difference of the two motions below which no sensor decides between them
 OWN_ERROR = 2.0  # sigmas that what is measured may itself be off, towards the wrong answer
@@ -42,8 +43,10 @@ def margin(ambiguity: AmbiguityReport, n_matches: int) -> str:
     total, known = ambiguity.delta_chi2, ambiguity.delta_chi2_prior
     if total is None:
         return ""
-    shares = "" if known is None else f", {total - known:.4g} by the images and {known:.4g} by the motion given"
-    return f" (chi-square larger by {total:.4g}{shares}, of {n_matches} matches)"
+    shares = (
+        "" if known is None else f", {figures(total - known)} by the images and {figures(known)} by the motion given"
+    )
+    return f" (chi-square larger by {figures(total)}{shares}, of {n_matches} matches)"
 
 
 def what_decides(solution: Solution, slopes_deg: FloatArray, other_slopes_deg: FloatArray) -> str:

@@ -10,3 +10,8 @@ def beside(value: float, limit: float) -> str:
         (text for text in texts if (float(text) > limit, float(text) < limit) == (value > limit, value < limit)),
         f"{value:g}",
     )
+
+
+def figures(value: float) -> str:
+    """Four figures, and nothing of what does not show in two decimals: "412", "1.3", "0"."""
+    return f"{round(value, 2) + 0.0 if abs(value) < 1.0 else value:.4g}"

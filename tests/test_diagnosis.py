@@ -71,6 +71,11 @@ def test_images_that_differ_in_one_pixel_or_in_size_are_not_identical() -> None:
         assert refuse_identical(image, replace(image, grey=changed)) is None  # type: ignore[func-returns-value]
 
 
+def test_one_point_is_singular() -> None:
+    with pytest.raises(NoAnswer, match="only 1 distinctive point, 60 are needed"):
+        refuse_unmatched((1, 900), n_matches=5, n_inliers=4)
+
+
 @pytest.mark.parametrize(("found", "which"), [((7, 900), 1), ((900, 7), 2)])
 def test_too_few_features_blame_the_image_that_has_them(found: tuple[int, int], which: int) -> None:
     with pytest.raises(NoAnswer, match=f"^low-texture: image {which} has only 7 distinctive points") as refusal:

@@ -144,3 +144,25 @@ def test_what_is_not_one_plane_is_not_merged_with_others() -> None:
     assert "0, 1, 2" in merged
     assert "4" not in merged
     assert [plane.id for plane in report.planes if plane.status == "poor"] == [4]
+
+
+def test_a_noise_given_is_not_reported_as_measured() -> None:
+    report = solved(facets(), noise=1.0)
+    assert "poor-fit" not in {one.code for one in report.diagnostics}
+    assert report.fit.noise_px == pytest.approx(1.0)
+
+
+def test_what_is_flat_is_told_by_residuals_and_not_by_the_noise_given() -> None:
+    scene = facets(3, trajectory_deg=45.0, slopes_deg=[10.0] * 9, height_spread=0.0)
+    for noise in (None, 0.3, 5.0):
+        assert "single-plane" not in {one.code for one in solved(scene, noise=noise).diagnostics}
+
+
+@pytest.mark.parametrize("rays", [False, True])
+def test_residuals_of_the_longuet_higgins_motion_are_not_blamed_on_the_rows(rays: bool) -> None:
+    report = solved(facets(trajectory_deg=45.0, noise_px=1.0), rays=rays, solver="lh")
+    assert warnings(report) == {"poor-fit"}
+    assert "single-plane" not in {one.code for one in report.diagnostics}
+    for one in report.diagnostics:
+        assert one.severity != "warning" or one.remedy == "--solver lh does not fit noise away; use mle"
+    assert not any(plane.verdict == "safe" and plane.status == "poor" for plane in report.planes)

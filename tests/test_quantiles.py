@@ -7,7 +7,7 @@ from statistics import NormalDist
 import numpy as np
 import pytest
 
-from slopecli.geometry.quantiles import median, normal_quantile, quantile
+from slopecli.geometry.quantiles import median, normal_quantile, quantile, student_quantile
 
 
 @pytest.mark.parametrize("n", [1, 2, 3, 10, 101])
@@ -33,3 +33,10 @@ def test_normal_quantiles_are_those_of_the_standard_library(probability: float) 
 def test_there_is_no_quantile_beyond_certainty(probability: float) -> None:
     with pytest.raises(ValueError, match="no quantile"):
         normal_quantile(probability)
+
+
+def test_student_quantiles_are_those_of_the_tables() -> None:
+    known = {1: 12.7062, 2: 4.3027, 3: 3.1824, 4: 2.7764, 5: 2.5706, 30: 2.0423, 100: 1.9840}
+    assert {nu: round(student_quantile(0.975, nu), 4) for nu in known} == known
+    with pytest.raises(ValueError, match="no quantile"):
+        student_quantile(0.975, 0)

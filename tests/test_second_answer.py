@@ -10,7 +10,8 @@ from solution_factory import make_report_of, make_solution, with_second_root
 from test_priors import DEG, flat_descent, measured, solved
 
 from slopecli.geometry.priors import MotionPrior
-from slopecli.second_answer import deciding_sigma, what_decides
+from slopecli.second_answer import deciding_sigma, margin, what_decides
+from slopecli.types import AmbiguityReport
 
 
 def advice(seed: int) -> str:
@@ -61,3 +62,10 @@ def test_no_sensor_helps_where_an_answer_itself_reaches_as_far_as_the_other(own_
     assert (sigma > 0) == decides
     if decides:
         assert (1.0 - 4.0 * sigma) / (sigma**2 + own_sigma**2) == pytest.approx(15.0)
+
+
+@pytest.mark.parametrize(
+    ("value", "said"), [(4.383e-26, "0"), (-1e-9, "0"), (0.126, "0.13"), (1.3, "1.3"), (412.04, "412")]
+)
+def test_a_difference_that_does_not_show_is_none(value: float, said: str) -> None:
+    assert margin(AmbiguityReport("unresolved", value), 10) == f" (chi-square larger by {said}, of 10 matches)"

@@ -9,6 +9,8 @@ from slopecli.errors import DegenerateConfiguration, InputError, NoAnswer
 from slopecli.geometry import solve_planes
 from slopecli.geometry.epipolar import homogeneous, rotation_from_vector
 from slopecli.geometry.metrics import direction_angle, normal_angle, rotation_angle
+from slopecli.geometry.observations import observe
+from slopecli.geometry.starts import starting_states
 from slopecli.simulate import Scene, make_scene
 from slopecli.types import Solution
 
@@ -175,3 +177,12 @@ def test_unusable_input_is_one_clear_line(change: dict[str, object], message: st
     with pytest.raises(InputError, match=message) as caught:
         solve_planes(**arguments)  # type: ignore[arg-type]
     assert "\n" not in str(caught.value)
+
+
+def test_rounding_below_zero_leaves_a_start() -> None:
+    """Three points are fitted exactly, and a chi-square that is a difference of sums may then come out negative."""
+    for seed in range(300):
+        scene = make_scene(np.random.default_rng(seed), noise_px=0.3, trajectory_deg=60.0)
+        few = np.flatnonzero(scene.patch == 4)[:3]
+        states = starting_states(observe(scene.x1[few], scene.x2[few], np.zeros(3, np.int64)), [])
+        assert len(states.R) > 0

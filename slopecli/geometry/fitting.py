@@ -10,8 +10,8 @@ from slopecli.geometry.observations import Observations, Prediction, QuadraticFo
 from slopecli.geometry.priors import MotionPrior
 from slopecli.geometry.refinement import Refined, State, System, levenberg_marquardt, optimal_normals
 from slopecli.geometry.relief import Relief, estimate_relief
-from slopecli.geometry.robust import Kept, consensus, gate_squared, inliers
-from slopecli.geometry.starts import starting_states
+from slopecli.geometry.robust import LEAST_FREEDOM, Kept, consensus, gate_squared, inliers, is_beyond_chance
+from slopecli.geometry.starts import scattered_motions, starting_states
 from slopecli.records import dataclass
 from slopecli.types import BoolArray, FloatArray
 
@@ -21,6 +21,7 @@ _DISTINCT = 2e-3  # rad; roots closer than this are one
 _ROOTS = 3  # a scene has at most two visible roots; a third start covers a start that strays
 _RESTARTS = 3  # from the points that are left; the second is mostly the first again
 _HANDFUL = 5.0  # mismatches that may fit one root better than the other by chance, besides two standard deviations
+_MANY = 40  # degrees of freedom that tell the scale of residuals well enough for a gate on them to tell mismatches
 _MAX_TRIMS = 10  # inlier sets usually settle in two or three rounds
 _RELIEF_ROUNDS = 8
 _RELIEF_SETTLED = 0.01  # relative change of noise and relief that changes no weight that matters
@@ -61,6 +62,13 @@ class Fit:
         """Variance of a unit-weight residual, by the best root."""
         return float(self.system.chi2[0]) / degrees_of_freedom(self.observations)
 
+    def noise_freedom(self) -> int:
+        """Degrees of freedom that the noise is estimated from: with relief, residuals across epipolar lines alone."""
+        if not self.relief:
+            return degrees_of_freedom(self.observations)
+        used = np.count_nonzero(self.observations.weight) + np.count_nonzero(self.observations.free_weight)
+        return max(int(used) - 5, 1)
+
     def form(self, state: State, W: FloatArray | None) -> QuadraticForm:
         """The chi-square around a state, under the points' own weights or W (s, 3, n), and what is known besides."""
         return _form(self.observations, state, W, self.prior)
@@ -73,17 +81,23 @@ def _form(observations: Observations, state: State, W: FloatArray | None, prior:
 
 def degrees_of_freedom(observations: Observations) -> int:
     """Residuals less the 5 + 3m parameters, at least 1."""
-    return max(observations.residual_count() - 5 - 3 * observations.n_patches, 1)
+    return max(_spare(observations), 1)
+
+
+def _spare(observations: Observations) -> int:
+    return observations.residual_count() - 5 - 3 * observations.n_patches
 
 
 def maximum_likelihood(
     observations: Observations, noise: float | None, relief: bool, robust: bool, initial: list[Motion]
 ) -> Fit:
     """All visible roots of the joint least squares. Arguments as in `solve_planes`."""
+    if _spare(observations) < _MANY:
+        initial = initial + scattered_motions(observations)
     fit = _refit(observations, starting_states(observations, initial).pick(slice(_ROOTS + len(initial))))
     if robust:
         fit = _without_mismatches(fit, initial, relief)
-    return _with_relief(fit, noise, robust) if relief else fit
+    return _with_relief(fit, noise, robust and _spare(fit.observations) >= _MANY) if relief else fit
 
 
 def with_prior(fit: Fit, prior: MotionPrior, noise: float) -> Fit:
@@ -154,13 +168,16 @@ def _same(state: State, i: int, k: int) -> bool:
 def _without_mismatches(fit: Fit, initial: list[Motion], each_patch: bool) -> Fit:
     """The fit as it is when no residual is out of the ordinary, else one to the points that agree with each other.
 
+    A fit to few points bends to a mismatch, and some of them agree by chance. So one to a part is always sought, and
+    taken if its points agree better than that.
     Mismatches may hide a root from the starts, so these are found again from the points that are left; and every root
     chooses its points by itself, because those that one root has chosen speak against the other.
     """
     full = fit.observations
     everything = Kept(full.weight > 0.0, full.free_weight > 0.0)
-    kept, _ = inliers(full, fit.prediction, 0, everything, each_patch)
-    if kept.same_as(everything):
+    if _spare(full) >= _MANY and inliers(full, fit.prediction, 0, everything, each_patch)[0].same_as(everything):
+        return fit
+    if _spare(full) < LEAST_FREEDOM:
         return fit
     agreed = Kept(everything.planes & consensus(full), np.zeros_like(everything.free))
     best = _settled(full, agreed, _starts(full, agreed, initial), each_patch)
@@ -172,7 +189,17 @@ def _without_mismatches(fit: Fit, initial: list[Motion], each_patch: bool) -> Fi
         if best.kept.same_as(before.kept):
             break
     states = State(*(np.concatenate(parts) for parts in zip(*(one.fit.state for one in [best, *rivals]), strict=True)))
-    return _refit(_uncontested(full, best, rivals).applied_to(full), states)
+    chosen = _refit(_uncontested(full, best, rivals).applied_to(full), states)
+    return chosen if _is_better(chosen, fit) else fit
+
+
+def _is_better(chosen: Fit, fit: Fit) -> bool:
+    """Whether a fit to part of the points may stand for one to all of them."""
+    spare, removed = _spare(chosen.observations), fit.observations.residual_count()
+    removed -= chosen.observations.residual_count()
+    points = fit.observations.weight.size + fit.observations.free_weight.size
+    before, after = float(fit.system.chi2[0]), float(chosen.system.chi2[0])
+    return spare >= _MANY or is_beyond_chance(before, after, spare, removed, points)
 
 
 class _Settled(NamedTuple):

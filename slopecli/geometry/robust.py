@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 import numpy as np
@@ -14,6 +15,7 @@ from slopecli.types import BoolArray, FloatArray
 _MEDIAN_2, _MEDIAN_1 = 1.3863, 0.4549
 # one false alarm in this many clean data sets
 _FALSE_ALARMS = 100.0
+LEAST_FREEDOM = 2  # that leaving points out must leave: with less, what is left fits whatever it is
 # finest residual scale that means anything in double precision, normalised coordinates (a millionth of a pixel)
 _FINEST = 1e-9
 # free points may be this much noisier than patch points and still be judged by their own scale
@@ -55,6 +57,27 @@ def noise_at_least(given: float, squares: float, freedom: int) -> float:
     """
     shown = squares > given**2 * chi2_quantile(max(freedom, 1), _BEYOND_CHANCE)
     return float(np.sqrt(squares / max(freedom, 1))) if shown else given
+
+
+def is_beyond_chance(before: float, after: float, freedom: int, removed: int, n: int) -> bool:
+    """Whether leaving some points out makes the rest fit better than the best choice of as many clean ones would.
+
+    before, after : weighted sums of squares of all points and of those left.  freedom : of `after`.
+    removed : residuals left out.  n : points that could have been.
+
+    Of clean points after / before follows a beta distribution; its tail, times the number of choices, is the chance of
+    a false alarm. With hardly any freedom left, anything fits, and nothing is beyond chance.
+    Source: Hawkins, "Identification of Outliers", 1980, for one; Bonferroni's inequality for the choices.
+    """
+    if freedom < LEAST_FREEDOM:
+        return False
+    if not removed or before <= 0.0:
+        return True
+    a, q = 0.5 * freedom, 0.5 * removed
+    chosen = math.ceil(q)
+    choices = math.lgamma(n + 1) - math.lgamma(chosen + 1) - math.lgamma(max(n - chosen, 0) + 1)
+    tail = math.lgamma(a + q) - math.lgamma(a + 1) - math.lgamma(q) + a * math.log(max(after / before, 1e-300))
+    return choices + tail < -math.log(_FALSE_ALARMS)
 
 
 def residual_scale(squared: FloatArray, kept: BoolArray, dimensions: int, lost: float) -> float:

@@ -14,6 +14,7 @@ import numpy as np
 
 from slopecli.errors import InputError
 from slopecli.geometry.epipolar import tangent_basis, unit_vector
+from slopecli.geometry.openness import tilt_growth
 from slopecli.geometry.quantiles import normal_quantile
 from slopecli.types import BoolArray, FloatArray, Slopes, Solution
 
@@ -62,7 +63,8 @@ def measure_slopes(
     Returns
     -------
     slopes : `Slopes`. sigma_rad is the root mean square error of the slope as the tilt varies: the first-order sigma
-        on a steep plane, and finite and not zero on a level one. aspect_rad is clockwise seen from above, 0..2 pi, NaN
+        on a steep plane, finite and not zero on a level one, larger where the normal is so open that no derivative
+        tells its tilt (`openness.tilt_growth`). aspect_rad is clockwise seen from above, 0..2 pi, NaN
         where the slope is below twice its sigma.
 
     Raises
@@ -76,7 +78,8 @@ def measure_slopes(
     along, across = _tilt_axes(normals, up)
     slope = np.arctan2(np.linalg.norm(np.cross(up, normals), axis=1), normals @ up)
     covariance = _tilt_covariance(solution, normals, along, across, up, up_plane)
-    covariance = _positive(covariance)
+    growth = tilt_growth(solution.scaled_normals, solution.normal_covariance)
+    covariance = _positive(covariance) * growth[:, None, None] ** 2
     if up_plane is not None:
         covariance[up_plane] = 0.0  # against itself it has no noise; how level it is in truth is up's uncertainty
     covariance = covariance + up_sigma_rad**2 * np.eye(2)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Literal
+from typing import Literal, NamedTuple
 
 import numpy as np
 
@@ -16,7 +16,7 @@ from slopecli.geometry.metrics import direction_angle, rotation_angle
 from slopecli.geometry.observations import Observations, observe
 from slopecli.geometry.priors import MotionPrior
 from slopecli.geometry.robust import noise_at_least
-from slopecli.geometry.uncertainty import covariance_of
+from slopecli.geometry.uncertainty import covariance_of, small_sample
 from slopecli.types import Ambiguity, FloatArray, IntArray, Solution
 
 # normalised units (a billionth of a pixel) below which residuals are rounding
@@ -49,11 +49,13 @@ def solve_planes(
     x1, x2 : (n, 2) normalised (undistorted) coordinates in images 1 and 2.
     patch : (n,) int labels 0..m-1; -1 = on no plane, constrains the motion only.
     noise : 1-sigma of a normalised coordinate in image 2; None estimates it from the residuals, and so do residuals
-        that exceed it by more than chance: a sigma is never smaller than what is seen.
+        that exceed it by more than chance: a sigma is never smaller than what is seen. Where few residuals tell the
+        noise, standard errors are larger as Student's t is wider, see `uncertainty.small_sample`.
     weights : (n,) inverse relative variances of the correspondences, None for equal ones.
     relief : points of a patch lie near a plane, not on it (terrain): the best-fit plane is found and
         `Solution.relief` says how rough it is. Used by "mle" only.
-    robust : look for gross mismatches and leave them out. Clean data are fitted by plain least squares either way.
+    robust : look for gross mismatches and leave them out. Clean data are fitted by plain least squares either way, and
+        so are few that agree no better without some, see `robust.is_beyond_chance`.
     initial : motions (R, T) to try besides those found in closed form.
     noise_gain : how many times larger the standard errors are than independent noise makes them, for correspondences
         that share errors; multiplies every standard error and divides the chi-square between two roots by its square.
@@ -82,22 +84,23 @@ def solve_planes(
         fit = maximum_likelihood(observations, noise, relief, robust, motions)
     else:
         fit = closed_form(observations, solver)
-    sigma = _noise(fit, noise)
+    scale = _scale(fit, noise, noise_gain)
     if fit.observations is not observations:
         rotation = _rotation_only(fit.observations)
     if solver == "mle":  # a poor closed form may lose to a rotation where there is parallax
-        _check_parallax(fit, sigma, *rotation)
+        _check_parallax(fit, scale.noise, *rotation)
     if solver != "mle":
         joint = maximum_likelihood(observations, noise, False, False, list(zip(fit.state.R, fit.state.T, strict=True)))
-        best = _with_ambiguity(joint, solver, _noise(joint, noise), noise_gain, noise is not None)
-        return _beside(_solution(fit, 0, solver, sigma, noise_gain), best)
+        best = _with_ambiguity(joint, solver, _scale(joint, noise, noise_gain))
+        return _beside(_solution(fit, 0, solver, scale), best)
     if prior is None:
-        return _with_ambiguity(fit, solver, sigma, noise_gain, noise is not None)
-    known = with_prior(fit, prior, max(sigma * noise_gain, _ROUNDING))
-    grown = float(known.cost[0] - fit.cost[0]) / max(sigma * noise_gain, _ROUNDING) ** 2
-    solution = _with_ambiguity(known, solver, sigma, noise_gain, noise is not None)
+        return _with_ambiguity(fit, solver, scale)
+    scale = scale.all_widened()
+    known = with_prior(fit, prior, scale.unit)
+    grown = float(known.cost[0] - fit.cost[0]) / scale.unit**2
+    solution = _with_ambiguity(known, solver, scale)
     if len(known.cost) == 1 < len(fit.cost):
-        solution = replace(solution, ambiguity=_given_up(known, fit, solution, sigma, noise_gain, noise is not None))
+        solution = replace(solution, ambiguity=_given_up(known, fit, solution, scale))
     return replace(solution, prior_chi2=max(grown, 0.0))
 
 
@@ -121,12 +124,15 @@ def _checked_motion(R: FloatArray, T: FloatArray) -> Motion:
 
 def _check_enough(observations: Observations, noise: float | None) -> None:
     found, needed = observations.residual_count(), 5 + 3 * observations.n_patches + (noise is None)
-    if found < needed:
-        raise DegenerateConfiguration(
-            f"{observations.n_patches} patches and a motion need {needed} measurements, found {found} "
-            "(two a point on a patch, one a point on none); add correspondences"
-            + (", or give the noise if just one is missing" if noise is None else "")
-        )
+    if found >= needed:
+        return
+    m = observations.n_patches
+    what = f"{m} patch{'es' if m > 1 else ''} and a motion need {needed} measurements, found {found}"
+    if noise is None and found == needed - 1:
+        remedy = "that leaves nothing to tell the noise from, so give it (--noise), or more correspondences"
+    else:
+        remedy = "add correspondences"
+    raise DegenerateConfiguration(f"{what} (two a point on a patch, one a point on none); {remedy}")
 
 
 def _rotation_only(observations: Observations) -> tuple[FloatArray, float]:
@@ -168,30 +174,50 @@ def _pure_rotation(R: FloatArray, how_well: str) -> NoAnswer:
     )
 
 
-def _noise(fit: Fit, noise: float | None) -> float:
-    """Given, or from the residuals across epipolar lines, or from all residuals over their degrees of freedom."""
-    if fit.relief:
-        return fit.relief[0].noise
+class _Scale(NamedTuple):
+    """noise : 1-sigma of a unit-weight residual.  gain : of errors that points share.  widening : of standard errors,
+    where few residuals tell the noise.  freedom : how many do, infinite where it was given."""
+
+    noise: float
+    gain: float
+    widening: float
+    freedom: float
+
+    @property
+    def unit(self) -> float:
+        """What chi-squares are counted in."""
+        return max(self.noise * self.gain, _ROUNDING)
+
+    def all_widened(self) -> _Scale:
+        """For weighing the points against what does not scale with their noise."""
+        return self._replace(gain=self.gain * self.widening, widening=1.0)
+
+
+def _scale(fit: Fit, given: float | None, gain: float) -> _Scale:
+    """Noise as given, or from the residuals across epipolar lines, or from all residuals over their freedom."""
     squares, freedom = max(float(fit.system.chi2[0]), 0.0), degrees_of_freedom(fit.observations)
-    return float(np.sqrt(squares / freedom)) if noise is None else noise_at_least(noise, squares, freedom)
+    if fit.relief:
+        noise = fit.relief[0].noise
+    else:
+        noise = float(np.sqrt(squares / freedom)) if given is None else noise_at_least(given, squares, freedom)
+    known = np.inf if given is not None and noise <= given else fit.noise_freedom()
+    return _Scale(noise, gain, small_sample(known), known)
 
 
-def _with_ambiguity(fit: Fit, solver: str, noise: float, noise_gain: float, noise_given: bool) -> Solution:
+def _with_ambiguity(fit: Fit, solver: str, scale: _Scale) -> Solution:
     """The best root, with the second one attached when there is one."""
     if len(fit.cost) == 1:
-        return _solution(fit, 0, solver, noise, noise_gain)
-    worse_by = float(fit.cost[1] - fit.cost[0]) / max(noise * noise_gain, _ROUNDING) ** 2
+        return _solution(fit, 0, solver, scale)
+    worse_by = float(fit.cost[1] - fit.cost[0]) / scale.unit**2
     by_prior = 0.0 if fit.prior is None else fit.prior.favour(fit.state)
-    chance = by_chance(separate_freedom(fit), np.inf if noise_given else degrees_of_freedom(fit.observations))
+    chance = by_chance(separate_freedom(fit), scale.freedom)
     status: Literal["resolved", "unresolved"] = "resolved" if rules_out(worse_by, by_prior, chance) else "unresolved"
-    joined = status == "unresolved" and roots_are_joined(fit, noise * noise_gain)
-    best, alternative = (_solution(fit, i, solver, noise, noise_gain, joined) for i in (0, 1))
+    joined = status == "unresolved" and roots_are_joined(fit, scale.noise * scale.gain * scale.widening)
+    best, alternative = (_solution(fit, i, solver, scale, joined) for i in (0, 1))
     return replace(best, ambiguity=Ambiguity(status, worse_by, alternative, by_prior if fit.prior else None, joined))
 
 
-def _given_up(
-    known: Fit, free: Fit, solution: Solution, noise: float, noise_gain: float, noise_given: bool
-) -> Ambiguity:
+def _given_up(known: Fit, free: Fit, solution: Solution, scale: _Scale) -> Ambiguity:
     """The root that images alone admit besides, where what is known of the motion is so sharp that it leaves but one.
 
     known, free : the fits with and without that knowledge.  solution : the root that is left.
@@ -200,12 +226,12 @@ def _given_up(
         free.state.T[:2] - solution.T, axis=1
     )
     twin = int(np.argmax(apart))
-    alternative = _solution(free, twin, solution.solver, noise, noise_gain)
+    alternative = _solution(free, twin, solution.solver, scale)
     prior = known.prior.prior if known.prior else MotionPrior()
     left = prior.chi2(alternative)
-    worse_by = float(free.cost[twin] - known.cost[0]) / max(noise * noise_gain, _ROUNDING) ** 2 + left
+    worse_by = float(free.cost[twin] - known.cost[0]) / scale.unit**2 + left
     by_prior = left - prior.chi2(solution)
-    chance = by_chance(separate_freedom(free), np.inf if noise_given else degrees_of_freedom(free.observations))
+    chance = by_chance(separate_freedom(free), scale.freedom)
     # where neither speaks against it, both were dents of one minimum
     ruled_out = by_prior > by_chance(0.0) or worse_by - by_prior > chance
     return Ambiguity("resolved", worse_by, alternative, by_prior) if ruled_out else Ambiguity()
@@ -229,10 +255,10 @@ def _apart(a: Solution, b: Solution) -> float:
     return float(rotation_angle(a.R, b.R) + direction_angle(a.T, b.T))
 
 
-def _solution(fit: Fit, index: int, solver: str, noise: float, noise_gain: float, joined: bool = False) -> Solution:
+def _solution(fit: Fit, index: int, solver: str, scale: _Scale, joined: bool = False) -> Solution:
     """Root number `index` as a `Solution`, in the caller's order of points."""
     observations, state = fit.observations, fit.state
-    covariance = covariance_of(fit.system, state.T[index], index, noise * noise_gain)
+    covariance = covariance_of(fit.system, state.T[index], index, scale.noise * scale.gain * scale.widening)
     if joined:
         covariance = reaching_across(covariance, state, index)
     return Solution(
@@ -240,10 +266,10 @@ def _solution(fit: Fit, index: int, solver: str, noise: float, noise_gain: float
         T=state.T[index],
         scaled_normals=state.N[index],
         **covariance._asdict(),
-        noise=noise,
+        noise=scale.noise,
         relief=fit.relief[index].relative if fit.relief else np.zeros(observations.n_patches),
         rms=_rms(observations, fit, index),
-        chi2=float(fit.system.chi2[index]) / max(noise, _ROUNDING) ** 2,
+        chi2=float(fit.system.chi2[index]) / max(scale.noise, _ROUNDING) ** 2,
         inlier=observations.in_given_order(observations.free_weight > 0.0, observations.weight > 0.0),
         converged=bool(fit.converged[index]),
         iterations=fit.iterations,

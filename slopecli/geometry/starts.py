@@ -5,13 +5,14 @@ from __future__ import annotations
 import numpy as np
 
 from slopecli.geometry.decomposition import longuet_higgins
-from slopecli.geometry.epipolar import decompose_essential
+from slopecli.geometry.epipolar import decompose_essential, fit_rotation
 from slopecli.geometry.observations import Observations, QuadraticForm, isotropic, patch_moments
 from slopecli.geometry.refinement import State, levenberg_marquardt, optimal_normals
 from slopecli.types import FloatArray, IntArray
 
 _PATCH_STARTS = 2  # single patches whose own homography is tried besides the homography of all points
 _SCORED_PATCHES = 64  # a motion is found from this many patches; the others only add their normals to it
+_SCATTERED = 16  # directions over half a sphere, about 35 degrees apart
 _COARSE_STEPS = 2  # enough to tell which starts are roots; the exact refinement goes on from there
 _DISTINCT = 2e-3  # rad; closer motions are the same minimum
 _ROUNDING = 1e-15  # of chi-square per residual, where it is a difference of sums of order one
@@ -60,8 +61,28 @@ def starting_states(observations: Observations, initial: list[tuple[FloatArray, 
 def _plausible(chi2: FloatArray, dof: int) -> list[int]:
     """Starts by chi-square, best first, without those that fit so much worse that they cannot be an answer."""
     values = chi2.tolist()
-    limit = (_HOPELESS + _HOPELESS_CHI2 / dof) * (min(values) + dof * _ROUNDING)
+    limit = (_HOPELESS + _HOPELESS_CHI2 / dof) * _least(values, dof)
     return [i for i in sorted(range(len(values)), key=values.__getitem__) if values[i] <= limit]
+
+
+def scattered_motions(observations: Observations) -> list[tuple[FloatArray, FloatArray]]:
+    """Motions to try where few points leave closed forms too noisy to be near every root: moves in all directions.
+
+    Of a direction and its opposite one puts the scene in front, so half a sphere of them does. The rotation of each is
+    the one that explains the points without any move.
+    """
+    points = np.concatenate([observations.free1, observations.p], axis=1)
+    found = np.concatenate([observations.free2, observations.x2], axis=1)
+    R = fit_rotation(points, found, np.concatenate([observations.free_weight, observations.weight]))
+    height = (np.arange(_SCATTERED) + 0.5) / _SCATTERED
+    turn = np.pi * (3.0 - np.sqrt(5.0)) * np.arange(_SCATTERED)
+    across = np.sqrt(1.0 - height**2)
+    return [(R, T) for T in np.column_stack([across * np.cos(turn), across * np.sin(turn), height])]
+
+
+def _least(chi2: list[float], n_residuals: int) -> float:
+    """The best chi-square and its rounding, which leaves exact fits below 0."""
+    return max(min(chi2), 0.0) + n_residuals * _ROUNDING
 
 
 def _null_vectors(observations: Observations, moments: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -178,7 +199,7 @@ def _promising(chi2: FloatArray, n_initial: int, n_residuals: int) -> list[int]:
     candidates = [0, 1, essential, best]
     if values[best] <= min(values[0], values[1], values[essential]):
         candidates.append(best ^ 1)
-    limit = _UNPROMISING * (min(values) + _ROUNDING * n_residuals)
+    limit = _UNPROMISING * _least(values, n_residuals)
     keep = [i for i in candidates if values[i] <= limit]
     keep += [i for i in range(n_homographies + 2, len(values)) if np.isfinite(values[i])]
     return keep or [min(range(len(values)), key=values.__getitem__)]

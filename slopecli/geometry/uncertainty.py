@@ -10,12 +10,15 @@ from slopecli.errors import DegenerateConfiguration, InputError
 from slopecli.geometry.epipolar import tangent_basis
 from slopecli.geometry.observations import Observations, linearise, observe, predict
 from slopecli.geometry.priors import MotionPrior
+from slopecli.geometry.quantiles import normal_quantile, student_quantile
 from slopecli.geometry.refinement import State, System, normal_equations
 from slopecli.types import FloatArray, IntArray
 
 # information this much smaller than the largest is rounding: that direction is reported as almost unknown
 _LEAST_INFORMATION = 1e-15
 _NO_INFORMATION = 1e-100  # of a patch all of whose points were left out
+_LEVEL = 0.975  # of the intervals that hold: 95 % two-sided
+_MANY = 300  # degrees of freedom from which on a sigma would change by less than 0.5 %, and is left as it is
 
 
 class Covariance(NamedTuple):
@@ -42,6 +45,18 @@ def covariance_of(system: System, T: FloatArray, index: int, noise: float) -> Co
     gain = -system.response[index, :, :, :6] @ P
     own = noise**2 * _inverse(system.plane_block[index])
     return Covariance(own + gain @ C @ gain.swapaxes(1, 2), C, tangent, gain)
+
+
+def small_sample(freedom: float) -> float:
+    """Factor on standard errors whose noise was estimated from so many degrees of freedom, infinite when it was given.
+
+    An error over a sigma that is itself estimated follows Student's t, not a Gaussian. Times t_0.975 / 1.96, the
+    Gaussian 95 % interval is Student's: 6.5 with one degree of freedom, 1.4 with four, 1.01 with a hundred. Sources:
+    Student, "The probable error of a mean", 1908; for regressions Seber and Lee, "Linear Regression Analysis", 2003.
+    """
+    if freedom >= _MANY:
+        return 1.0
+    return student_quantile(_LEVEL, max(int(freedom), 1)) / normal_quantile(_LEVEL)
 
 
 def _inverse(information: FloatArray) -> FloatArray:

@@ -9,6 +9,7 @@ import numpy as np
 from slopecli.geometry.flatness import Flatness, flatness
 from slopecli.geometry.priors import MotionPrior
 from slopecli.geometry.solve import solve_planes
+from slopecli.planes.given import FEWEST
 from slopecli.planes.joint import Matched
 from slopecli.records import dataclass
 from slopecli.types import BoolArray, Solution
@@ -18,11 +19,13 @@ MOST_LEFT_OUT = 0.25  # share of a patch's rows off its plane beyond which it is
 
 @dataclass(frozen=True, eq=False)
 class GivenSolution:
-    """The solution; how flat its patches are; and which (m,) had too many rows off their plane in an exact fit."""
+    """The solution; how flat its patches are; which (m,) had too many rows off their plane in an exact fit; and which
+    (m,) were left with no more rows than make a plane, which would fit whichever was left out."""
 
     solution: Solution
     flatness: Flatness
     emptied: BoolArray
+    unchecked: BoolArray
 
 
 def solve_given(
@@ -44,10 +47,11 @@ def solve_given(
     counted = points.patch >= 0
     total, kept = (np.bincount(points.patch[chosen]) for chosen in (counted, counted & exact.inlier))
     emptied = kept < (1 - MOST_LEFT_OUT) * total
+    unchecked = (kept <= FEWEST) & (kept < total)
     if solver == "mle":
         rough = solve_planes(*given, solver, noise, weights=matched.weights, prior=prior, relief=True)
         seen = flatness(rough, *given, matched.weights)
         # many mismatches upset the fit with relief, which takes them for noise
         if seen.off.any() and rough.noise <= exact.noise:
-            return GivenSolution(rough, seen, emptied)
-    return GivenSolution(exact, flatness(exact, *given, matched.weights), emptied)
+            return GivenSolution(rough, seen, emptied, unchecked)
+    return GivenSolution(exact, flatness(exact, *given, matched.weights), emptied, unchecked)

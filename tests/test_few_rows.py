@@ -1,0 +1,97 @@
+"""Few rows a plane: what is left out, what their noise is worth, and whether the truth lies within what is stated."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+import pytest
+
+from slopecli.errors import DegenerateConfiguration, NoAnswer
+from slopecli.geometry import solve_planes
+from slopecli.geometry.openness import tilt_growth
+from slopecli.geometry.uncertainty import small_sample
+from slopecli.options import Options
+from slopecli.pipeline import solve
+from slopecli.planes.given import Given
+from slopecli.simulate import Scene, make_scene
+from slopecli.types import IntArray, Report
+
+NOISE_PX = 0.3
+ALL = tuple(range(9))
+
+
+def some_rows(scene: Scene, planes: tuple[int, ...], rows: int) -> IntArray:
+    return np.concatenate([np.flatnonzero(scene.patch == plane)[:rows] for plane in planes])
+
+
+def reports(
+    planes: tuple[int, ...], rows: int, scenes: int, noise: float | None = None
+) -> Iterator[tuple[Scene, Report]]:
+    rng = np.random.default_rng(40)
+    for _ in range(scenes):
+        scene = make_scene(rng, trajectory_deg=float(rng.uniform(0, 90)), noise_px=NOISE_PX)
+        use = some_rows(scene, planes, rows)
+        given = Given(scene.uv1[use], scene.uv2[use], scene.patch[use])
+        try:
+            yield scene, solve(given, (scene.camera, scene.camera), Options(), noise)
+        except NoAnswer:
+            continue
+
+
+def test_clean_rows_are_all_kept_where_few_are_left_to_tell() -> None:
+    for planes, rows in (((4,), 5), ((4,), 6), ((0, 8), 4)):
+        for _, report in reports(planes, rows, 20):
+            assert report.fit.n_inliers == rows * len(planes)
+            assert report.fit.noise_px > 1e-3
+
+
+def test_a_gross_mismatch_among_few_rows_is_still_found() -> None:
+    for seed in range(10):
+        scene = make_scene(np.random.default_rng(seed), noise_px=NOISE_PX, trajectory_deg=45.0)
+        use = some_rows(scene, (0, 8), 8)
+        x2 = scene.x2[use].copy()
+        x2[3] += 0.1
+        solution = solve_planes(scene.x1[use], x2, (scene.patch[use] == 8).astype(np.int64))
+        assert np.flatnonzero(~solution.inlier).tolist() == [3]
+
+
+def test_a_noise_told_by_few_residuals_widens_sigmas_as_student_does() -> None:
+    scene = make_scene(np.random.default_rng(2), noise_px=NOISE_PX, trajectory_deg=45.0)
+    for rows in (5, 30):
+        use = some_rows(scene, (0, 4, 8), rows)
+        labels = np.repeat(np.arange(3), rows)
+        estimated = solve_planes(scene.x1[use], scene.x2[use], labels, robust=False)
+        known = solve_planes(scene.x1[use], scene.x2[use], labels, noise=estimated.noise, robust=False)
+        ratio = np.sqrt(estimated.normal_covariance / known.normal_covariance)
+        assert ratio == pytest.approx(small_sample(6 * rows - 14))
+    assert small_sample(1) == pytest.approx(12.7062 / 1.95996, rel=1e-4)
+    assert small_sample(300) == small_sample(np.inf) == 1.0
+
+
+def test_what_is_just_determined_asks_for_the_noise() -> None:
+    scene = make_scene(np.random.default_rng(2), noise_px=NOISE_PX, trajectory_deg=45.0)
+    use = some_rows(scene, (4,), 4)
+    with pytest.raises(DegenerateConfiguration, match=r"1 patch and a motion need 9 .*\(--noise\)"):
+        solve_planes(scene.x1[use], scene.x2[use], np.zeros(4, np.int64))
+    assert len(solve_planes(scene.x1[use], scene.x2[use], np.zeros(4, np.int64), noise=3e-4).scaled_normals) == 1
+
+
+@pytest.mark.parametrize("seed", [60, 175, 189, 272, 394])
+def test_three_rows_nearly_on_a_line_leave_their_tilt_open(seed: int) -> None:
+    """A scaled normal many times too long looks sharp: one plane of each of these was off by 25 sigmas and more."""
+    scene = make_scene(np.random.default_rng(seed), trajectory_deg=45.0, noise_px=NOISE_PX)
+    use = some_rows(scene, ALL, 3)
+    given = Given(scene.uv1[use], scene.uv2[use], scene.patch[use])
+    report = solve(given, (scene.camera, scene.camera), Options(), NOISE_PX)
+    for plane in report.planes:
+        off = abs(plane.slope_deg - np.degrees(scene.slopes[plane.id]))
+        assert plane.status == "poor" or off < 4.0 * plane.slope_sigma_deg
+
+
+def test_a_normal_known_well_grows_by_nothing() -> None:
+    normals = np.array([[0.1, 0.2, 1.0], [0.0, 0.0, 10.0]])
+    covariance = np.array([1e-4 * np.eye(3), np.diag([0.1, 0.1, 36.0])])
+    growth = tilt_growth(normals, covariance)
+    assert growth[0] == 1.0
+    assert growth[1] > 3.0
