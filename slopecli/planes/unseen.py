@@ -23,7 +23,7 @@ STEP_FILLED = 0.5  # of the matches that might be around, from which on the wind
 MOST_STEP_RAD = np.radians(30.0)  # in more doubt than this is nobody who has seen the larger part
 BESIDE = 0.25  # of a window's longer side: what is as near to a gap tells what may be in it
 BESIDE_COUNT, LEAST_BESIDE = 8, 3  # matches of the overview that tell it of every cell, and in all
-CONTRADICTED = 0.45  # of a window's longer side: how far off its plane something may stand that is not found on it
+CONTRADICTED = 0.45  # of a window's longer side: how far off its plane what is not found on it may stand
 MIN_IN_BLOCK = 6  # matches that give a block of ground its plane
 BLOCK_CELLS = 4.0  # a block is at least so many spacings of matches wide
 # what is believed of the ground before it is seen, and worth how many pairs of blocks
@@ -84,7 +84,7 @@ def beside_rad(gaps: Gaps, normal: FloatArray, evidence: Evidence, focal1_px: fl
     distance = np.take_along_axis(distance, nearest, 1)
     within = distance < BESIDE * max(gaps.window[2:])
     # ground that only bends is off the plane as well, the farther away the more
-    step = np.maximum(height[nearest] - distance, 0.0)
+    step = np.clip(height[nearest] - distance, 0.0, CONTRADICTED * max(gaps.window[2:]))
     square = (step**2 * within).sum(1) / np.maximum(within.sum(1), 1)
     return min(gaps.tilt_rad(np.sqrt(square)), MOST_STEP_RAD)
 
