@@ -95,3 +95,24 @@ def test_a_normal_known_well_grows_by_nothing() -> None:
     growth = tilt_growth(normals, covariance)
     assert growth[0] == 1.0
     assert growth[1] > 3.0
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("planes", "rows", "at_least"), [((4,), 5, 0.85), ((4,), 6, 0.85), ((0, 8), 4, 0.85), ((0, 4), 30, 0.94)]
+)
+def test_intervals_of_few_rows_hold_the_truth(planes: tuple[int, ...], rows: int, at_least: float) -> None:
+    """That of the answer, or of either where two are left: 89 to 93 % measured of few rows, not yet the 95 % stated.
+
+    The limits lie two to three standard errors below that. Without Student's factor it was 73 to 84 %.
+    """
+    inside = []
+    for scene, report in reports(planes, rows, 200):
+        other = report.ambiguity.alternative
+        seconds = other.planes if other and report.ambiguity.status == "unresolved" else report.planes
+        for both in zip(report.planes, seconds, strict=True):
+            if all(plane.slope_known for plane in both) and both[0].status == "ok":
+                truth = np.degrees(scene.slopes[both[0].id])
+                inside.append(any(p.slope_ci95_deg[0] <= truth <= p.slope_ci95_deg[1] for p in both))
+    assert len(inside) > 60
+    assert np.mean(inside) >= at_least

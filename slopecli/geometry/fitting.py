@@ -8,10 +8,10 @@ import numpy as np
 
 from slopecli.geometry.observations import Observations, Prediction, QuadraticForm, linearise, predict
 from slopecli.geometry.priors import MotionPrior
-from slopecli.geometry.refinement import Refined, State, System, levenberg_marquardt, optimal_normals
+from slopecli.geometry.refinement import GRACE, Refined, State, System, levenberg_marquardt, optimal_normals
 from slopecli.geometry.relief import Relief, estimate_relief
 from slopecli.geometry.robust import LEAST_FREEDOM, Kept, consensus, gate_squared, inliers, is_beyond_chance
-from slopecli.geometry.starts import scattered_motions, starting_states
+from slopecli.geometry.starts import COARSE_STEPS, scattered_motions, starting_states
 from slopecli.records import dataclass
 from slopecli.types import BoolArray, FloatArray
 
@@ -22,6 +22,7 @@ _ROOTS = 3  # a scene has at most two visible roots; a third start covers a star
 _RESTARTS = 3  # from the points that are left; the second is mostly the first again
 _HANDFUL = 5.0  # mismatches that may fit one root better than the other by chance, besides two standard deviations
 _MANY = 40  # degrees of freedom that tell the scale of residuals well enough for a gate on them to tell mismatches
+_FEW_STEPS, _FEW_GRACE = 15, 40  # iterations before starts are left out, and given up, where few points tell
 _MAX_TRIMS = 10  # inlier sets usually settle in two or three rounds
 _RELIEF_ROUNDS = 8
 _RELIEF_SETTLED = 0.01  # relative change of noise and relief that changes no weight that matters
@@ -94,7 +95,7 @@ def maximum_likelihood(
     """All visible roots of the joint least squares. Arguments as in `solve_planes`."""
     if _spare(observations) < _MANY:
         initial = initial + scattered_motions(observations)
-    fit = _refit(observations, starting_states(observations, initial).pick(slice(_ROOTS + len(initial))))
+    fit = _refit(observations, _starts(observations, initial))
     if robust:
         fit = _without_mismatches(fit, initial, relief)
     return _with_relief(fit, noise, robust and _spare(fit.observations) >= _MANY) if relief else fit
@@ -126,7 +127,8 @@ def _refit(
     def form(state: State) -> QuadraticForm:
         return _form(observations, state, W, prior)
 
-    refined = levenberg_marquardt(state, form, degrees_of_freedom(observations))
+    grace = _FEW_GRACE if _spare(observations) < _MANY else GRACE
+    refined = levenberg_marquardt(state, form, degrees_of_freedom(observations), grace=grace)
     cost = refined.system.chi2
     if relief:
         cost = cost + np.array([r.noise**2 * r.log_determinant for r in relief])
@@ -180,10 +182,10 @@ def _without_mismatches(fit: Fit, initial: list[Motion], each_patch: bool) -> Fi
     if _spare(full) < LEAST_FREEDOM:
         return fit
     agreed = Kept(everything.planes & consensus(full), np.zeros_like(everything.free))
-    best = _settled(full, agreed, _starts(full, agreed, initial), each_patch)
+    best = _settled(full, agreed, _starts(agreed.applied_to(full), initial), each_patch)
     rivals: list[_Settled] = []
     for _ in range(_RESTARTS):
-        states = _refit(best.kept.applied_to(full), _starts(full, best.kept, initial)).state
+        states = _refit(best.kept.applied_to(full), _starts(best.kept.applied_to(full), initial)).state
         rivals = [_settled(full, best.kept, states.pick([i]), each_patch) for i in range(len(states.R))]
         before, best = best, min([best, *rivals], key=lambda one: one.cost)
         if best.kept.same_as(before.kept):
@@ -210,8 +212,10 @@ class _Settled(NamedTuple):
     cost: float
 
 
-def _starts(full: Observations, kept: Kept, initial: list[Motion]) -> State:
-    return starting_states(kept.applied_to(full), initial).pick(slice(_ROOTS + len(initial)))
+def _starts(observations: Observations, initial: list[Motion]) -> State:
+    # chi-squares of few points are so small that a start looks hopeless long before it has come down a bent valley
+    steps = _FEW_STEPS if _spare(observations) < _MANY else COARSE_STEPS
+    return starting_states(observations, initial, steps).pick(slice(_ROOTS + len(initial)))
 
 
 def _settled(full: Observations, kept: Kept, states: State, each_patch: bool) -> _Settled:

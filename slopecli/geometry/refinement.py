@@ -23,7 +23,7 @@ _EYE6 = np.eye(6)
 # the residual sum below which only rounding is left, per residual: (1e-15)^2 in normalised coordinates
 ROUNDING = 1e-30
 # after this many iterations a start that still fits this many times worse than the best one is a stray, not a root
-_GRACE, _HOPELESS = 4, 10.0
+GRACE, _HOPELESS = 4, 10.0
 # a start that is not there after so many steps sits in the bent valley where rotation, baseline and normals trade off
 # (a narrow field of view); normals solved anew after every step follow its bend
 _PLAIN_STEPS = 2
@@ -186,6 +186,7 @@ def levenberg_marquardt(
     tolerance: float = 1e-3,
     rounding: float = ROUNDING,
     max_iterations: int = 100,
+    grace: int = GRACE,
 ) -> Refined:
     """Minimise chi-square from s starts together.
 
@@ -195,6 +196,7 @@ def levenberg_marquardt(
     degrees_of_freedom : residuals less parameters, for the stopping rule.
     tolerance : stop when the promised decrease is below this part of one residual variance: the parameters are then
         within about sqrt(tolerance) standard errors before the last step, and far closer after it.
+    grace : iterations after which a start that fits many times worse than the best is given up.
     rounding : per residual, the part of chi-square that is rounding; no step is taken for less.
     """
     system = normal_equations(state, linearise(state))
@@ -206,7 +208,7 @@ def levenberg_marquardt(
         floor = np.maximum(system.chi2 / dof, rounding)
         worthwhile = promised > dof * rounding
         settled = settled | ~worthwhile | (promised <= tolerance * floor)
-        if _finished(settled, damping, system.chi2, iteration):
+        if _finished(settled, damping, system.chi2, iteration > grace):
             # a step this small needs no check, and moves too little to change the system
             return Refined(_accept(settled & worthwhile, trial, state), system, iteration, settled)
         if iteration > _PLAIN_STEPS:
@@ -218,10 +220,10 @@ def levenberg_marquardt(
     return Refined(state, system, max_iterations, settled)
 
 
-def _finished(settled: BoolArray, damping: FloatArray, chi2: FloatArray, iteration: int) -> bool:
+def _finished(settled: BoolArray, damping: FloatArray, chi2: FloatArray, late: bool) -> bool:
     """Every start is settled, stuck, or a stray that has had its time."""
     done = settled | (damping > 1e6)
-    if iteration > _GRACE:
+    if late:
         done = done | (chi2 > _HOPELESS * chi2.min())
     return bool(done.all())
 

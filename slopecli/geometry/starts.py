@@ -13,7 +13,7 @@ from slopecli.types import FloatArray, IntArray
 _PATCH_STARTS = 2  # single patches whose own homography is tried besides the homography of all points
 _SCORED_PATCHES = 64  # a motion is found from this many patches; the others only add their normals to it
 _SCATTERED = 16  # directions over half a sphere, about 35 degrees apart
-_COARSE_STEPS = 2  # enough to tell which starts are roots; the exact refinement goes on from there
+COARSE_STEPS = 2  # enough to tell which starts are roots; the exact refinement goes on from there
 _DISTINCT = 2e-3  # rad; closer motions are the same minimum
 _ROUNDING = 1e-15  # of chi-square per residual, where it is a difference of sums of order one
 # a start that fits 10 times worse than the best and by more than 1000 in chi-square is not a second answer
@@ -22,7 +22,9 @@ _HOPELESS, _HOPELESS_CHI2 = 10.0, 1000.0
 _UNPROMISING = 30.0
 
 
-def starting_states(observations: Observations, initial: list[tuple[FloatArray, FloatArray]]) -> State:
+def starting_states(
+    observations: Observations, initial: list[tuple[FloatArray, FloatArray]], steps: int = COARSE_STEPS
+) -> State:
     """Refined, distinct motions with their normals, best chi-square first.
 
     Every start is a motion; its normals follow in closed form, which also gives its chi-square, so all starts are
@@ -30,7 +32,8 @@ def starting_states(observations: Observations, initial: list[tuple[FloatArray, 
 
     Parameters
     ----------
-    initial : motions (R, T) the caller wants tried as well.
+    initial : motions (R, T) the caller wants tried as well.  steps : of refinement before those that repeat others or
+        fit far worse are left out.
 
     Returns
     -------
@@ -48,7 +51,7 @@ def starting_states(observations: Observations, initial: list[tuple[FloatArray, 
     form = _form(observations, weighted[:, sample], R[keep], T[keep])
     # chi-square is a difference of sums of order dof here, so nothing below their rounding can be trusted
     refined = levenberg_marquardt(
-        state.pick(keep), lambda _: form, dof, tolerance=1.0, rounding=_ROUNDING, max_iterations=_COARSE_STEPS
+        state.pick(keep), lambda _: form, dof, tolerance=1.0, rounding=_ROUNDING, max_iterations=steps
     )
     state = refined.state
     order = _distinct(state.R, state.T, _plausible(refined.system.chi2, dof))
