@@ -148,10 +148,10 @@ def test_the_part_across_a_step_tilts_the_whole() -> None:
     assert stepped_rad(gaps_of(WINDOW, matches(), 1.0), LEVEL, terrace(220, 0.2)) == 0.0
 
 
-@pytest.mark.parametrize("side", [16, 24, 48, 160])
-def test_a_window_matched_all_over_is_so_up_to_its_rim(side: int) -> None:
-    window = (100, 80, side, side)
-    u, v = np.meshgrid(np.arange(101.5, 100 + side, 4.0), np.arange(81.5, 80 + side, 4.0))
-    gaps = gaps_of(window, np.column_stack([u.ravel(), v.ravel()]), 1.0)
-    rim = np.column_stack([np.full(side, 100.0), 80.0 + np.arange(side)])
-    assert gaps.filled(rim).min() > 0.5
+def test_a_strip_along_the_edge_is_not_filled_by_the_matches_beside_it() -> None:
+    """Three cells wide it is a gap to its middle; two or three cells inside the window there is none."""
+    gaps = gaps_of(WINDOW, left_part(230), 0.81)
+    x, y, w, h = WINDOW
+    middle = y + np.arange(20.0, h - 20.0)
+    assert gaps.filled(np.column_stack([np.full(len(middle), x + w - 15.0), middle])).max() < 0.5
+    assert gaps.filled(np.column_stack([np.full(len(middle), x + 60.0), middle])).min() > 0.5

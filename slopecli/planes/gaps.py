@@ -53,14 +53,14 @@ class Gaps:
         return np.asarray(inside & self.seen[row * self.shape[1] + column])
 
     def filled(self, uv1: FloatArray) -> FloatArray:
-        """(k,) matches around points (k, 2) px of image 1 over what there are where the window has no gaps."""
+        """(k,) matches around points (k, 2) px of image 1 over what there are where the window has no gaps.
+
+        What leaves the window counts as empty: of a strip along its edge the matches beside it tell nothing.
+        """
         reach = 1.5 * self.cell_px
         u, v = (uv1[:, k, None] - self.matched[None, :, k] for k in (0, 1))
         around = (u * u + v * v < reach**2).sum(axis=1)
-        x, y, w, h = self.window
-        low, high = np.array([x, y]) - 0.5, np.array([x + w, y + h]) - 0.5
-        inside = np.clip(np.minimum(uv1 + reach, high) - np.maximum(uv1 - reach, low), 0.1 * reach, None).prod(axis=1)
-        return np.asarray(around / (self.per_px * np.pi / 4 * inside))
+        return np.asarray(around / (self.per_px * np.pi * reach**2))
 
 
 def gaps_of(window: Window, uv1: FloatArray, share: float) -> Gaps:

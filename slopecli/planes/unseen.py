@@ -84,7 +84,7 @@ def beside_rad(gaps: Gaps, normal: FloatArray, evidence: Evidence, focal1_px: fl
     distance = np.take_along_axis(distance, nearest, 1)
     within = distance < BESIDE * max(gaps.window[2:])
     # ground that only bends is off the plane as well, the farther away the more
-    step = np.clip(height[nearest] - distance, 0.0, CONTRADICTED * max(gaps.window[2:]))
+    step = np.maximum(height[nearest] - distance, 0.0)
     square = (step**2 * within).sum(1) / np.maximum(within.sum(1), 1)
     return min(gaps.tilt_rad(np.sqrt(square)), MOST_STEP_RAD)
 
