@@ -15,6 +15,7 @@ from slopecli.geometry.quantiles import median, normal_quantile, quantile
 from slopecli.options import Options
 from slopecli.parts import unmatched_parts
 from slopecli.planes.changes import Change
+from slopecli.planes.given_solution import MOST_LEFT_OUT
 from slopecli.planes.window_match import WindowMatch
 from slopecli.types import BoolArray, Camera, Correspondences, Diagnostic, FloatArray, IntArray, Plane, Solution, Source
 
@@ -28,7 +29,6 @@ MOST_APART = 0.25  # of the distance to the scene: images taken farther apart sh
 TOUCHED, MOST_NAMED = 0.02, 5  # share of a patch that changed from which on it is named, and how many are at most
 NON_PLANAR = "non-planar-patch"  # as a diagnostic, and as the reason of a plane
 ROUGH = 0.025  # RMS height off the plane over distance beyond which a window is not one plane
-MOST_LEFT_OUT = 0.25  # share of a window's matches off its plane beyond which it is not one plane
 # what to do about it
 FLATTER: dict[Source, str] = {
     "window": "use smaller windows",

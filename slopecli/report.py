@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 
 from slopecli.errors import InputError, NoAnswer
 from slopecli.findings import (
-    MOST_LEFT_OUT,
     NON_PLANAR,
     ROUGH,
     changed,
@@ -30,6 +29,7 @@ from slopecli.options import Options
 from slopecli.planes.changes import Change
 from slopecli.planes.footprint import paint_labels
 from slopecli.planes.given import RAYS
+from slopecli.planes.given_solution import MOST_LEFT_OUT
 from slopecli.planes.joint import Matched
 from slopecli.planes.window_match import WindowMatch
 from slopecli.second_answer import second_plane, what_decides

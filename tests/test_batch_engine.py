@@ -114,8 +114,11 @@ def test_who_has_finished_takes_over_half_of_what_another_has_left() -> None:
 
 
 def test_more_executors_than_jobs_and_no_jobs_at_all() -> None:
-    run(2, [Direct() for _ in range(5)])
-    run(0, [Direct()])
+    five, idle = [Direct() for _ in range(5)], Direct()
+    assert len(run(2, five).answers) == 2
+    assert sorted(flat(chunk for one in five for chunk in one.chunks)) == [0, 1]
+    assert not run(0, [idle]).answers
+    assert not idle.chunks
 
 
 def test_chunks_have_the_size_asked_for() -> None:
@@ -184,7 +187,9 @@ def test_an_executor_that_is_gone_leaves_its_jobs_to_the_others() -> None:
 
 
 def test_an_executor_that_goes_on_the_way_leaves_its_jobs_to_the_others() -> None:
-    run(20, [Direct(breaks_for(4, BrokenExecutor("the pool is gone"))), Direct()])
+    going, other = Direct(breaks_for(4, BrokenExecutor("the pool is gone"))), Direct()
+    assert not run(20, [going, other]).codes()
+    assert 4 in flat(other.chunks)
 
 
 def test_a_job_refused_at_the_very_end_is_taken_by_who_had_nothing_left_to_do() -> None:
@@ -194,7 +199,10 @@ def test_a_job_refused_at_the_very_end_is_taken_by_who_had_nothing_left_to_do() 
                 raise BrokenExecutor("the pool is gone")
             return super().submit(fn, *args, **kwargs)
 
-    run(7, [Direct(), Leaving()])
+    staying, leaving = Direct(), Leaving()
+    assert not run(7, [staying, leaving]).codes()
+    assert sorted(flat(staying.chunks) + flat(leaving.chunks)) == list(range(7))
+    assert len(leaving.chunks) <= 3
 
 
 def test_without_any_executor_left_the_batch_ends_in_one_line_and_what_was_answered_counts() -> None:

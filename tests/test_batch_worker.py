@@ -234,11 +234,12 @@ def is_zombie(pid: int) -> bool:
 
 
 def test_workers_of_several_threads_do_not_hold_each_other_open() -> None:
-    workers = [Worker() for _ in range(3)]
-    threads = [threading.Thread(target=lambda w: w.submit(add, 1).result(), args=(w,)) for w in workers]
+    workers, answers = [Worker() for _ in range(3)], []
+    threads = [threading.Thread(target=lambda w: answers.append(w.submit(add, 1).result()), args=(w,)) for w in workers]
     for thread in threads:
         thread.start()
     for thread in threads:
         thread.join()
     for worker in workers:
         worker.shutdown()  # would wait for ever if another process held the pipe
+    assert answers == [add(1)] * 3

@@ -15,10 +15,10 @@ from slopecli.errors import InputError, NoAnswer
 from slopecli.geometry import cramer_rao_bound, measure_slopes, solve_planes
 from slopecli.geometry.epipolar import homogeneous, rotation_from_vector
 from slopecli.geometry.metrics import normal_angle
+from slopecli.geometry.unseen import lever
 from slopecli.plan import Flight, PlanOptions, forecast, ground_normals, horizontal, make_plan, needed_baseline
 from slopecli.plan import baseline as baseline_module
 from slopecli.plan import flight as flight_module
-from slopecli.plan import unseen as unseen_module
 from slopecli.plan.unseen import unseen_tilts
 from slopecli.planes.windows import grid_windows
 from slopecli.simulate import UP, field_of_view_camera, project
@@ -236,7 +236,7 @@ def test_what_is_not_shown_is_doubted_as_estimate_doubts_it() -> None:
     assert np.array_equal(found == 0.0, inside.all(axis=1))
     assert 0 < np.count_nonzero(found) < len(found)
     for i in np.flatnonzero(found):
-        assert found[i] == pytest.approx(unseen.BEND_RAD * unseen._lever(plan.places(i), inside[i]))
+        assert found[i] == pytest.approx(unseen.BEND_RAD * unseen.lever(plan.places(i), inside[i]))
 
 
 def test_doubt_of_half_a_window_is_that_of_a_plane_that_bends_at_its_middle() -> None:
@@ -244,8 +244,8 @@ def test_doubt_of_half_a_window_is_that_of_a_plane_that_bends_at_its_middle() ->
     x, y = np.meshgrid(np.linspace(-1.0, 1.0, 41), np.linspace(-1.0, 1.0, 41))
     at = np.column_stack([x.ravel(), y.ravel()])
     tilt = np.linalg.lstsq(at, 0.1 * np.maximum(at[:, 0], 0.0), rcond=None)[0][0]
-    assert unseen_module._lever(at, at[:, 0] <= 0.0) == pytest.approx(tilt / 0.1, rel=0.01)
-    assert unseen_module._lever(at, np.zeros(len(at), bool)) == 1.0
+    assert lever(at, at[:, 0] <= 0.0) == pytest.approx(tilt / 0.1, rel=0.01)
+    assert lever(at, np.zeros(len(at), bool)) == 1.0
 
 
 def test_sigma_is_of_what_is_seen_and_the_rest_stands_beside_it() -> None:

@@ -10,13 +10,14 @@ import numpy as np
 
 from slopecli.geometry.epipolar import homogeneous
 from slopecli.geometry.motion import inverse_depth
+from slopecli.geometry.unseen import BEND_RAD, lever
 from slopecli.planes.contradiction import contradict
 from slopecli.planes.evidence import Evidence
 from slopecli.planes.gaps import Gaps, gaps_of
 from slopecli.planes.scene import Scene
 from slopecli.planes.window_match import WindowMatch
 from slopecli.planes.windows import Window
-from slopecli.types import BoolArray, FloatArray
+from slopecli.types import FloatArray
 
 STEP_PX, STEP_SHARE, LEAST_STEP = 1.0, 0.05, 6  # off the plane; of the window; matches of the overview
 STEP_FILLED = 0.5  # of the matches that might be around, from which on the window is matched there
@@ -26,8 +27,7 @@ BESIDE_COUNT, LEAST_BESIDE = 8, 3  # matches of the overview that tell it of eve
 CONTRADICTED = 0.45  # of a window's longer side: how far off its plane what is not found on it may stand
 MIN_IN_BLOCK = 6  # matches that give a block of ground its plane
 BLOCK_CELLS = 4.0  # a block is at least so many spacings of matches wide
-# what is believed of the ground before it is seen, and worth how many pairs of blocks
-BEND_RAD, BEND_COUNT = np.radians(10.0), 3.0
+BEND_COUNT = 3.0  # pairs of blocks that what is believed of the ground before it is seen is worth
 
 
 def with_doubt_of_gaps(match: WindowMatch, measured: WindowMatch, window: Window, scene: Scene) -> WindowMatch:
@@ -145,18 +145,8 @@ def unseen_rad(gaps: Gaps, height_px: float, evidence: Evidence) -> float:
     """
     if gaps.seen.all():
         return 0.0
-    bend = _lever(gaps.at, gaps.seen) * bend_rad(evidence, 0.5 * max(gaps.window[2:]))
+    bend = lever(gaps.at, gaps.seen) * bend_rad(evidence, 0.5 * max(gaps.window[2:]))
     return float(np.hypot(bend, gaps.tilt_rad(height_px)))
-
-
-def _lever(at: FloatArray, seen: BoolArray) -> float:
-    """Tilt of the whole over the tilt that sets in where what is seen ends, along the direction it matters most in."""
-    if not seen.any():
-        return 1.0
-    gap, known = at[~seen], at[seen]
-    nearest = known[((gap[:, None] - known[None]) ** 2).sum(axis=2).argmin(axis=1)]
-    gain = np.linalg.lstsq(at.T @ at, gap.T @ (gap - nearest), rcond=None)[0]
-    return min(float(np.linalg.norm(gain, 2)), 1.0)
 
 
 @lru_cache(maxsize=4)  # windows of a grid are all of one size
