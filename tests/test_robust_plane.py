@@ -125,6 +125,16 @@ def test_across_a_step_the_larger_part_is_taken_alone(height: float, share: floa
     assert ground.doubt_deg() > 1
 
 
+def test_a_step_between_rough_parts_is_found_whichever_points_are_drawn() -> None:
+    """The step is no higher than it must be to be one; triples alone find it in 25 of the 40 scenes."""
+    found = 0
+    for seed in range(40):
+        ground = Ground(seed, relief=0.005)
+        ground.height[ground.x1[:, 0] > np.quantile(ground.x1[:, 0], 0.6)] += 0.08
+        found += apart_deg(ground.fit().normal) < 1.0
+    assert found >= 31
+
+
 @pytest.mark.parametrize("seed", SEEDS)
 @pytest.mark.parametrize("share", [0.3, 0.4])
 def test_at_a_crease_the_whole_is_averaged(share: float, seed: int) -> None:

@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from functools import lru_cache
+from random import Random
+
 import numpy as np
 
 from slopecli.geometry.epipolar import homogeneous
@@ -11,17 +15,20 @@ from slopecli.records import dataclass
 from slopecli.types import BoolArray, FloatArray, IntArray
 
 HYPOTHESES = 300
+FLAT = 1e-9  # of the largest triangle: what rounding leaves of three points of which two are one
 RANKED_ON = 250  # points that rank the hypotheses: more cost time, and tell no better which of them is best
 GATE = 4.5  # robust sigmas; terrain is not Gaussian, and its hillocks belong to the plane one stands on
 CORE, HALF = 0.35, 0.50  # quantiles of the absolute residuals hypotheses are ranked by
 CORE_SIGMA, HALF_SIGMA = 0.4538, 0.6745  # and what they are of a Gaussian's sigma
 MINORITY = 0.25  # of a window may be left out as standing off, unless across a step
 CORES = 12  # best hypotheses of the core that are tried for a step
+LEAST_CORE = 6  # points to which each of them is fitted first, if there are so many
 STEP_GATE = 3.0  # robust sigmas of the core, where part of the window lies on another surface across a step
 STEP_SIGMAS = 7.0  # RMS of the rest: how far that part stands off
 DOUBT_SHARE = 0.35  # of the angle between the plane kept and the plane of all points
 STEP_EVEN, STEP_REST = 0.4, 0.25  # of that distance; at most this share of the part may be further from it
 STEP_SHARES = (0.03, 0.5)  # of the window across the step: less is stray, more is the window itself
+TINY = 1e-14  # of a system's trace, added to what may be singular
 REWEIGHTS = 6  # rounds of least squares over the inliers at most: they hardly change then
 
 
@@ -61,9 +68,10 @@ def robust_plane(x1: FloatArray, w: FloatArray, leverage: FloatArray, floor: flo
     floor : smallest sigma believed, normalised coordinates of image 2.
     """
     rays = homogeneous(x1)
-    first = _fit(rays * leverage[:, None], w * leverage, floor)
+    planes = _triple_planes(rays, w)
+    first = _fit(rays * leverage[:, None], w * leverage, planes, floor)
     weight = _relief_weight(np.abs(w - rays @ first.normal), w, leverage, floor)
-    return _fit(rays * weight[:, None], w * weight, floor)
+    return _fit(rays * weight[:, None], w * weight, planes, floor)
 
 
 def _relief_weight(misfit: FloatArray, w: FloatArray, leverage: FloatArray, floor: float) -> FloatArray:
@@ -79,64 +87,91 @@ def _relief_weight(misfit: FloatArray, w: FloatArray, leverage: FloatArray, floo
     return np.asarray(leverage * median(spread) / spread)
 
 
-def _fit(rows: FloatArray, target: FloatArray, floor: float) -> RobustPlane:
-    candidates = _triples(rows, target)
+def _fit(rows: FloatArray, target: FloatArray, planes: FloatArray, floor: float) -> RobustPlane:
+    everything = _least_squares(rows, target)
+    candidates = np.vstack([planes, everything])
     some = _sample(len(rows))
-    residual = candidates @ rows[some].T
-    residual -= target[some]  # in place: another array of this size takes longer to get than to fill
-    np.abs(residual, out=residual)
-    for core in candidates[_row_quantile(residual, CORE).argsort()[:CORES]]:
-        step = _beyond_step(target - rows @ core, floor)
-        if step is not None:
-            return _reweighted(rows[~step], target[~step], core, floor, STEP_GATE).over(rows, target)
-    half = candidates[_row_quantile(residual, HALF).argmin()]
-    plane = _reweighted(rows, target, half, floor, GATE)
+    rows_some, target_some = rows[some], target[some]
+    residual = candidates @ rows_some.T
+    residual -= target_some  # in place: another array of this size takes longer to get than to fill
+    ranked = np.sort(np.abs(residual).astype(np.float32), axis=1)  # one sort of short numbers, for both their quantiles
+    core, half = (ranked[:, _place(quantile, len(some))] for quantile in (CORE, HALF))
+    cores = _concentrated(rows_some, target_some, candidates[core.argsort()[:CORES]])
+    for normal, step in _across_steps(rows, target, cores, floor):
+        return _reweighted(rows[~step], target[~step], normal, floor, STEP_GATE).over(rows, target)
+    plane = _reweighted(rows, target, candidates[half.argmin()], floor, GATE)
     if plane.inlier.mean() < 1 - MINORITY:  # what is left out is no minority but the shape of the ground
-        plane = _reweighted(rows, target, _least_squares(rows, target), floor, GATE)
+        plane = _reweighted(rows, target, everything, floor, GATE)
     return plane
 
 
+@lru_cache(maxsize=1)
+def _draws() -> FloatArray:
+    """(HYPOTHESES, 3) random numbers from 0 to 1, the same every time; numpy's own take longer to load than to draw."""
+    generator = Random(0)
+    return np.array([generator.random() for _ in range(3 * HYPOTHESES)]).reshape(-1, 3)
+
+
+def _triple_planes(rays: FloatArray, w: FloatArray) -> FloatArray:
+    """(k, 3) planes through random triples of points, rays (n, 3); thin triangles leave their tilt to the noise."""
+    index = (_draws() * len(rays)).astype(int)
+    matrix = rays[index]
+    area = np.abs(np.linalg.det(matrix))
+    wide = (area >= quantile(area, 0.4)) & (area > FLAT * area.max())
+    return np.asarray(np.linalg.solve(matrix[wide], w[index[wide]][..., None])[..., 0])
+
+
 def _sample(n: int) -> IntArray:
-    """At most RANKED_ON of n indices, the same for every n; all where they are no more."""
-    return np.arange(n) if n <= RANKED_ON else np.random.default_rng(0).choice(n, RANKED_ON, replace=False)
+    """RANKED_ON of n indices, one out of each equal share of them; all where they are no more."""
+    if n <= RANKED_ON:
+        return np.arange(n)
+    return ((np.arange(RANKED_ON) + _draws()[:RANKED_ON, 0]) * (n / RANKED_ON)).astype(int)
+
+
+def _concentrated(rows: FloatArray, target: FloatArray, cores: FloatArray) -> FloatArray:
+    """The planes (k, 3) of triples, each fitted to the share of the points nearest to it: what chance has begun.
+
+    Source: the C-step of Rousseeuw and Van Driessen, "Computing LTS Regression for Large Data Sets", 2006.
+    """
+    if CORE * len(rows) < LEAST_CORE:
+        return cores
+    size = np.abs(target - cores @ rows.T)
+    near = (size <= _row_quantile(size, CORE)[:, None]).astype(float)
+    products = (rows[:, :, None] * np.column_stack([rows, target])[:, None, :]).reshape(-1, 12)
+    system = (near @ products).reshape(-1, 3, 4)
+    lift = TINY * np.trace(system[:, :, :3], axis1=1, axis2=2)[:, None, None] * np.eye(3)
+    return np.asarray(np.linalg.solve(system[:, :, :3] + lift, system[:, :, 3:])[..., 0])
 
 
 def _row_quantile(values: FloatArray, quantile: float) -> FloatArray:
     """The value that a share of every row (..., n) does not exceed; numpy's own takes longer than the rest of a fit."""
-    at = int(quantile * (values.shape[-1] - 1))
+    at = _place(quantile, values.shape[-1])
     return np.asarray(np.partition(values, at, axis=-1)[..., at])
 
 
-def _beyond_step(residual: FloatArray, floor: float) -> BoolArray | None:
-    """(n,) points on the far side of a step, None when there is none.
+def _place(quantile: float, n: int) -> int:
+    return int(quantile * (n - 1))
+
+
+def _across_steps(
+    rows: FloatArray, target: FloatArray, cores: FloatArray, floor: float
+) -> Iterator[tuple[FloatArray, BoolArray]]:
+    """Those of the planes (k, 3) beyond which there is a step, each with the points (n,) on its far side.
 
     Across a step lies a second surface, parallel and at one distance; a crater wall or a boulder is at all distances.
     """
+    residual = target - cores @ rows.T
     size = np.abs(residual)
-    scale = max(float(_row_quantile(size, CORE)) / CORE_SIGMA, floor)
-    off = size > STEP_GATE * scale
-    if not STEP_SHARES[0] <= off.mean() <= STEP_SHARES[1]:
-        return None
-    distance = median(residual[off])
-    aside = off & (np.abs(residual - distance) > STEP_EVEN * abs(distance))
-    spread = max(float(np.sqrt(np.mean(residual[~off] ** 2))), scale)
-    if abs(distance) < STEP_SIGMAS * spread or aside.sum() > STEP_REST * off.sum():
-        return None
-    return off
-
-
-def _triples(rows: FloatArray, target: FloatArray) -> FloatArray:
-    """(k, 3) normals through random triples of points, and the one through everything."""
-    rng = np.random.default_rng(0)
-    index = rng.integers(0, len(rows), (HYPOTHESES, 3))
-    matrix = rows[index]
-    area = np.abs(np.linalg.det(matrix))
-    wide = area >= quantile(area, 0.4)  # thin triangles leave the plane's tilt to the noise
-    wide &= area > 0
-    everything = _least_squares(rows, target)[None]
-    if not wide.any():
-        return everything
-    return np.vstack([np.linalg.solve(matrix[wide], target[index[wide]][..., None])[..., 0], everything])
+    scale = np.maximum(_row_quantile(size, CORE) / CORE_SIGMA, floor)
+    off = size > STEP_GATE * scale[:, None]
+    share = off.mean(axis=1)
+    for i in np.flatnonzero((share >= STEP_SHARES[0]) & (share <= STEP_SHARES[1])):
+        beyond, here = residual[i][off[i]], residual[i][~off[i]]
+        distance = median(beyond)
+        aside = np.abs(beyond - distance) > STEP_EVEN * abs(distance)
+        spread = max(float(np.sqrt(np.mean(here**2))), scale[i])
+        if abs(distance) >= STEP_SIGMAS * spread and aside.sum() <= STEP_REST * len(beyond):
+            yield cores[i], off[i]
 
 
 def _reweighted(rows: FloatArray, target: FloatArray, normal: FloatArray, floor: float, gate: float) -> RobustPlane:
@@ -153,4 +188,4 @@ def _reweighted(rows: FloatArray, target: FloatArray, normal: FloatArray, floor:
 
 def _least_squares(rows: FloatArray, target: FloatArray) -> FloatArray:
     system = rows.T @ rows
-    return np.linalg.solve(system + 1e-14 * max(np.trace(system), 1e-30) * np.eye(3), rows.T @ target)
+    return np.linalg.solve(system + TINY * max(np.trace(system), 1e-30) * np.eye(3), rows.T @ target)

@@ -12,6 +12,7 @@ from slopecli.planes.patches import Patches
 from slopecli.planes.scene import Scene
 from slopecli.planes.window_match import WindowMatch
 from slopecli.planes.windows import Window, check_windows, grid_windows
+from slopecli.vision.comparison import single_threaded
 
 # what `--features` names: the matcher of a window
 WINDOW_MATCHERS: dict[str, Callable[[Window, Scene], WindowMatch]] = {
@@ -29,7 +30,9 @@ def find_in_windows(scene: Scene, options: Options) -> Patches:
     """
     windows = wanted_windows(options, scene.camera1.width, scene.camera1.height)
     match = WINDOW_MATCHERS[options.features]
-    return Patches("window", [window_footprint(w) for w in windows], [match(w, scene) for w in windows])
+    with single_threaded():
+        matches = [match(w, scene) for w in windows]
+    return Patches("window", [window_footprint(w) for w in windows], matches)
 
 
 def wanted_windows(options: Options, width: int, height: int) -> list[Window]:
