@@ -220,15 +220,17 @@ def _starts(observations: Observations, initial: list[Motion]) -> State:
 
 def _settled(full: Observations, kept: Kept, states: State, each_patch: bool) -> _Settled:
     """Alternate between the fit to the points kept and the choice of points, by the root that explains all best."""
-    cost = np.inf
-    for one_scale in (False, True):
+    # only points on no patch are judged by two scales, one after the other, and not where each patch has its own
+    two_scales = not each_patch and bool(full.free_weight.size)
+    for one_scale in (False, True) if two_scales else (False,):
+        before = kept
         for _ in range(_MAX_TRIMS):
             fit = _refit(kept.applied_to(full), states)
             choices = [inliers(full, fit.prediction, i, kept, each_patch, one_scale) for i in range(len(fit.cost))]
             states, (chosen, cost) = fit.state, min(choices, key=lambda choice: choice[1])
-            if chosen.same_as(kept):
+            if chosen.same_as(kept) or chosen.same_as(before):  # a point at the gate may come and go for ever
                 break
-            kept = chosen
+            before, kept = kept, chosen
     return _Settled(fit, kept, cost)
 
 

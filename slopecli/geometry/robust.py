@@ -7,6 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from slopecli.geometry.draws import random_samples
 from slopecli.geometry.observations import Observations, Prediction
 from slopecli.geometry.quantiles import median
 from slopecli.types import BoolArray, FloatArray
@@ -163,21 +164,20 @@ def consensus(observations: Observations) -> BoolArray:
     """(n,) points of each patch that agree with its least-median-of-squares homography.
 
     Source: Rousseeuw, "Least Median of Squares Regression", JASA 1984. Patches of fewer than six points are kept
-    whole. The samples are drawn from a fixed seed: the same input gives the same answer.
+    whole. The samples are always the same: the same input gives the same answer.
     """
-    rng = np.random.default_rng(1)
     keep = np.ones(len(observations.weight), dtype=bool)
     for first, count in zip(observations.first, observations.count, strict=True):
         if count >= 6:
             patch = slice(first, first + count)
-            keep[patch] = _patch_consensus(observations.p[:, patch], observations.x2[:, patch], rng)
+            keep[patch] = _patch_consensus(observations.p[:, patch], observations.x2[:, patch])
     return keep
 
 
-def _patch_consensus(p: FloatArray, x2: FloatArray, rng: np.random.Generator) -> BoolArray:
+def _patch_consensus(p: FloatArray, x2: FloatArray) -> BoolArray:
     """p : (3, n), x2 : (2, n) of one patch, n >= 6."""
     n = p.shape[1]
-    samples = np.argsort(rng.random((_SAMPLES, n)), axis=1)[:, :4]
+    samples = random_samples(n, _SAMPLES, 4)
     H = _four_point_homographies(p[:2, samples], x2[:, samples])
     y = H @ p
     with np.errstate(all="ignore"):

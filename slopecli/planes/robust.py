@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from functools import lru_cache
-from random import Random
 
 import numpy as np
 
+from slopecli.geometry.draws import random_samples, uniform_draws
 from slopecli.geometry.epipolar import homogeneous
 from slopecli.geometry.metrics import normal_angle
 from slopecli.geometry.quantiles import median, quantile
@@ -15,7 +14,6 @@ from slopecli.records import dataclass
 from slopecli.types import BoolArray, FloatArray, IntArray
 
 HYPOTHESES = 300
-FLAT = 1e-9  # of the largest triangle: what rounding leaves of three points of which two are one
 RANKED_ON = 250  # points that rank the hypotheses: more cost time, and tell no better which of them is best
 GATE = 4.5  # robust sigmas; terrain is not Gaussian, and its hillocks belong to the plane one stands on
 CORE, HALF = 0.35, 0.50  # quantiles of the absolute residuals hypotheses are ranked by
@@ -105,19 +103,12 @@ def _fit(rows: FloatArray, target: FloatArray, planes: FloatArray, floor: float)
     return plane
 
 
-@lru_cache(maxsize=1)
-def _draws() -> FloatArray:
-    """(HYPOTHESES, 3) random numbers from 0 to 1, the same every time; numpy's own take longer to load than to draw."""
-    generator = Random(0)
-    return np.array([generator.random() for _ in range(3 * HYPOTHESES)]).reshape(-1, 3)
-
-
 def _triple_planes(rays: FloatArray, w: FloatArray) -> FloatArray:
     """(k, 3) planes through random triples of points, rays (n, 3); thin triangles leave their tilt to the noise."""
-    index = (_draws() * len(rays)).astype(int)
+    index = random_samples(len(rays), HYPOTHESES, 3)
     matrix = rays[index]
     area = np.abs(np.linalg.det(matrix))
-    wide = (area >= quantile(area, 0.4)) & (area > FLAT * area.max())
+    wide = (area >= quantile(area, 0.4)) & (area > 0)
     return np.asarray(np.linalg.solve(matrix[wide], w[index[wide]][..., None])[..., 0])
 
 
@@ -125,7 +116,7 @@ def _sample(n: int) -> IntArray:
     """RANKED_ON of n indices, one out of each equal share of them; all where they are no more."""
     if n <= RANKED_ON:
         return np.arange(n)
-    return ((np.arange(RANKED_ON) + _draws()[:RANKED_ON, 0]) * (n / RANKED_ON)).astype(int)
+    return ((np.arange(RANKED_ON) + uniform_draws(RANKED_ON, 1)[:, 0]) * (n / RANKED_ON)).astype(int)
 
 
 def _concentrated(rows: FloatArray, target: FloatArray, cores: FloatArray) -> FloatArray:
