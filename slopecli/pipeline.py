@@ -38,6 +38,7 @@ from slopecli.types import Camera, Diagnostic, Image, ImageInfo, Report
 from slopecli.vision.features import EFFORTS, GLANCE, FeatureMemory, Grey, match_sift
 from slopecli.vision.foerstner import match_foerstner
 from slopecli.vision.sparse import FeatureMatcher, find_motions
+from slopecli.vision.threads import single_threaded
 
 OnStage = Callable[[str, float], None]
 
@@ -175,10 +176,12 @@ def _look(
     # planes that have yet to be found need all that can be known
     if options.planes == "windows" and options.features == "sift" and glance.may_suffice(windows, grey1):
         matcher = partial(match_sift, effort=GLANCE, memory=memory)
-        sparse = find_motions(*both, [matcher], options.seed, thorough=False)
+        with single_threaded():
+            sparse = find_motions(*both, [matcher], options.seed, thorough=False)
         clock.lap("features")
         if glance.is_decided(sparse):
-            seen = survey(*both, sparse, options.seed, glance.overview_effort(windows, grey1))
+            with single_threaded():
+                seen = survey(*both, sparse, options.seed, glance.overview_effort(windows, grey1))
             clock.lap("overview")
             if glance.is_clear(seen[0]):
                 return seen

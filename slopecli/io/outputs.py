@@ -68,9 +68,11 @@ def encode_outputs(
     """
     from slopecli.io.png import encode_labels
     from slopecli.io.result import report_to_json
+    from slopecli.vision.threads import single_threaded
 
-    contents = {RESULT: (report_to_json(report) + "\n").encode("ascii"), LABELS: encode_labels(report)}
-    contents |= _encode_pictures(report, image, overlay, debug_images) | _encode_meshes(report, image, ply, glb)
+    with single_threaded():
+        contents = {RESULT: (report_to_json(report) + "\n").encode("ascii"), LABELS: encode_labels(report)}
+        contents |= _encode_pictures(report, image, overlay, debug_images) | _encode_meshes(report, image, ply, glb)
     return {name: contents[name] for name in reversed(OUTPUT_NAMES) if name in contents}
 
 

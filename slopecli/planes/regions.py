@@ -22,7 +22,7 @@ from slopecli.planes.region_review import reviewed
 from slopecli.planes.scene import Scene, whole_grid
 from slopecli.segmentation import Segmentation
 from slopecli.types import FloatArray
-from slopecli.vision.comparison import Comparison, single_threaded
+from slopecli.vision.comparison import Comparison
 from slopecli.vision.dense import Cells
 from slopecli.vision.segmentation import (
     Labels,
@@ -32,6 +32,7 @@ from slopecli.vision.segmentation import (
     smooth_gradient,
     without_small_pieces,
 )
+from slopecli.vision.threads import single_threaded
 from slopecli.vision.warp import Grid
 
 WORKING_PIXELS = 5.0e5  # of image 1 that are labelled; borders of planes are as exact as that

@@ -12,7 +12,7 @@ from slopecli.planes.patches import Patches
 from slopecli.planes.scene import Scene
 from slopecli.planes.window_match import WindowMatch
 from slopecli.planes.windows import Window, check_windows, grid_windows
-from slopecli.vision.comparison import single_threaded
+from slopecli.vision.threads import single_threaded
 
 # what `--features` names: the matcher of a window
 WINDOW_MATCHERS: dict[str, Callable[[Window, Scene], WindowMatch]] = {

@@ -5,9 +5,6 @@ The motion is held. What does not depend on the plane is computed once, since hu
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from contextlib import contextmanager
-
 import cv2
 import numpy as np
 
@@ -54,17 +51,6 @@ def transferred(turned: FloatArray, inverse_depth: FloatArray, epipole2: FloatAr
     ahead = (moved[:, 2] > 1e-9) & (inverse_depth > 0)
     uv = pixels2(moved[:, :2] / np.where(ahead, moved[:, 2], 1.0)[:, None])
     return np.where(ahead[:, None] & np.isfinite(uv), uv, NOWHERE)
-
-
-@contextmanager
-def single_threaded() -> Iterator[None]:
-    """OpenCV on one thread: hundreds of small comparisons cost more to hand to threads than they take."""
-    threads = cv2.getNumThreads()
-    cv2.setNumThreads(1)
-    try:
-        yield
-    finally:
-        cv2.setNumThreads(threads)
 
 
 @dataclass(frozen=True, eq=False)
