@@ -13,7 +13,7 @@ from slopecli.vision.overview import CELL, OverviewEffort
 from slopecli.vision.sparse import Sparse
 
 # one for large windows, which are matched finer later and have only to be found on it, and one for all others
-COARSE = OverviewEffort(max_pixels=0.15e6, finest=0, smoothings=0)
+COARSE = OverviewEffort(max_pixels=0.15e6, finest=0, smoothings=1)
 FINE = OverviewEffort(max_pixels=0.5e6, finest=1, smoothings=SMOOTHINGS)
 # cells of the overview along the shorter side of every window: fewer tell too little of its plane; enough for COARSE
 LEAST_CELLS, ENOUGH_CELLS = 6, 12

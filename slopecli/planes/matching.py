@@ -23,9 +23,9 @@ from slopecli.vision.overview import CELL
 from slopecli.vision.photometric import NOISE_GREY, PlaneFit, align_plane, plane_map, sweep_planes
 from slopecli.vision.sparse import pair_rays
 
-# rounds of smoothing of the flow in a window, all but still when pulled through its plane: the means over cells need
-# none, and relief would be flattened by more than one, but what is faint needs them
-SMOOTHINGS, FAINT_SMOOTHINGS = 0, 5
+# rounds of smoothing of the flow in a window, all but still when pulled through its plane: more would flatten its
+# relief, but what is faint needs them
+SMOOTHINGS, FAINT_SMOOTHINGS = 1, 5
 COARSE_PX = 48  # planes are searched for at about this many pixels a side
 EASY_SHARE = 0.25  # of the window covered by matches of the overview: then they give the first plane
 PART_SHARE = 0.1  # of a window, when too little of it is in image 2 for its planes to be compared
