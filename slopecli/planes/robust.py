@@ -155,13 +155,17 @@ def _across_steps(
     size = np.abs(residual)
     scale = np.maximum(_row_quantile(size, CORE) / CORE_SIGMA, floor)
     off = size > STEP_GATE * scale[:, None]
-    share = off.mean(axis=1)
-    for i in np.flatnonzero((share >= STEP_SHARES[0]) & (share <= STEP_SHARES[1])):
-        beyond, here = residual[i][off[i]], residual[i][~off[i]]
+    count = off.sum(axis=1)
+    share = count / len(rows)
+    spread = np.sqrt((size * size * ~off).sum(axis=1) / np.maximum(len(rows) - count, 1))
+    spread = np.maximum(spread, scale)
+    # nothing is further off than the furthest: hardly any plane but one before a step needs to be looked at closer
+    likely = (share >= STEP_SHARES[0]) & (share <= STEP_SHARES[1]) & (size.max(axis=1) >= STEP_SIGMAS * spread)
+    for i in np.flatnonzero(likely):
+        beyond = residual[i][off[i]]
         distance = median(beyond)
         aside = np.abs(beyond - distance) > STEP_EVEN * abs(distance)
-        spread = max(float(np.sqrt(np.mean(here**2))), scale[i])
-        if abs(distance) >= STEP_SIGMAS * spread and aside.sum() <= STEP_REST * len(beyond):
+        if abs(distance) >= STEP_SIGMAS * spread[i] and aside.sum() <= STEP_REST * len(beyond):
             yield cores[i], off[i]
 
 
