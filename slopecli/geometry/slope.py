@@ -29,7 +29,7 @@ _GAUSSIAN_BEYOND = 8.0
 _REACH = 9.0
 _NODES, _NODE_WEIGHTS = np.polynomial.legendre.leggauss(48)
 _HERMITE, _HERMITE_WEIGHTS = np.polynomial.hermite_e.hermegauss(16)
-_BISECTIONS, _HALVINGS = 40, 24
+_BISECTIONS, _HALVINGS = 30, 24
 _NARROWEST = 0.03  # of the wider sigma of a tilt is the narrower at least: the azimuths tell no thinner ellipse
 _AZIMUTHS = np.linspace(0.0, 2.0 * np.pi, 128, endpoint=False)
 _erf = np.frompyfunc(math.erf, 1, 1)
@@ -215,8 +215,10 @@ def slope_interval(slopes: Slopes, level: float = 0.95) -> FloatArray:
     gentle = np.flatnonzero((estimate < _GAUSSIAN_BEYOND * widest) & (widest > 0.0))
     if len(gentle):
         s, tilt = estimate[gentle], _Tilt.of(estimate[gentle], covariance[gentle])
-        interval[gentle, 0] = _farthest_agreeing(tilt, s, np.zeros_like(s), level)
-        interval[gentle, 1] = _farthest_agreeing(tilt, s, s + _REACH * widest[gentle], level)
+        # both ends at once
+        twice, outside = _Tilt(*(np.tile(part, (2, 1)) for part in tilt)), s + _REACH * widest[gentle]
+        ends = _farthest_agreeing(twice, np.tile(s, 2), np.concatenate([np.zeros_like(s), outside]), level)
+        interval[gentle] = ends.reshape(2, -1).T
         below = disc_probability(s, covariance[gentle], interval[gentle, 1])
         short = gentle[(interval[gentle, 0] <= 0.0) & (below < level)]
         interval[short, 1] = _disc_holding(estimate[short], covariance[short], _REACH * widest[short], level)
@@ -295,7 +297,7 @@ def _distance_limits(level: float) -> tuple[FloatArray, FloatArray]:
     low, high = 0.8 * normal_quantile(0.5 + 0.5 * level), float(np.sqrt(-2.0 * np.log1p(-level)))
     before, now = np.full_like(radii, low), np.full_like(radii, high)
     missed_before, missed = missing(before), missing(now)
-    for _ in range(8):
+    for _ in range(6):
         change = np.where(missed == missed_before, np.inf, missed - missed_before)
         then = np.clip(now - missed * (now - before) / change, low, high)
         before, missed_before, now, missed = now, missed, then, missing(then)
