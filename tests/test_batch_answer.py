@@ -126,6 +126,7 @@ def counted(monkeypatch: pytest.MonkeyPatch, place: Any, name: str) -> list[Any]
     return calls
 
 
+@pytest.mark.slow
 def test_neighbours_share_what_was_decoded_and_found_and_nobody_can_tell(
     pairs: list[Pair], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -142,7 +142,7 @@ def test_segment_finds_regions_and_takes_the_largest_as_level(flight: Path, tmp_
 
 
 @pytest.mark.skipif(os.name != "posix", reason="needs a shell of POSIX")
-@pytest.mark.parametrize("stderr", ["2>&-", "2>/dev/full"])
+@pytest.mark.parametrize("stderr", ["2>&-", pytest.param("2>/dev/full", marks=pytest.mark.slow)])
 def test_nobody_who_listens_does_not_end_the_work(stderr: str, answer: Run, flight: Path, tmp_path: Path) -> None:
     command = [sys.executable, "-m", "slopecli", "batch", str(flight), "-v", "-o", str(tmp_path)]
     done = subprocess.run(

@@ -59,6 +59,7 @@ def test_progress_counts_what_is_done_failed_and_kept(pairs: list[Pair], tmp_pat
         assert (last.n_pairs, last.n_failed, last.n_kept) == (5, 1, n_kept)
 
 
+@pytest.mark.slow
 def test_how_many_processes_work_does_not_show(pairs: list[Pair], alone: dict[str, bytes], tmp_path: Path) -> None:
     run(pairs, OPTIONS, KEEP, tmp_path, jobs=3)
     assert tree(tmp_path) == alone

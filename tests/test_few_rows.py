@@ -39,6 +39,7 @@ def reports(
             continue
 
 
+@pytest.mark.slow
 def test_clean_rows_are_all_kept_where_few_are_left_to_tell() -> None:
     for planes, rows in (((4,), 5), ((4,), 6), ((0, 8), 4)):
         for _, report in reports(planes, rows, 20):

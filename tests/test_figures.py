@@ -20,7 +20,10 @@ def drawn(options: StudyOptions) -> dict[str, bytes]:
 
 
 @pytest.mark.parametrize("solvers", [("mle",), ("mle", "ha"), ("mle", "ha", "lh")])
-@pytest.mark.parametrize("trajectories", [(45.0,), (0.0, 45.0), (0.0, 45.0, 90.0)])
+@pytest.mark.parametrize(
+    "trajectories",
+    [(45.0,), *(pytest.param(more, marks=pytest.mark.slow) for more in ((0.0, 45.0), (0.0, 45.0, 90.0)))],
+)
 def test_nothing_is_cut_off_at_the_sides(trajectories: tuple[float, ...], solvers: tuple[str, ...]) -> None:
     figures = drawn(StudyOptions(trajectories, (0.3, 1.0), 1, solvers=solvers))
     for name in DRAWN:
@@ -37,6 +40,7 @@ def test_without_noise_a_figure_says_why_it_is_empty(monkeypatch: pytest.MonkeyP
         assert "Cramér" not in svg  # a legend of nothing
 
 
+@pytest.mark.slow
 def test_one_noise_shows_the_bound_too() -> None:
     """A line through one point is nothing."""
     options = StudyOptions((45.0,), (0.3,), 1, solvers=("ha",))

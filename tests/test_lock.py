@@ -81,6 +81,7 @@ def test_a_killed_holder_is_in_nobodys_way(tmp_path: Path) -> None:
     assert not list(tmp_path.iterdir())
 
 
+@pytest.mark.slow
 def test_children_of_a_killed_holder_are_waited_for(tmp_path: Path) -> None:
     kill(hold_elsewhere(tmp_path, CHILD))
     assert not is_free(tmp_path)

@@ -59,7 +59,8 @@ def shared_area(a: Placed, b: Placed) -> float:
 
 
 @pytest.mark.parametrize(
-    ("width", "height"), [(640, 480), (1024, 1024), (200, 150), (5472, 3648), (300, 900), (64, 64)]
+    ("width", "height"),
+    [(640, 480), (1024, 1024), (200, 150), pytest.param(5472, 3648, marks=pytest.mark.slow), (300, 900), (64, 64)],
 )
 def test_long_side_is_kept_between_the_limits(width: int, height: int) -> None:
     picture = draw_overlay(make_report(make_camera(width, height)), make_image(width, height))

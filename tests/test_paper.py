@@ -66,6 +66,7 @@ def test_vertical_descent_is_the_least_accurate_and_worst_at_the_focus_of_expans
         assert int(np.argmax(by_window)) == 4  # the middle one, which holds the focus of expansion
 
 
+@pytest.mark.slow
 def test_alternation_is_slow_and_more_sweeps_do_not_help() -> None:
     """Fifty sweeps do not settle to 1e-10, and five hundred leave the motion no better than a hundred."""
     few, many = [], []

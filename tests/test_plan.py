@@ -191,6 +191,7 @@ def test_baseline_for_a_sigma_is_in_metres_with_a_height_and_in_heights_without(
     assert share.worst_sigma_deg == pytest.approx(0.5, rel=1e-3)
 
 
+@pytest.mark.slow
 def test_a_sigma_no_baseline_reaches_is_refused_with_what_can_be_had() -> None:
     def refused(**values: object) -> str:
         with pytest.raises(NoAnswer) as error:

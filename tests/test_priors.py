@@ -68,6 +68,7 @@ def test_gradient_is_the_derivative_of_what_it_costs(which: str) -> None:
         assert gradient[k] == pytest.approx(slope, rel=1e-3, abs=1e-7)
 
 
+@pytest.mark.slow
 def test_rotation_known_makes_a_descent_over_level_ground_as_sure_as_can_be() -> None:
     """Within 10 % of the bound: over 120 scenes with 18 tilts each that share a motion, RMS is known to 5 %."""
     sigma = 0.1 * DEG

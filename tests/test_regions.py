@@ -162,7 +162,7 @@ def test_planes_through_a_lens_are_planes() -> None:
         assert off_deg(plane_in(report, x, y), normal) < 0.3
 
 
-@pytest.mark.parametrize("size", [0.5, 2.0])
+@pytest.mark.parametrize("size", [0.5, pytest.param(2.0, marks=pytest.mark.slow)])
 def test_an_image_2_of_another_size_shows_the_same_planes(size: float) -> None:
     report = run(town(camera2=make_camera(int(480 * size), int(360 * size))))
     assert len(report.planes) == 3

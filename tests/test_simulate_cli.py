@@ -86,6 +86,7 @@ def test_summary_judges_every_claim_and_agrees_with_the_table_of_trials(folder: 
     assert summary["solvers"]["ha"]["answered"] == summary["solvers"]["ha"]["trials"] == 12
 
 
+@pytest.mark.slow
 def test_same_seed_same_bytes_on_any_number_of_workers(folder: Path, tmp_path: Path) -> None:
     assert run("-o", str(tmp_path), *QUICK, "--jobs", "3", "-q") == 0
     for name in sorted(set(STUDY_NAMES) - set(TIMED)):

@@ -49,6 +49,7 @@ def test_the_best_start_is_the_truth(mismatched: float, margins_deg: tuple[float
     assert best.front > 0.97
 
 
+@pytest.mark.slow
 def test_a_thorough_search_bears_three_quarters_of_mismatches() -> None:
     x1, x2 = matches(400, 0.3, 0.75)
     best = starting_motions(x1, x2, FOCAL, thorough=True)[0]

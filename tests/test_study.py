@@ -100,6 +100,7 @@ def test_claims_say_when_a_study_cannot_tell() -> None:
     assert "without mismatches" in str(other["at-the-bound"].reason)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "options",
     [
