@@ -26,7 +26,7 @@ STEP_SIGMAS = 7.0  # RMS of the rest: how far that part stands off
 DOUBT_SHARE = 0.35  # of the angle between the plane kept and the plane of all points
 STEP_EVEN, STEP_REST = 0.4, 0.25  # of that distance; at most this share of the part may be further from it
 STEP_SHARES = (0.03, 0.5)  # of the window across the step: less is stray, more is the window itself
-TINY = 1e-14  # of a system's trace, added to what may be singular
+TINY, LEAST_TRACE = 1e-14, 1e-30  # share of a system's trace that is added to what may be singular
 REWEIGHTS = 6  # rounds of least squares over the inliers at most: they hardly change then
 
 
@@ -130,8 +130,8 @@ def _concentrated(rows: FloatArray, target: FloatArray, cores: FloatArray) -> Fl
     near = (size <= _row_quantile(size, CORE)[:, None]).astype(float)
     products = (rows[:, :, None] * np.column_stack([rows, target])[:, None, :]).reshape(-1, 12)
     system = (near @ products).reshape(-1, 3, 4)
-    lift = TINY * np.trace(system[:, :, :3], axis1=1, axis2=2)[:, None, None] * np.eye(3)
-    return np.asarray(np.linalg.solve(system[:, :, :3] + lift, system[:, :, 3:])[..., 0])
+    lift = TINY * np.maximum(np.trace(system[:, :, :3], axis1=1, axis2=2), LEAST_TRACE)
+    return np.asarray(np.linalg.solve(system[:, :, :3] + lift[:, None, None] * np.eye(3), system[:, :, 3:])[..., 0])
 
 
 def _row_quantile(values: FloatArray, quantile: float) -> FloatArray:
@@ -183,4 +183,4 @@ def _reweighted(rows: FloatArray, target: FloatArray, normal: FloatArray, floor:
 
 def _least_squares(rows: FloatArray, target: FloatArray) -> FloatArray:
     system = rows.T @ rows
-    return np.linalg.solve(system + TINY * max(np.trace(system), 1e-30) * np.eye(3), rows.T @ target)
+    return np.linalg.solve(system + TINY * max(np.trace(system), LEAST_TRACE) * np.eye(3), rows.T @ target)
