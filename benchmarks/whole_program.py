@@ -3,8 +3,8 @@
 One script reads both images, finds SIFT features in both, matches them and fits one essential matrix: less than any
 answer takes. It runs in two variants, exhaustive matching and FLANN. Another is the floor that nothing can go below:
 start-up and imports, both images decoded, corners in one of them, each tracked once into the other. All are processes
-of their own, started in turns so that a busy machine slows them alike; of each the least of several runs counts,
-start-up of Python included.
+of their own, slopemap and the floors started in turns, so that a busy machine slows them alike, the scripts after them
+and less often, as they take longer; of each the least of its runs counts, start-up of Python included.
 
     python benchmarks/whole_program.py [IMAGE1 IMAGE2 CAMERA.json | --megapixel]
 

@@ -103,8 +103,9 @@ def test_what_is_printed_does_not_get_among_the_replies(worker: Worker) -> None:
 
 
 def test_exceptions_come_back_as_they_are(worker: Worker) -> None:
-    with pytest.raises(DiskFull, match="disk full"):
+    with pytest.raises(DiskFull, match="disk full") as failure:
         worker.submit(raise_disk_full).result(PATIENCE_S)
+    assert "raise_disk_full" in failure.value.__notes__[0]  # where it arose, for whoever prints the traceback
     with pytest.raises(RuntimeError, match="NoAnswer: pure-rotation"):
         worker.submit(raise_what_cannot_be_pickled).result(PATIENCE_S)
     assert worker.submit(add, 1).result(PATIENCE_S) == 2

@@ -103,9 +103,12 @@ def test_rotation_is_refused() -> None:
         decompose_homography(3.0 * R)
 
 
-def test_singular_matrix_is_refused() -> None:
+@pytest.mark.parametrize("smallest", [0.0, 1e-16, 1e-10, 5e-8])
+def test_singular_matrix_is_refused(smallest: float) -> None:
+    """Also what is not quite singular: of its square only rounding is left, and that may be negative."""
+    turn = rotation_from_vector(np.array([0.3, -0.5, 0.2]))
     with pytest.raises(DegenerateConfiguration, match="singular"):
-        decompose_homography(np.diag([1.0, 1.0, 0.0]))
+        decompose_homography(turn @ np.diag([1.0, 0.3, smallest]) @ turn)
 
 
 @pytest.mark.parametrize("H", [np.eye(2), np.full((3, 3), np.nan)])

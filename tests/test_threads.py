@@ -30,3 +30,14 @@ def test_also_when_what_was_done_fails() -> None:
     with pytest.raises(KeyError), single_threaded():
         raise KeyError
     assert cv2.getNumThreads() == 2
+
+
+def test_whoever_leaves_last_gives_them_back() -> None:
+    cv2.setNumThreads(2)
+    first, second = single_threaded(), single_threaded()
+    first.__enter__()
+    second.__enter__()
+    first.__exit__(None, None, None)
+    assert cv2.getNumThreads() == 1
+    second.__exit__(None, None, None)
+    assert cv2.getNumThreads() == 2

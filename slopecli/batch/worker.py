@@ -279,7 +279,10 @@ def _answer(call: bytes) -> bytes:
 
 
 def _pickled_error(error: BaseException) -> bytes:
-    """An exception as bytes that surely can be read back."""
+    """An exception as bytes that surely can be read back, with a note of where in this process it arose."""
+    import traceback
+
+    error.add_note("in the worker process:\n" + "".join(traceback.format_tb(error.__traceback__)))
     try:
         reply = pickle.dumps((False, error))
         pickle.loads(reply)

@@ -12,6 +12,8 @@ from slopecli.types import FloatArray
 
 # d1 - 1 and 1 - d3 within rounding of zero are zero: their square roots are the answer, and the root of 1e-16 is 1e-8
 _ROUNDING = 1e-14
+# smallest over largest singular value at which a homography is singular: of what is smaller, eq. (6) squares rounding
+_SINGULAR = 1e-7
 # relative singular-value spread below which a homography is a rotation to working precision
 _NO_MOTION = 1e-12
 
@@ -115,8 +117,11 @@ def _checked(H: FloatArray) -> FloatArray:
     if H.shape != (3, 3) or not np.isfinite(H).all():
         raise InputError(f"a homography must be a finite 3x3 matrix, found shape {H.shape}")
     singular_values = np.linalg.svd(H, compute_uv=False)
-    if singular_values[2] <= 1e-12 * singular_values[0]:
-        raise DegenerateConfiguration("the homography is singular: collinear points, or a plane through a camera")
+    if singular_values[2] <= _SINGULAR * singular_values[0]:
+        raise DegenerateConfiguration(
+            "the homography is singular: collinear points, points too close together for their noise, "
+            "or a plane through a camera"
+        )
     return H
 
 

@@ -23,7 +23,7 @@ _RESTARTS = 3  # from the points that are left; the second is mostly the first a
 _HANDFUL = 5.0  # mismatches that may fit one root better than the other by chance, besides two standard deviations
 _MANY = 40  # degrees of freedom that tell the scale of residuals well enough for a gate on them to tell mismatches
 _FEW_STEPS, _FEW_GRACE = 15, 40  # iterations before starts are left out, and given up, where few points tell
-_MAX_TRIMS = 10  # inlier sets usually settle in two or three rounds
+_MAX_TRIMS = 10  # inlier sets usually settle in two or three rounds, among many mismatches not always in ten
 _RELIEF_ROUNDS = 8
 _RELIEF_SETTLED = 0.01  # relative change of noise and relief that changes no weight that matters
 
@@ -219,19 +219,27 @@ def _starts(observations: Observations, initial: list[Motion]) -> State:
 
 
 def _settled(full: Observations, kept: Kept, states: State, each_patch: bool) -> _Settled:
-    """Alternate between the fit to the points kept and the choice of points, by the root that explains all best."""
+    """Alternate between the fit to the points kept and the choice of points, by the root that explains all best.
+
+    Some points may come and go for ever; of the two choices then, the one that explains all better is taken.
+    """
     # only points on no patch are judged by two scales, one after the other, and not where each patch has its own
     two_scales = not each_patch and bool(full.free_weight.size)
     for one_scale in (False, True) if two_scales else (False,):
-        before = kept
+        before: _Settled | None = None
         for _ in range(_MAX_TRIMS):
             fit = _refit(kept.applied_to(full), states)
             choices = [inliers(full, fit.prediction, i, kept, each_patch, one_scale) for i in range(len(fit.cost))]
-            states, (chosen, cost) = fit.state, min(choices, key=lambda choice: choice[1])
-            if chosen.same_as(kept) or chosen.same_as(before):  # a point at the gate may come and go for ever
+            chosen, cost = min(choices, key=lambda choice: choice[1])
+            now = _Settled(fit, kept, cost)
+            if before is not None and chosen.same_as(before.kept):
+                now = min(now, before, key=lambda one: one.cost)
                 break
-            before, kept = kept, chosen
-    return _Settled(fit, kept, cost)
+            if chosen.same_as(kept):
+                break
+            before, kept, states = now, chosen, fit.state
+        kept, states = now.kept, now.fit.state
+    return now
 
 
 def _uncontested(full: Observations, best: _Settled, rivals: list[_Settled]) -> Kept:

@@ -55,7 +55,7 @@ class RobustPlane:
 def robust_plane(x1: FloatArray, w: FloatArray, leverage: FloatArray, floor: float) -> RobustPlane:
     """Least squares over all points but a minority that stands off by far more than the rest.
 
-    Starts from the least median of squares (Rousseeuw 1984) over random triples with a fixed seed. Where a smaller part
+    Starts from the least median of squares (Rousseeuw 1984) over triples, always the same. Where a smaller part
     of the window lies on a second surface across a step (a projecting bay, ground behind a ledge), the plane of the
     larger part is taken alone; relief without a step is averaged over, as a foot or a wheel would.
 
@@ -93,11 +93,13 @@ def _fit(rows: FloatArray, target: FloatArray, planes: FloatArray, floor: float)
     residual = candidates @ rows_some.T
     residual -= target_some  # in place: another array of this size takes longer to get than to fill
     ranked = np.sort(np.abs(residual).astype(np.float32), axis=1)  # one sort of short numbers, for both their quantiles
-    core, half = (ranked[:, _place(quantile, len(some))] for quantile in (CORE, HALF))
-    cores = _concentrated(rows_some, target_some, candidates[core.argsort()[:CORES]])
-    for normal, step in _across_steps(rows, target, cores, floor):
-        return _reweighted(rows[~step], target[~step], normal, floor, STEP_GATE).over(rows, target)
-    plane = _reweighted(rows, target, candidates[half.argmin()], floor, GATE)
+    core_size, half_size = (ranked[:, _place(share, len(some))] for share in (CORE, HALF))
+    cores = _concentrated(rows_some, target_some, candidates[core_size.argsort()[:CORES]])
+    first = next(_across_steps(rows, target, cores, floor), None)
+    if first is not None:
+        core, step = first
+        return _reweighted(rows[~step], target[~step], core, floor, STEP_GATE).over(rows, target)
+    plane = _reweighted(rows, target, candidates[half_size.argmin()], floor, GATE)
     if plane.inlier.mean() < 1 - MINORITY:  # what is left out is no minority but the shape of the ground
         plane = _reweighted(rows, target, everything, floor, GATE)
     return plane
@@ -113,14 +115,17 @@ def _triple_planes(rays: FloatArray, w: FloatArray) -> FloatArray:
 
 
 def _sample(n: int) -> IntArray:
-    """RANKED_ON of n indices, one out of each equal share of them; all where they are no more."""
+    """RANKED_ON of n indices, one out of each nearly equal share of them; all where they are no more."""
     if n <= RANKED_ON:
         return np.arange(n)
-    return ((np.arange(RANKED_ON) + uniform_draws(RANKED_ON, 1)[:, 0]) * (n / RANKED_ON)).astype(int)
+    ends = np.arange(RANKED_ON + 1) * n // RANKED_ON
+    return ends[:-1] + (uniform_draws(RANKED_ON, 1)[:, 0] * np.diff(ends)).astype(int)
 
 
 def _concentrated(rows: FloatArray, target: FloatArray, cores: FloatArray) -> FloatArray:
-    """The planes (k, 3) of triples, each fitted to the share of the points nearest to it: what chance has begun.
+    """The planes (k, 3), each fitted to the share of the points nearest to it: what a draw of three has begun.
+
+    Where those points do not tell a plane, as without leverage, it stays as it is.
 
     Source: the C-step of Rousseeuw and Van Driessen, "Computing LTS Regression for Large Data Sets", 2006.
     """
@@ -130,18 +135,23 @@ def _concentrated(rows: FloatArray, target: FloatArray, cores: FloatArray) -> Fl
     near = (size <= _row_quantile(size, CORE)[:, None]).astype(float)
     products = (rows[:, :, None] * np.column_stack([rows, target])[:, None, :]).reshape(-1, 12)
     system = (near @ products).reshape(-1, 3, 4)
-    lift = TINY * np.maximum(np.trace(system[:, :, :3], axis1=1, axis2=2), LEAST_TRACE)
-    return np.asarray(np.linalg.solve(system[:, :, :3] + lift[:, None, None] * np.eye(3), system[:, :, 3:])[..., 0])
+    trace = np.trace(system[:, :, :3], axis1=1, axis2=2)
+    told = trace > LEAST_TRACE
+    lift = (TINY * trace[told])[:, None, None] * np.eye(3)
+    cores = cores.copy()
+    cores[told] = np.linalg.solve(system[told, :, :3] + lift, system[told, :, 3:])[..., 0]
+    return cores
 
 
-def _row_quantile(values: FloatArray, quantile: float) -> FloatArray:
+def _row_quantile(values: FloatArray, share: float) -> FloatArray:
     """The value that a share of every row (..., n) does not exceed; numpy's own takes longer than the rest of a fit."""
-    at = _place(quantile, values.shape[-1])
+    at = _place(share, values.shape[-1])
     return np.asarray(np.partition(values, at, axis=-1)[..., at])
 
 
-def _place(quantile: float, n: int) -> int:
-    return int(quantile * (n - 1))
+def _place(share: float, n: int) -> int:
+    """Index, among n sorted values, of the one that this share of them does not exceed."""
+    return int(share * (n - 1))
 
 
 def _across_steps(
