@@ -187,6 +187,16 @@ def test_wild_points_near_the_focus_of_expansion_are_not_believed() -> None:
     assert apart_deg(ground.fit().normal) < 0.3
 
 
+@pytest.mark.parametrize("share", [0.4, 0.6, 0.9])
+def test_points_that_say_nothing_are_no_step(share: float) -> None:
+    """Where the camera moves straight at them, points have no leverage: any plane suits them."""
+    ground = Ground(0, relief=0.0, noise_px=0.0)
+    ground.leverage[: round(share * ground.n)] = 0.0
+    plane = ground.fit()
+    assert apart_deg(plane.normal) < 1e-5
+    assert plane.inlier.all()
+
+
 def test_same_points_same_plane() -> None:
     first, second = Ground(3).fit(), Ground(3).fit()
     assert np.array_equal(first.normal, second.normal)

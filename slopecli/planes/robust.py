@@ -26,6 +26,7 @@ STEP_SIGMAS = 7.0  # RMS of the rest: how far that part stands off
 DOUBT_SHARE = 0.35  # of the angle between the plane kept and the plane of all points
 STEP_EVEN, STEP_REST = 0.4, 0.25  # of that distance; at most this share of the part may be further from it
 STEP_SHARES = (0.03, 0.5)  # of the window across the step: less is stray, more is the window itself
+LEAST_SHOWN = 1e-12  # motion in image 2 per unit of relative height, normalised: what shows less shows nothing
 TINY, LEAST_TRACE = 1e-14, 1e-30  # share of a system's trace that is added to what may be singular
 REWEIGHTS = 6  # rounds of least squares over the inliers at most: they hardly change then
 
@@ -77,11 +78,11 @@ def _relief_weight(misfit: FloatArray, w: FloatArray, leverage: FloatArray, floo
 
     Near the focus of expansion relief hardly shows in the image, so residuals there would seem to be all noise.
     """
-    height = misfit / w
-    seen = leverage * w >= median(leverage * w)
+    height, shown = misfit / w, np.maximum(leverage * w, LEAST_SHOWN)
+    seen = shown >= median(shown)
     relief = median(height[seen]) / HALF_SIGMA
-    relief = np.sqrt(max(relief**2 - median((floor / (leverage * w)[seen]) ** 2), 0.0))
-    spread = np.sqrt(floor**2 + (relief * leverage * w) ** 2)
+    relief = np.sqrt(max(relief**2 - median((floor / shown[seen]) ** 2), 0.0))
+    spread = np.sqrt(floor**2 + (relief * shown) ** 2)
     return np.asarray(leverage * median(spread) / spread)
 
 
