@@ -35,6 +35,7 @@ GATE_SIGMAS = 2.5  # robust sigmas of the photometric residual at which a pixel 
 CELL_PRIOR_PX = 0.5  # a cell's displacement from the aligned plane is within this; decides where texture does not
 # shares of a window image 2 must show for its plane to be aligned, to be scored in a sweep, and of a cell to count
 MIN_SEEN, MIN_SWEPT, MIN_CELL_SEEN = 0.3, 0.4, 0.5
+GLIMPSES = 5  # pixels along either side of a window: of a window seen to MIN_SWEPT, one of them is seen
 SETTLED_PX = 0.01  # a step that moves no pixel by more ends the alignment
 # tangents of the tilt against the line of sight: facing, slanted, and grazing as ground in front of a level camera
 TILTS = ((0.0, 0.0), *((a * t, b * t) for t in (1.0, 2.5) for a, b in ((1, 0), (-1, 0), (0, 1), (0, -1))))
@@ -269,16 +270,32 @@ def sweep_planes(view: View, depths: FloatArray, keep: int = 4) -> list[PlaneFit
     """Try planes over a range of inverse depths (n,) and a few tilts; the best by correlation, unrefined."""
     radius = _radius(view)
     ours = normalise(view.grid.grey.astype(np.float32), radius)
-    centre = view.rays.mean(0)
     fits = []
-    for w in depths:
-        for tilt_x, tilt_y in TILTS:
-            normal = np.array([tilt_x * w, tilt_y * w, 0.0])
-            normal[2] = (w - normal @ centre) / centre[2]
-            mapping = view.mapping(normal)
-            valid = covered(mapping, view.shape2)
-            if valid.mean() < MIN_SWEPT:
-                continue
-            score = correlation(ours, normalise(_pull(view, mapping), radius), valid)
-            fits.append(PlaneFit(normal, score, np.full((3, 3), np.inf)))
+    for normal in _glimpsed(view, _swept(view.rays.mean(0), depths)):
+        mapping = view.mapping(normal)
+        valid = covered(mapping, view.shape2)
+        if valid.mean() < MIN_SWEPT:
+            continue
+        score = correlation(ours, normalise(_pull(view, mapping), radius), valid)
+        fits.append(PlaneFit(normal, score, np.full((3, 3), np.inf)))
     return sorted(fits, key=lambda fit: -fit.score)[:keep]
+
+
+def _swept(centre: FloatArray, depths: FloatArray) -> FloatArray:
+    """(k, 3) scaled normals of planes with one of the inverse depths (n,) along the ray `centre`, in every tilt."""
+    normals = np.zeros((len(depths), len(TILTS), 3))
+    normals[:, :, :2] = depths[:, None, None] * np.array(TILTS)
+    normals[:, :, 2] = (depths[:, None] - normals @ centre) / centre[2]
+    return normals.reshape(-1, 3)
+
+
+def _glimpsed(view: View, normals: FloatArray) -> FloatArray:
+    """Those of the planes (k, 3) through which image 2 shows one of a few pixels spread over the window, or more.
+
+    Of a window that image 2 does not show, a look at those is all it takes.
+    """
+    rows, columns = (np.linspace(0, side - 1, GLIMPSES).astype(int) for side in view.grid.shape)
+    some = (rows[:, None] * view.grid.shape[1] + columns).ravel()
+    moved = view.turned[some] - (normals @ view.rays[some].T)[:, :, None] * view.epipole2
+    imaged = _imaged(moved.reshape(-1, 3), view.pixels2).reshape(*moved.shape[:2], 2)
+    return normals[covered(imaged, view.shape2).any(axis=1)]
