@@ -178,13 +178,12 @@ def _look(
         matcher = partial(match_sift, effort=GLANCE, memory=memory)
         with single_threaded():
             sparse = find_motions(*both, [matcher], options.seed, thorough=False)
-        clock.lap("features")
-        if glance.is_decided(sparse):
-            with single_threaded():
+            clock.lap("features")
+            if glance.is_decided(sparse):
                 seen = survey(*both, sparse, options.seed, glance.overview_effort(windows, grey1))
-            clock.lap("overview")
-            if glance.is_clear(seen[0]):
-                return seen
+                clock.lap("overview")
+                if glance.is_clear(seen[0]):
+                    return seen
     sparse = find_motions(*both, matchers_of(options, memory), options.seed)
     refuse_unmatched(sparse.n_features, len(sparse.matches), sparse.n_inliers)
     clock.lap("features")

@@ -7,12 +7,12 @@ from dataclasses import replace
 
 import numpy as np
 
+from slopecli.geometry.quantiles import student_quantile
 from slopecli.study import QUANTITIES, Study
 from slopecli.study_options import StudyOptions
 
 GROUPS = 20  # of terrains that are left out in turn
-# Student's t, 90 % one-sided, as a limit is passed on one side; by degrees of freedom from 1 on
-T90 = (3.08, 1.89, 1.64, 1.53, 1.48, 1.44, 1.41, 1.40, 1.38, 1.37, 1.36, 1.36, 1.35, 1.35, 1.34, 1.34, 1.33, 1.33, 1.33)
+ONE_SIDED = 0.9  # as a limit is passed on one side
 
 
 def is_large(study: Study) -> bool:
@@ -33,7 +33,8 @@ def jackknifed(study: Study, measure: Callable[[Study], float]) -> float:
     if groups < 2:
         return float("inf")
     values = np.array([measure(_without(study, range(first, terrains, groups))) for first in range(groups)])
-    return T90[groups - 2] * float(np.sqrt((groups - 1) / groups * ((values - values.mean()) ** 2).sum()))
+    widening = round(student_quantile(ONE_SIDED, groups - 1), 2)
+    return widening * float(np.sqrt((groups - 1) / groups * ((values - values.mean()) ** 2).sum()))
 
 
 def counted(_: Study) -> float:

@@ -185,7 +185,8 @@ def _without_mismatches(fit: Fit, initial: list[Motion], each_patch: bool) -> Fi
     best = _settled(full, agreed, _starts(agreed.applied_to(full), initial), each_patch)
     rivals: list[_Settled] = []
     for _ in range(_RESTARTS):
-        states = _refit(best.kept.applied_to(full), _starts(best.kept.applied_to(full), initial)).state
+        left = best.kept.applied_to(full)
+        states = _refit(left, _starts(left, initial)).state
         rivals = [_settled(full, best.kept, states.pick([i]), each_patch) for i in range(len(states.R))]
         before, best = best, min([best, *rivals], key=lambda one: one.cost)
         if best.kept.same_as(before.kept):

@@ -44,24 +44,36 @@ def needed_baseline(flight: Flight, sigma_rad: float, of: Of = "worst", *, ample
     refuse_sky(flight)
     longest = _longest(flight)
     tried = np.geomspace(SHORTEST, longest, TRIED) if longest >= SHORTEST else np.empty(0)
+
+    def look(baseline: float) -> tuple[float, bool]:
+        seen = see(flight, baseline)
+        sigma = sigma_of(slope_sigmas(flight, seen), of)
+        return sigma, sigma <= sigma_rad and _has_parallax(flight, seen, ample)
+
     best = (np.inf, 0.0)
     for finer in (False, True):
-        lengths = _around(tried, best[1]) if finer else tried
-        found = _first(flight, lengths, lambda seen: _reaches(flight, seen, sigma_rad, of, ample))
+        found, best = _first(_around(tried, best[1]) if finer else tried, look, best)
         if found is not None:
             return found
-        best = min([best, *((sigma_of(slope_sigmas(flight, see(flight, b)), of), b) for b in map(float, lengths))])
     raise _unreachable(flight, sigma_rad, of, best, longest)
 
 
-def _first(flight: Flight, lengths: FloatArray, reaches: Callable[[Seen], bool]) -> float | None:
-    """The shortest baseline that reaches what is wanted; None where none of the lengths (k,), rising, does."""
+Best = tuple[float, float]  # the smallest sigma seen, and its baseline
+
+
+def _first(lengths: FloatArray, look: Callable[[float], tuple[float, bool]], best: Best) -> tuple[float | None, Best]:
+    """The shortest baseline that reaches what is wanted, None where none of the lengths (k,), rising, does; the best.
+
+    look : the sigma at a baseline, and whether it and the parallax are what is wanted.
+    """
     too_short = 0.0
     for baseline in map(float, lengths):
-        if reaches(see(flight, baseline)):
-            return _bisected(too_short, baseline, lambda b: reaches(see(flight, b)))[1]
+        sigma, reached = look(baseline)
+        if reached:
+            return _bisected(too_short, baseline, lambda b: look(b)[1])[1], best
+        best = min(best, (sigma, baseline))
         too_short = baseline
-    return None
+    return None, best
 
 
 def _around(tried: FloatArray, best: float) -> FloatArray:
@@ -86,9 +98,7 @@ def _longest(flight: Flight) -> float:
     return kept
 
 
-def _reaches(flight: Flight, seen: Seen, sigma_rad: float, of: Of, ample: bool) -> bool:
-    if sigma_of(slope_sigmas(flight, seen), of) > sigma_rad:
-        return False
+def _has_parallax(flight: Flight, seen: Seen, ample: bool) -> bool:
     try:
         warnings = planned_parallax(parallax_px(seen.x1, seen.x2, flight.camera.focal_px), flight.noise_px)
     except NoAnswer:

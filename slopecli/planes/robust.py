@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-
 import numpy as np
 
 from slopecli.geometry.draws import random_samples, uniform_draws
@@ -96,9 +94,9 @@ def _fit(rows: FloatArray, target: FloatArray, planes: FloatArray, floor: float)
     ranked = np.sort(np.abs(residual).astype(np.float32), axis=1)  # one sort of short numbers, for both their quantiles
     core_size, half_size = (ranked[:, _place(share, len(some))] for share in (CORE, HALF))
     cores = _concentrated(rows_some, target_some, candidates[core_size.argsort()[:CORES]])
-    first = next(_across_steps(rows, target, cores, floor), None)
-    if first is not None:
-        core, step = first
+    found = _step(rows, target, cores, floor)
+    if found is not None:
+        core, step = found
         return _reweighted(rows[~step], target[~step], core, floor, STEP_GATE).over(rows, target)
     plane = _reweighted(rows, target, candidates[half_size.argmin()], floor, GATE)
     if plane.inlier.mean() < 1 - MINORITY:  # what is left out is no minority but the shape of the ground
@@ -134,14 +132,23 @@ def _concentrated(rows: FloatArray, target: FloatArray, cores: FloatArray) -> Fl
         return cores
     size = np.abs(target - cores @ rows.T)
     near = (size <= _row_quantile(size, CORE)[:, None]).astype(float)
-    products = (rows[:, :, None] * np.column_stack([rows, target])[:, None, :]).reshape(-1, 12)
-    system = (near @ products).reshape(-1, 3, 4)
-    trace = np.trace(system[:, :, :3], axis1=1, axis2=2)
-    told = trace > LEAST_TRACE
-    lift = (TINY * trace[told])[:, None, None] * np.eye(3)
+    sums = near @ plane_products(rows, target)
+    told = sums[:, [0, 5, 10]].sum(axis=1) > LEAST_TRACE
     cores = cores.copy()
-    cores[told] = np.linalg.solve(system[told, :, :3] + lift, system[told, :, 3:])[..., 0]
+    cores[told] = planes_of_sums(sums[told], TINY)
     return cores
+
+
+def plane_products(rows: FloatArray, target: FloatArray) -> FloatArray:
+    """(n, 12) what every point adds to the normal equations of a plane: rows (n, 3), target (n,)."""
+    return (rows[:, :, None] * np.column_stack([rows, target])[:, None, :]).reshape(-1, 12)
+
+
+def planes_of_sums(sums: FloatArray, lift: float) -> FloatArray:
+    """(k, 3) planes of sums (k, 12) of `plane_products`; lift : share of the trace added to what may be singular."""
+    system = sums.reshape(-1, 3, 4)
+    lifted = lift * np.trace(system[:, :, :3], axis1=1, axis2=2)[:, None, None] * np.eye(3)
+    return np.asarray(np.linalg.solve(system[:, :, :3] + lifted, system[:, :, 3:])[..., 0])
 
 
 def _row_quantile(values: FloatArray, share: float) -> FloatArray:
@@ -155,10 +162,8 @@ def _place(share: float, n: int) -> int:
     return int(share * (n - 1))
 
 
-def _across_steps(
-    rows: FloatArray, target: FloatArray, cores: FloatArray, floor: float
-) -> Iterator[tuple[FloatArray, BoolArray]]:
-    """Those of the planes (k, 3) beyond which there is a step, each with the points (n,) on its far side.
+def _step(rows: FloatArray, target: FloatArray, cores: FloatArray, floor: float) -> tuple[FloatArray, BoolArray] | None:
+    """The first of the planes (k, 3) before a step, and the points (n,) beyond it; None where there is none.
 
     Across a step lies a second surface, parallel and at one distance; a crater wall or a boulder is at all distances.
     """
@@ -177,7 +182,8 @@ def _across_steps(
         distance = median(beyond)
         aside = np.abs(beyond - distance) > STEP_EVEN * abs(distance)
         if abs(distance) >= STEP_SIGMAS * spread[i] and aside.sum() <= STEP_REST * len(beyond):
-            yield cores[i], off[i]
+            return cores[i], off[i]
+    return None
 
 
 def _reweighted(rows: FloatArray, target: FloatArray, normal: FloatArray, floor: float, gate: float) -> RobustPlane:

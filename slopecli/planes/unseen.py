@@ -14,6 +14,7 @@ from slopecli.geometry.unseen import BEND_RAD, lever
 from slopecli.planes.contradiction import contradict
 from slopecli.planes.evidence import Evidence
 from slopecli.planes.gaps import Gaps, gaps_of
+from slopecli.planes.robust import plane_products, planes_of_sums
 from slopecli.planes.scene import Scene
 from slopecli.planes.window_match import WindowMatch
 from slopecli.planes.windows import Window
@@ -26,6 +27,7 @@ BESIDE = 0.25  # of a window's longer side: what is as near to a gap tells what 
 BESIDE_COUNT, LEAST_BESIDE = 8, 3  # matches of the overview that tell it of every cell, and in all
 CONTRADICTED = 0.45  # of a window's longer side: how far off its plane what is not found on it may stand
 MIN_IN_BLOCK = 6  # matches that give a block of ground its plane
+BLOCK_LIFT = 1e-12  # of the trace of a block's equations
 BLOCK_CELLS = 4.0  # a block is at least so many spacings of matches wide
 BEND_COUNT = 3.0  # pairs of blocks that what is believed of the ground before it is seen is worth
 
@@ -167,14 +169,12 @@ def _block_normals(evidence: Evidence, side_px: float) -> FloatArray:
     column, row = ((evidence.uv1 - evidence.uv1.min(0)) / side_px).astype(int).T
     columns, rows = column.max() + 1, row.max() + 1
     block = row * columns + column
-    design = homogeneous(evidence.x1) * evidence.leverage[:, None]
-    terms = np.concatenate([design, (evidence.w * evidence.leverage)[:, None]], axis=1)
-    products = (terms[:, :3, None] * terms[:, None, :]).reshape(len(terms), 12)
-    sums = np.array([np.bincount(block, column, rows * columns) for column in products.T]).T.reshape(-1, 3, 4)
+    leverage = evidence.leverage
+    products = plane_products(homogeneous(evidence.x1) * leverage[:, None], evidence.w * leverage)
+    sums = np.array([np.bincount(block, column, rows * columns) for column in products.T]).T
     enough = np.bincount(block, minlength=rows * columns) >= MIN_IN_BLOCK
     normals = np.full((rows * columns, 3), np.nan)
-    lift = 1e-12 * np.trace(sums[enough][:, :, :3], axis1=1, axis2=2)[:, None, None] * np.eye(3)
-    normals[enough] = np.linalg.solve(sums[enough][:, :, :3] + lift, sums[enough][:, :, 3:])[..., 0]
+    normals[enough] = planes_of_sums(sums[enough], BLOCK_LIFT)
     return np.asarray(normals / np.linalg.norm(normals, axis=1, keepdims=True)).reshape(rows, columns, 3)
 
 
