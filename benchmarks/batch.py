@@ -29,12 +29,12 @@ os.environ["OPENBLAS_NUM_THREADS"] = "1"
 from pathlib import Path
 import cv2
 cv2.setNumThreads(1)
-from slopecli.io.cameras import load_camera
+from slopecli.io.cameras.reading import load_camera
 from slopecli.io.images import load_image
 from slopecli.io.outputs import write_outputs
 from slopecli.options import Options
 from slopecli.pipeline import estimate
-from slopecli.vision.features import FeatureMemory
+from slopecli.look.features import FeatureMemory
 
 folder, output, sharing = Path(sys.argv[1]), Path(sys.argv[2]), sys.argv[3] == "sharing"
 camera = load_camera(folder / "camera.json")

@@ -25,10 +25,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from slopecli.errors import NoAnswer
+from slopecli.look.features import FeatureMemory
 from slopecli.options import Options
 from slopecli.pipeline import estimate
 from slopecli.types import Camera, Image, Report
-from slopecli.vision.features import FeatureMemory
 
 HERE = Path(__file__).resolve().parent
 sys.path.insert(0, str(HERE.parent / "sample_data"))

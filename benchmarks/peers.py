@@ -21,7 +21,7 @@ import numpy as np
 from slopecli.geometry import solve_planes
 from slopecli.geometry.epipolar import homogeneous
 from slopecli.geometry.metrics import rotation_angle
-from slopecli.simulate import Scene
+from slopecli.study.scenes import Scene
 from slopecli.types import FloatArray
 
 THRESHOLD_PX = 1.0  # beyond which every peer takes a correspondence for a mismatch

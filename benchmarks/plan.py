@@ -20,7 +20,7 @@ import numpy as np
 from accuracy import TruePair, true_pairs
 
 from slopecli.errors import SlopemapError
-from slopecli.io.cameras import decode_camera
+from slopecli.io.cameras.reading import decode_camera
 from slopecli.io.images import load_image
 from slopecli.options import Options
 from slopecli.pipeline import estimate

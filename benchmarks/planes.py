@@ -30,8 +30,8 @@ from scipy.optimize import linear_sum_assignment
 from slopecli.errors import NoAnswer
 from slopecli.io.images import load_image
 from slopecli.options import Options
+from slopecli.patches import label_planes
 from slopecli.pipeline import estimate
-from slopecli.planes import label_planes
 from slopecli.types import Camera, Plane, Report
 
 MIN_AREA, MIN_VISIBLE = 0.01, 0.006  # shares of image 1 of true planes that count, and of them in image 2

@@ -10,10 +10,10 @@ import numpy as np
 
 from slopecli.errors import InputError
 from slopecli.geometry.epipolar import homogeneous, unit_vector
-from slopecli.geometry.quantiles import median
 from slopecli.geometry.slope import measure_slopes, probability_below, slope_interval, surface_normals
+from slopecli.geometry.statistics import median
 from slopecli.options import Options
-from slopecli.planes.joint import Matched
+from slopecli.patches.join import Matched
 from slopecli.records import dataclass
 from slopecli.types import FloatArray, Slopes, Solution, Up
 

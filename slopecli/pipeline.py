@@ -7,7 +7,10 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
 
-from slopecli.diagnosis import (
+from slopecli.findings.changes import find_changes
+from slopecli.findings.given_rows import alike, refuse_strangers, review
+from slopecli.findings.known_motion import contradiction, known_length_m, motion_prior
+from slopecli.findings.pair_checks import (
     Apart,
     check_lens,
     check_parallax,
@@ -19,26 +22,24 @@ from slopecli.diagnosis import (
     refuse_unmatched,
 )
 from slopecli.geometry.motion import MotionEstimate
-from slopecli.geometry.quantiles import median
-from slopecli.given_review import alike, refuse_strangers, review
-from slopecli.known_motion import contradiction, known_length_m, motion_prior
+from slopecli.geometry.statistics import median
+from slopecli.look import coarse_pass as glance
+from slopecli.look.features import EFFORTS, GLANCE, FeatureMemory, Grey, match_sift
+from slopecli.look.foerstner import match_foerstner
+from slopecli.look.lens import lens_misfit
+from slopecli.look.scene import Scene
+from slopecli.look.sparse import FeatureMatcher, find_motions
+from slopecli.look.threads import single_threaded
+from slopecli.look.whole_image import survey
 from slopecli.options import Options
-from slopecli.planes import PLANE_FINDERS, glance
-from slopecli.planes.changes import find_changes
-from slopecli.planes.coplanar import merge_patches
-from slopecli.planes.given import RAYS, Given, matched_from
-from slopecli.planes.given_solution import solve_given
-from slopecli.planes.joint import join_patches, solve_jointly
-from slopecli.planes.lens import lens_misfit
-from slopecli.planes.scene import Scene
-from slopecli.planes.survey import survey
-from slopecli.planes.window_finder import wanted_windows
-from slopecli.report import build_report
+from slopecli.patches import PLANE_FINDERS
+from slopecli.patches.given.given_solution import solve_given
+from slopecli.patches.given.rows import RAYS, Given, matched_from
+from slopecli.patches.join import join_patches, solve_jointly
+from slopecli.patches.merge_coplanar import merge_patches
+from slopecli.patches.windows.window_finder import wanted_windows
+from slopecli.report.build import build_report
 from slopecli.types import Camera, Diagnostic, Image, ImageInfo, Report
-from slopecli.vision.features import EFFORTS, GLANCE, FeatureMemory, Grey, match_sift
-from slopecli.vision.foerstner import match_foerstner
-from slopecli.vision.sparse import FeatureMatcher, find_motions
-from slopecli.vision.threads import single_threaded
 
 OnStage = Callable[[str, float], None]
 

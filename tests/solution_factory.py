@@ -9,14 +9,14 @@ from report_factory import make_camera, make_image, normal_of
 
 from slopecli.geometry.epipolar import homogeneous, tangent_basis
 from slopecli.options import Options
-from slopecli.planes.footprint import Footprint, window_footprint
-from slopecli.planes.joint import Matched
-from slopecli.planes.patches import Patches
-from slopecli.planes.window_match import WindowMatch, no_match
-from slopecli.planes.windows import Window
-from slopecli.report import build_report
-from slopecli.simulate import project
+from slopecli.patches.footprint import Footprint, window_footprint
+from slopecli.patches.join import Matched
+from slopecli.patches.match import WindowMatch, no_match
+from slopecli.patches.patch_set import Patches
+from slopecli.report.build import build_report
+from slopecli.study.scenes import project
 from slopecli.types import Ambiguity, Correspondences, FloatArray, Report, Solution, Source
+from slopecli.windows import Window
 
 CAMERA = make_camera()
 HEIGHT = 5.0  # baselines from camera 1 to every plane, perpendicularly

@@ -20,12 +20,12 @@ from slopecli.batch.answer import answer, answer_jobs, load_inputs
 from slopecli.batch.jobs import Answer, CameraChoice, Job, Keep, Pair, Shipped
 from slopecli.batch.ledger import store
 from slopecli.errors import DiskFull, InputError
-from slopecli.io.cameras import camera_for
+from slopecli.io.cameras.reading import camera_for
 from slopecli.io.images import load_image
 from slopecli.io.outputs import write_outputs
+from slopecli.look import features
 from slopecli.options import Options
 from slopecli.pipeline import estimate
-from slopecli.vision import features
 
 QUICK = Options(grid=(1, 1))  # where it does not matter what the answer is
 

@@ -9,10 +9,10 @@ from scenery import make_camera, render, tilted, turn, unit
 from slopecli.geometry.camera import pixels_from_rays, rays_from_pixels
 from slopecli.geometry.homography import apply_homography, homography_in_pixels, homography_of_plane
 from slopecli.geometry.metrics import normal_angle
+from slopecli.look.features import shrink
+from slopecli.look.transfer_error import NOISE_GREY, OUTSIDE, TRUNCATED, Comparison
+from slopecli.look.warp import Grid, Pyramid
 from slopecli.types import Camera
-from slopecli.vision.comparison import NOISE_GREY, OUTSIDE, TRUNCATED, Comparison
-from slopecli.vision.features import shrink
-from slopecli.vision.warp import Grid, Pyramid
 
 R, T = turn(0.5, 1.0, 0.3), unit(1.0, 0.2, 0.1)
 TRUE = tilted(0.2, -0.1, 8.0)

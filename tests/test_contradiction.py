@@ -10,12 +10,12 @@ from scenery import Pair, Surface, make_camera, render, tilted, turn, unit
 
 from slopecli.geometry.camera import rays_from_pixels
 from slopecli.geometry.epipolar import homogeneous
-from slopecli.planes.contradiction import contradict
-from slopecli.planes.evidence import gather_evidence
-from slopecli.planes.scene import Scene
+from slopecli.look.dense import Cells
+from slopecli.look.evidence import gather_evidence
+from slopecli.look.scene import Scene
+from slopecli.look.warp import Pyramid
+from slopecli.patches.windows.contradiction import contradict
 from slopecli.types import FloatArray
-from slopecli.vision.dense import Cells
-from slopecli.vision.warp import Pyramid
 
 R, T, GROUND = turn(1, -2, 3), unit(0.8, 0.2, 0.4), tilted(0.2, -0.1)
 BOX = (130, 90, 60, 60)

@@ -20,9 +20,9 @@ import pytest
 from slopecli.errors import NoAnswer
 from slopecli.geometry.camera import pinhole_of
 from slopecli.io.images import load_image
-from slopecli.io.result import report_to_json
 from slopecli.options import Options
 from slopecli.pipeline import estimate
+from slopecli.products.slopes_json import report_to_json
 from slopecli.types import Camera
 
 DATA = Path(os.environ.get("SLOPEMAP_DATA", "."))

@@ -11,7 +11,9 @@ from report_factory import grid_polygons, make_camera, make_image, make_labels, 
 from scenery import warped_pair
 from solution_factory import WINDOWS, make_report_of, make_solution, with_second_root
 
-from slopecli.diagnosis import (
+from slopecli.errors import NoAnswer
+from slopecli.findings.answer_checks import diagnose, epipole1_px
+from slopecli.findings.pair_checks import (
     Apart,
     check_parallax,
     parallax_px,
@@ -19,13 +21,11 @@ from slopecli.diagnosis import (
     refuse_mirrored,
     refuse_unmatched,
 )
-from slopecli.errors import NoAnswer
-from slopecli.findings import diagnose, epipole1_px
 from slopecli.geometry.camera import pixels_from_rays
 from slopecli.geometry.epipolar import homogeneous, rotation_from_vector
 from slopecli.options import Options
 from slopecli.pipeline import estimate
-from slopecli.simulate import project
+from slopecli.study.scenes import project
 from slopecli.types import Diagnostic, FloatArray, Image, Report
 
 CAMERA = make_camera()

@@ -13,15 +13,18 @@ from pathlib import Path
 
 import pytest
 
-from slopecli import diagnosis, findings, kinds
 from slopecli.batch import run
 from slopecli.batch.ledger import TRANSIENT
 from slopecli.cli.parameter_types import Pairing
+from slopecli.findings import answer_checks as findings
+from slopecli.findings import changes
+from slopecli.findings import pair_checks as diagnosis
 from slopecli.io.batch_files import COLUMNS
+from slopecli.look import gradient_components as segmentation
 from slopecli.orders import Outcome
+from slopecli.patches.regions import region_finder as regions
 from slopecli.plan import Plan, PlannedWindow, baseline, prediction
-from slopecli.planes import changes, regions
-from slopecli.vision import segmentation
+from slopecli.report import kinds
 
 ROOT = Path(__file__).resolve().parent.parent
 DOCUMENTS = sorted([ROOT / "README.md", ROOT / "CHANGELOG.md", *(ROOT / "docs").glob("*.md")])

@@ -7,7 +7,7 @@ import pytest
 
 from slopecli.geometry import epipolar
 from slopecli.geometry.metrics import direction_angle, rotation_angle
-from slopecli.simulate import Scene, make_scene
+from slopecli.study.scenes import Scene, make_scene
 
 
 @pytest.fixture

@@ -9,7 +9,7 @@ from scenery import Surface, make_camera, render, tilted, turn, unit
 from slopecli.geometry.camera import rays_from_pixels
 from slopecli.geometry.epipolar import homogeneous
 from slopecli.geometry.metrics import normal_angle
-from slopecli.planes.evidence import Evidence, gather_evidence, scene_planes
+from slopecli.look.evidence import Evidence, gather_evidence, scene_planes
 from slopecli.types import FloatArray
 
 CAMERA = make_camera()

@@ -8,9 +8,8 @@ import numpy as np
 import pytest
 from scenery import Pair, make_camera, pixel_grid, render, tilted, to_grey, turn, unit
 
-from slopecli.types import FloatArray
-from slopecli.vision import features
-from slopecli.vision.features import (
+from slopecli.look import features
+from slopecli.look.features import (
     EFFORTS,
     FeatureEffort,
     FeatureMemory,
@@ -19,6 +18,7 @@ from slopecli.vision.features import (
     shrink,
     to_full,
 )
+from slopecli.types import FloatArray
 
 SIDEWAYS = unit(0.8, 0.2, 0.4)
 SQUARE = make_camera(300, 300)

@@ -9,12 +9,12 @@ import pytest
 
 from slopecli.errors import DegenerateConfiguration, NoAnswer
 from slopecli.geometry import solve_planes
-from slopecli.geometry.openness import tilt_growth
-from slopecli.geometry.uncertainty import small_sample
+from slopecli.geometry.solver.uncertainty import small_sample
+from slopecli.geometry.tilt_interval import tilt_growth
 from slopecli.options import Options
+from slopecli.patches.given.rows import Given
 from slopecli.pipeline import solve
-from slopecli.planes.given import Given
-from slopecli.simulate import Scene, make_scene
+from slopecli.study.scenes import Scene, make_scene
 from slopecli.types import IntArray, Report
 
 NOISE_PX = 0.3

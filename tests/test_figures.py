@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from slopecli.io.figures import draw_figures
-from slopecli.study import alignment_spread, camera_of, run_study
-from slopecli.study_options import StudyOptions
+from slopecli.study.figures import draw_figures
+from slopecli.study.parameters import StudyOptions
+from slopecli.study.trials import alignment_spread, camera_of, run_study
 
 DRAWN = ("figure4_motion", "figure5_slopes")
 
@@ -32,7 +32,7 @@ def test_nothing_is_cut_off_at_the_sides(trajectories: tuple[float, ...], solver
 
 
 def test_without_noise_a_figure_says_why_it_is_empty(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("slopecli.io.figures.LETTERING", {"svg.fonttype": "none"})  # letters as letters
+    monkeypatch.setattr("slopecli.study.figures.LETTERING", {"svg.fonttype": "none"})  # letters as letters
     figures = drawn(StudyOptions((45.0,), (0.0,), 1))
     for name in DRAWN:
         svg = figures[f"{name}.svg"].decode()

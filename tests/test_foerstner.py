@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from slopecli.look.foerstner import SEARCH_PX, correlate_windows, foerstner_corners, match_foerstner
 from slopecli.types import FloatArray
-from slopecli.vision.foerstner import SEARCH_PX, correlate_windows, foerstner_corners, match_foerstner
 
 Grey = NDArray[np.uint8]
 SIDE = 256

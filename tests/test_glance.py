@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from slopecli.geometry.motion import MotionEstimate, assess_motion
-from slopecli.planes import glance
-from slopecli.planes.windows import Window, grid_windows
-from slopecli.vision.sparse import Matches, Sparse
+from slopecli.look import coarse_pass as glance
+from slopecli.look.sparse import Matches, Sparse
+from slopecli.windows import Window, grid_windows
 
 GREY = np.zeros((1000, 1000), np.uint8)
 R, T = np.eye(3), np.array([0.3, 0.1, 1.0]) / np.linalg.norm([0.3, 0.1, 1.0])

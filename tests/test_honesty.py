@@ -11,7 +11,7 @@ from slopecli.geometry.epipolar import homogeneous
 from slopecli.geometry.metrics import normal_angle
 from slopecli.geometry.slope import probability_below
 from slopecli.measure import judge
-from slopecli.simulate import Scene, make_scene, project
+from slopecli.study.scenes import Scene, make_scene, project
 from slopecli.types import BoolArray, FloatArray, IntArray, Solution
 
 pytestmark = pytest.mark.slow

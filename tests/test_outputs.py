@@ -22,8 +22,8 @@ from report_factory import (
 
 from slopecli.errors import InputError
 from slopecli.io.outputs import OUTPUT_NAMES, check_directory, write_outputs
-from slopecli.io.result import report_to_json
-from slopecli.io.steps import draw_steps
+from slopecli.products.slopes_json import report_to_json
+from slopecli.products.steps import draw_steps
 
 ALL = {"slopes.json", "overlay.png", "patches.ply", "labels.png"}
 STEPS = {"step1_gradient.png", "step2_components.png", "step3_merged.png"}

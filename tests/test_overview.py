@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 from scenery import Pair, Surface, make_camera, pixel_grid, render, tilted, turn, unit
 
+from slopecli.look.dense import Cells
+from slopecli.look.features import shrink
+from slopecli.look.overview import overview_cells, sparse_transfer
+from slopecli.look.warp import Layer, Pyramid
 from slopecli.types import FloatArray
-from slopecli.vision.dense import Cells
-from slopecli.vision.features import shrink
-from slopecli.vision.overview import overview_cells, sparse_transfer
-from slopecli.vision.warp import Layer, Pyramid
 
 R, T, GROUND = turn(1, -2, 3), unit(0.8, 0.2, 0.4), tilted(0.2, -0.1)
 EDGE_PX = 2

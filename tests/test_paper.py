@@ -16,8 +16,8 @@ from slopecli.geometry import (
     solve_planes,
 )
 from slopecli.geometry.metrics import direction_angle, rotation_angle
-from slopecli.simulate import UP, make_scene, paper_scene
-from slopecli.study import paper_study
+from slopecli.study.scenes import UP, make_scene, paper_scene
+from slopecli.study.trials import paper_study
 
 ROOT = Path(__file__).parents[1]
 

@@ -9,9 +9,8 @@ from scenery import Pair, Surface, make_camera, render, tilted, turn, unit
 
 from slopecli.geometry.camera import pixels_from_rays, rays_from_pixels
 from slopecli.geometry.metrics import normal_angle
-from slopecli.types import FloatArray
-from slopecli.vision.features import shrink
-from slopecli.vision.photometric import (
+from slopecli.look.features import shrink
+from slopecli.look.photometric import (
     NOISE_GREY,
     PlaneFit,
     View,
@@ -24,7 +23,8 @@ from slopecli.vision.photometric import (
     normalise,
     sweep_planes,
 )
-from slopecli.vision.warp import Layer, Pyramid, cut, sample_map
+from slopecli.look.warp import Layer, Pyramid, cut, sample_map
+from slopecli.types import FloatArray
 
 R, T, GROUND = turn(1, -2, 3), unit(0.8, 0.2, 0.4), tilted(0.2, -0.1)
 WINDOW = (60, 50, 120, 100)

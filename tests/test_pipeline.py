@@ -19,13 +19,13 @@ from slopecli.errors import InputError, NoAnswer
 from slopecli.geometry.camera import pixels_from_rays, rays_from_pixels
 from slopecli.geometry.epipolar import homogeneous
 from slopecli.geometry.metrics import direction_angle, normal_angle, rotation_angle
-from slopecli.io.cameras import load_camera
+from slopecli.io.cameras.reading import load_camera
 from slopecli.io.images import load_image
-from slopecli.io.result import report_to_json
 from slopecli.options import Options
 from slopecli.pipeline import estimate
-from slopecli.planes.windows import Window
+from slopecli.products.slopes_json import report_to_json
 from slopecli.types import BoolArray, Camera, FloatArray, Image, Report
+from slopecli.windows import Window
 
 FOLDER = Path(__file__).resolve().parent.parent / "sample_data" / "descent"
 TRUTH = json.loads((FOLDER / "truth.json").read_text(encoding="utf-8"))

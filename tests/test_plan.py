@@ -12,18 +12,18 @@ import numpy as np
 import pytest
 
 from slopecli.errors import InputError, NoAnswer
+from slopecli.findings.wording import beside
 from slopecli.geometry import cramer_rao_bound, measure_slopes, solve_planes
 from slopecli.geometry.epipolar import homogeneous, rotation_from_vector
 from slopecli.geometry.metrics import normal_angle
-from slopecli.geometry.unseen import lever
+from slopecli.geometry.tilt_growth import lever
 from slopecli.plan import Flight, PlanOptions, forecast, ground_normals, horizontal, make_plan, needed_baseline
 from slopecli.plan import baseline as baseline_module
 from slopecli.plan import flight as flight_module
-from slopecli.plan.unseen import unseen_tilts
-from slopecli.planes.windows import grid_windows
-from slopecli.simulate import UP, field_of_view_camera, project
+from slopecli.plan.visibility import unseen_tilts
+from slopecli.study.scenes import UP, field_of_view_camera, project
 from slopecli.types import Camera, FloatArray, IntArray, Solution
-from slopecli.wording import beside
+from slopecli.windows import grid_windows
 
 CAMERA = field_of_view_camera()  # the paper's: 1024 x 1024 px, 60 degrees
 NINE = tuple(grid_windows(3, 3, 1024, 1024))
@@ -229,7 +229,7 @@ def test_a_window_that_sees_no_ground_has_no_baseline() -> None:
 
 
 def test_what_is_not_shown_is_doubted_as_estimate_doubts_it() -> None:
-    from slopecli.planes import unseen
+    from slopecli.patches.windows import unmatched_parts as unseen
 
     plan = flight(90.0)
     found = unseen_tilts(plan, 0.4)
@@ -343,9 +343,10 @@ def test_windows_that_estimate_would_not_tell_are_poor() -> None:
 
 
 def test_limits_are_those_of_estimate() -> None:
-    from slopecli import report
+    from slopecli.patches import join as joint
+    from slopecli.patches.windows import matching
     from slopecli.plan import prediction
-    from slopecli.planes import joint, matching
+    from slopecli.report import build as report
 
     assert baseline_module.HALF_SEEN == report.LEAST_SEEN
     assert flight_module.LEAST_SHARE == matching.MIN_SHARE

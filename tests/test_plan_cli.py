@@ -16,10 +16,10 @@ import pytest
 from command import slopemap
 
 from slopecli.cli import plan as command
-from slopecli.io.plan_map import draw_plan, sigma_colours
 from slopecli.plan import PlanOptions, make_plan
-from slopecli.planes.windows import grid_windows
-from slopecli.simulate import field_of_view_camera
+from slopecli.plan.plan_map import draw_plan, sigma_colours
+from slopecli.study.scenes import field_of_view_camera
+from slopecli.windows import grid_windows
 
 ROOT = Path(__file__).resolve().parent.parent
 CAMERA = ("--camera", str(ROOT / "sample_data" / "descent" / "camera.json"))

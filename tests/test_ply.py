@@ -20,9 +20,9 @@ from report_factory import (
 )
 
 from slopecli.geometry.camera import pixels_from_rays
-from slopecli.io.colormap import slope_colours
-from slopecli.io.ply import plane_mesh, report_to_ply, triangulate
-from slopecli.io.region_mesh import region_surfaces
+from slopecli.products.drawing.colormap import slope_colours
+from slopecli.products.ply import plane_mesh, report_to_ply, triangulate
+from slopecli.products.region_mesh import region_surfaces
 from slopecli.types import Camera, Image, Motion, Report, Scale
 
 DISTORTED = Camera(640, 480, 420.0, 421.0, 318.0, 242.0, "brown", (-0.28, 0.07, 2e-4, -1e-4))

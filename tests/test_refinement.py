@@ -7,9 +7,9 @@ import pytest
 
 from slopecli.geometry import solve_planes
 from slopecli.geometry.epipolar import rotation_from_vector
-from slopecli.geometry.observations import linearise, observe, predict
-from slopecli.geometry.refinement import State, normal_equations, optimal_normals, step
-from slopecli.simulate import Scene, make_scene
+from slopecli.geometry.solver.observations import linearise, observe, predict
+from slopecli.geometry.solver.refinement import State, normal_equations, optimal_normals, step
+from slopecli.study.scenes import Scene, make_scene
 
 
 def perturbed(state: State, w: np.ndarray, dT: np.ndarray, dN: np.ndarray) -> State:

@@ -8,15 +8,15 @@ import numpy as np
 import pytest
 from scenery import Pair, Surface, make_camera, pixel_grid, render, tilted, turn, unit
 
+from slopecli.look.scene import Scene
+from slopecli.look.sparse import find_motions
+from slopecli.look.whole_image import survey
+from slopecli.patches.footprint import region_footprints
+from slopecli.patches.match import WindowMatch
+from slopecli.patches.regions.cell_planes import region_cells
+from slopecli.patches.regions.region_match import CELL, match_labelled, match_regions
 from slopecli.pipeline import FEATURE_MATCHERS
-from slopecli.planes.footprint import region_footprints
-from slopecli.planes.region_cells import region_cells
-from slopecli.planes.region_match import CELL, match_labelled, match_regions
-from slopecli.planes.scene import Scene
-from slopecli.planes.survey import survey
-from slopecli.planes.window_match import WindowMatch
 from slopecli.types import FloatArray
-from slopecli.vision.sparse import find_motions
 
 R, T = turn(0.5, 1.0, 0.3), unit(1.0, 0.15, 0.05)
 GROUND, WALL = tilted(0.0, -0.25, 8.0), np.array([0.1, 0.0, 0.1])

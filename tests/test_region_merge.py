@@ -10,10 +10,10 @@ from scenery import Surface, make_camera, pixel_grid, render, tilted, turn, unit
 
 from slopecli.geometry.camera import pixels_from_rays, rays_from_pixels
 from slopecli.geometry.metrics import normal_angle
-from slopecli.planes.region_merge import Labelled, merged, refitted
+from slopecli.look.transfer_error import Comparison
+from slopecli.look.warp import Grid, Pyramid
+from slopecli.patches.regions.merging import Labelled, merged, refitted
 from slopecli.types import FloatArray
-from slopecli.vision.comparison import Comparison
-from slopecli.vision.warp import Grid, Pyramid
 
 R, T = turn(0.5, 1.0, 0.3), unit(1.0, 0.15, 0.05)
 GROUND = tilted(0.0, -0.25, 8.0)

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from slopecli.geometry.epipolar import homogeneous
-from slopecli.planes.region_cells import RegionCells
-from slopecli.planes.region_review import reviewed
-from slopecli.vision.segmentation import Labels
+from slopecli.look.gradient_components import Labels
+from slopecli.patches.regions.cell_planes import RegionCells
+from slopecli.patches.regions.review import reviewed
 
 SHAPE, CELL, FOCAL = (240, 360), 6, 300.0
 SIGMA_PX = 0.08  # of a match

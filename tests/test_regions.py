@@ -13,12 +13,12 @@ from scenery import Pair, Surface, make_camera, pixel_grid, render, tilted, turn
 
 from slopecli.errors import InputError, NoAnswer
 from slopecli.geometry.metrics import normal_angle
-from slopecli.io.cameras import load_camera
+from slopecli.io.cameras.reading import load_camera
 from slopecli.io.images import load_image
-from slopecli.io.result import report_to_json
 from slopecli.options import Options
+from slopecli.patches import PLANE_FINDERS
 from slopecli.pipeline import estimate
-from slopecli.planes import PLANE_FINDERS
+from slopecli.products.slopes_json import report_to_json
 from slopecli.types import Image, Plane, Report
 
 URBAN = Path(__file__).resolve().parent.parent / "sample_data" / "urban"

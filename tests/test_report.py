@@ -19,12 +19,12 @@ from solution_factory import (
 )
 
 from slopecli.errors import InputError, NoAnswer
-from slopecli.io.result import report_to_json
 from slopecli.options import Options
-from slopecli.planes.footprint import Footprint, window_footprint
-from slopecli.planes.joint import join_patches
-from slopecli.planes.patches import Patches
-from slopecli.planes.window_match import no_match
+from slopecli.patches.footprint import Footprint, window_footprint
+from slopecli.patches.join import join_patches
+from slopecli.patches.match import no_match
+from slopecli.patches.patch_set import Patches
+from slopecli.products.slopes_json import report_to_json
 from slopecli.types import Plane, Report, Source
 
 BORROWED = {"origin": "borrowed", "reason": "too little texture inside: this is the plane around it"}

@@ -10,7 +10,7 @@ from scenery import tilted
 
 from slopecli.geometry.epipolar import homogeneous
 from slopecli.geometry.metrics import normal_angle
-from slopecli.planes.robust import RobustPlane, robust_plane
+from slopecli.geometry.plane_fit import RobustPlane, robust_plane
 from slopecli.types import FloatArray
 
 PX = 1 / 277.0

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from slopecli.look.noise import MAX_GAIN, correlation_gain, sample_grey, thin
 from slopecli.types import FloatArray, IntArray
-from slopecli.vision.sampling import MAX_GAIN, correlation_gain, sample_grey, thin
 
 SIDE = 40  # cells of a window
 

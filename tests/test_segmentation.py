@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from slopecli.vision.segmentation import (
+from slopecli.look.gradient_components import (
     adaptive_threshold,
     connected_components,
     grown,

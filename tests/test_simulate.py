@@ -10,7 +10,7 @@ import pytest
 from slopecli.errors import InputError
 from slopecli.geometry import apply_homography, homography_of_plane, solve_planes
 from slopecli.geometry.camera import rays_from_pixels
-from slopecli.simulate import (
+from slopecli.study.scenes import (
     field_of_view_camera,
     make_scene,
     make_sequence,

@@ -13,7 +13,7 @@ import pytest
 from slopecli.errors import InputError
 from slopecli.geometry import measure_slopes, probability_below, slope_interval, solve_planes
 from slopecli.geometry.slope import disc_probability
-from slopecli.simulate import UP, make_scene
+from slopecli.study.scenes import UP, make_scene
 from slopecli.types import FloatArray, Slopes, Solution
 
 
@@ -244,7 +244,7 @@ def test_geometry_needs_neither_opencv_nor_scipy() -> None:
     code = (
         "import sys, numpy as np\n"
         "from slopecli.geometry import solve_planes, measure_slopes, slope_interval\n"
-        "from slopecli.simulate import make_scene\n"
+        "from slopecli.study.scenes import make_scene\n"
         "s = make_scene(np.random.default_rng(0), outliers=0.1)\n"
         "slope_interval(measure_slopes(solve_planes(s.x1, s.x2, s.patch), [0, 0, -1]))\n"
         "print([m for m in ('cv2', 'scipy', 'click', 'matplotlib') if m in sys.modules])"

@@ -19,8 +19,8 @@ from jsonschema import Draft202012Validator
 from slopecli.cli.app import slopemap
 from slopecli.cli.boundary import run
 from slopecli.io.correspondences import read_correspondences
-from slopecli.io.result import load_schema
-from slopecli.simulate import Scene, make_scene
+from slopecli.io.schema import load_schema
+from slopecli.study.scenes import Scene, make_scene
 
 Ask = Callable[..., tuple[int, str, str]]
 

@@ -9,9 +9,9 @@ from slopecli.errors import DegenerateConfiguration, InputError, NoAnswer
 from slopecli.geometry import solve_planes
 from slopecli.geometry.epipolar import homogeneous, rotation_from_vector
 from slopecli.geometry.metrics import direction_angle, normal_angle, rotation_angle
-from slopecli.geometry.observations import observe
-from slopecli.geometry.starts import starting_states
-from slopecli.simulate import Scene, make_scene
+from slopecli.geometry.solver.observations import observe
+from slopecli.geometry.solver.starts import starting_states
+from slopecli.study.scenes import Scene, make_scene
 from slopecli.types import Solution
 
 EXACT = 1e-9

@@ -14,7 +14,7 @@ from slopecli.geometry import (
     solve_planes,
 )
 from slopecli.geometry.epipolar import rotation_vector
-from slopecli.simulate import UP, Scene, make_scene, paper_scene
+from slopecli.study.scenes import UP, Scene, make_scene, paper_scene
 from slopecli.types import Solution
 
 

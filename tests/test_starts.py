@@ -10,8 +10,8 @@ from slopecli.geometry.decomposition import decompose_homography
 from slopecli.geometry.epipolar import homogeneous
 from slopecli.geometry.metrics import direction_angle, rotation_angle
 from slopecli.geometry.motion import MotionEstimate, epipolar_residual
+from slopecli.look.motions import distinct_motions, inliers_of, rank_motions, starting_motions
 from slopecli.types import FloatArray
-from slopecli.vision.starts import distinct_motions, inliers_of, rank_motions, starting_motions
 
 CAMERA = make_camera()
 FOCAL = CAMERA.focal_px

@@ -8,10 +8,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from slopecli.claims import Claim, bound_ratios, judge_spread, judge_study, judge_times, mean, time_exponent
 from slopecli.errors import InputError
-from slopecli.simulate import make_scene
-from slopecli.study import (
+from slopecli.study.claims import Claim, bound_ratios, judge_spread, judge_study, judge_times, mean, time_exponent
+from slopecli.study.parameters import StudyOptions
+from slopecli.study.sampling import chance_of_ratios, jackknifed
+from slopecli.study.scenes import make_scene
+from slopecli.study.timing import Timing, measure_times
+from slopecli.study.trials import (
     QUANTITIES,
     Study,
     alignment_spread,
@@ -22,9 +25,6 @@ from slopecli.study import (
     run_study,
     study_scene,
 )
-from slopecli.study_options import StudyOptions
-from slopecli.study_sampling import chance_of_ratios, jackknifed
-from slopecli.timing import Timing, measure_times
 
 SMALL = StudyOptions(noises_px=(0.0, 0.3), terrains=3)
 

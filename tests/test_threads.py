@@ -7,7 +7,7 @@ from collections.abc import Iterator
 import cv2
 import pytest
 
-from slopecli.vision.threads import single_threaded
+from slopecli.look.threads import single_threaded
 
 
 @pytest.fixture(autouse=True)

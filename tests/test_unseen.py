@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from slopecli.planes.evidence import Evidence
-from slopecli.planes.gaps import gaps_of
-from slopecli.planes.unseen import bend_rad, beside_rad, stepped_rad, unseen_rad
+from slopecli.look.evidence import Evidence
+from slopecli.patches.windows.coverage import gaps_of
+from slopecli.patches.windows.unmatched_parts import bend_rad, beside_rad, stepped_rad, unseen_rad
 from slopecli.types import FloatArray
 
 WINDOW = (100, 80, 160, 160)

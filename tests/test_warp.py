@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 from scenery import Pair, make_camera, render, tilted, to_grey, turn, unit
 
-from slopecli.types import FloatArray
-from slopecli.vision.features import shrink
-from slopecli.vision.warp import (
+from slopecli.look.features import shrink
+from slopecli.look.warp import (
     Grid,
     Layer,
     Pyramid,
@@ -20,6 +19,7 @@ from slopecli.vision.warp import (
     sample_map,
     transfer_map,
 )
+from slopecli.types import FloatArray
 
 R, T, GROUND = turn(1, -2, 3), unit(0.8, 0.2, 0.4), tilted(0.2, -0.1)
 BROWN = make_camera(model="brown", distortion=(-0.25, 0.08, 0.001, -0.001))

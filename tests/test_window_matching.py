@@ -14,19 +14,19 @@ from slopecli.geometry.camera import rays_from_pixels
 from slopecli.geometry.epipolar import homogeneous
 from slopecli.geometry.metrics import normal_angle
 from slopecli.geometry.motion import inverse_depth
+from slopecli.look.dense import Cells
+from slopecli.look.evidence import Evidence, gather_evidence, scene_planes
+from slopecli.look.features import shrink
+from slopecli.look.noise import sample_grey
+from slopecli.look.overview import overview_cells
+from slopecli.look.scene import Scene, epipolar_axes
+from slopecli.look.warp import Layer, Pyramid
 from slopecli.options import Options
-from slopecli.planes.evidence import Evidence, gather_evidence, scene_planes
-from slopecli.planes.footprint import paint_labels, window_footprint
-from slopecli.planes.matching import match_window
-from slopecli.planes.scene import Scene, epipolar_axes
-from slopecli.planes.window_match import WindowMatch, no_match, overdispersion
-from slopecli.planes.windows import Window, check_windows, grid_windows, window_polygon
+from slopecli.patches.footprint import paint_labels, window_footprint
+from slopecli.patches.match import WindowMatch, no_match, overdispersion
+from slopecli.patches.windows.matching import match_window
 from slopecli.types import FloatArray
-from slopecli.vision.dense import Cells
-from slopecli.vision.features import shrink
-from slopecli.vision.overview import overview_cells
-from slopecli.vision.sampling import sample_grey
-from slopecli.vision.warp import Layer, Pyramid
+from slopecli.windows import Window, check_windows, grid_windows, window_polygon
 
 R, T, GROUND = turn(1, -2, 3), unit(0.8, 0.2, 0.4), tilted(0.2, -0.1)
 OTHER = tilted(-0.3, 0.2, 5.0)

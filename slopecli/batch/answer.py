@@ -12,12 +12,12 @@ from pathlib import PurePath
 from slopecli.batch.jobs import Answer, CameraChoice, Job, Outcome, Shipped
 from slopecli.batch.ledger import camera_file, failure, fingerprint_of, finished, store
 from slopecli.errors import InputError, NoAnswer, SlopemapError
-from slopecli.io.cameras import camera_for, read_camera_file
+from slopecli.io.cameras.reading import camera_for, read_camera_file
 from slopecli.io.images import decode_image, read_image_file
 from slopecli.io.outputs import encode_outputs
+from slopecli.look.features import FeatureMemory
 from slopecli.pipeline import estimate
 from slopecli.types import Camera, Image, Plane, Report
-from slopecli.vision.features import FeatureMemory
 
 N_IMAGES = 2  # remembered: neighbours share one, and the other is the next pair's
 DECIMALS = 6  # of degrees and pixels in an outcome

@@ -19,7 +19,7 @@ SIZES = "sizes"  # key of a record: bytes of each file
 
 def camera_file(choice: CameraChoice | None, base: str = "") -> tuple[str | None, str | None]:
     """File and name in it of a choice of camera; (None, None) where it is no file."""
-    from slopecli.io.cameras import split_name
+    from slopecli.io.cameras.reading import split_name
 
     return (None, None) if choice is None or choice.file is None else split_name(choice.file, base)
 

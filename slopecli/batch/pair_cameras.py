@@ -88,7 +88,7 @@ def check_camera_file(file: str, images: Iterable[str]) -> None:
 
     A file that gives no image size may be right for one size only, so it is tried with those of a few images.
     """
-    from slopecli.io.cameras import load_camera
+    from slopecli.io.cameras.reading import load_camera
 
     try:
         load_camera(file)

@@ -77,7 +77,7 @@ def _load_cameras(images: tuple[Image, Image], parameters: dict[str, Any], talk:
 
 
 def _load_camera(image: Image, parameters: dict[str, Any], talk: Talk) -> Camera:
-    from slopecli.io.cameras import camera_for
+    from slopecli.io.cameras.reading import camera_for
 
     camera, note = camera_for(image, camera_choice(parameters))
     if note:
@@ -100,7 +100,7 @@ def _solve(
 
 def _deliver(report: Report, image1: Image, parameters: dict[str, Any], talk: Talk) -> None:
     from slopecli.io.outputs import write_outputs
-    from slopecli.io.result import report_to_json
+    from slopecli.products.slopes_json import report_to_json
 
     written: list[Path] = []
     if parameters["output"]:

@@ -196,7 +196,7 @@ def _check_usage(ctx: click.Context) -> None:
 
 
 def _camera(parameters: dict[str, Any], talk: Talk) -> Camera:
-    from slopecli.io.cameras import camera_from_fov, camera_from_intrinsics, fit_camera_to_image, load_camera
+    from slopecli.io.cameras.reading import camera_from_fov, camera_from_intrinsics, fit_camera_to_image, load_camera
 
     size = parameters["size"]
     if parameters["intrinsics"] is not None:
@@ -213,7 +213,7 @@ def _camera(parameters: dict[str, Any], talk: Talk) -> Camera:
 
 
 def _windows(parameters: dict[str, Any], camera: Camera) -> list[Window]:
-    from slopecli.planes.windows import check_windows, grid_windows
+    from slopecli.windows import check_windows, grid_windows
 
     columns, rows = parameters["grid"]
     windows = list(parameters["windows"]) or grid_windows(columns, rows, camera.width, camera.height)

@@ -18,14 +18,14 @@ from slopecli.cli.parameter_types import GRID, PATH, POSITIVE, Between
 from slopecli.cli.progress import ERASE_LINE, REDRAW_S
 from slopecli.cli.shared_options import at_most_one, talk_options_with
 from slopecli.cli.talk import Talk, print_result
-from slopecli.study_options import StudyOptions
+from slopecli.study.parameters import StudyOptions
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
     from concurrent.futures import Executor
 
-    from slopecli.claims import Claim
-    from slopecli.study import Study
+    from slopecli.study.claims import Claim
+    from slopecli.study.trials import Study
     from slopecli.types import Camera
 
 MOST_NUMBERS = 100
@@ -142,10 +142,10 @@ def simulate(ctx: click.Context, output: str, **parameters: Any) -> None:
 
 
 def _run(options: StudyOptions, camera_file: str | None, jobs: int | None, output: str, talk: Talk) -> None:
-    from slopecli.claims import judge_spread, judge_study, judge_times
     from slopecli.io.study_files import check_study_directory, write_study
-    from slopecli.study import alignment_spread
-    from slopecli.timing import measure_times
+    from slopecli.study.claims import judge_spread, judge_study, judge_times
+    from slopecli.study.timing import measure_times
+    from slopecli.study.trials import alignment_spread
 
     check_study_directory(output)
     camera = _camera(options, camera_file)
@@ -162,14 +162,14 @@ def _run(options: StudyOptions, camera_file: str | None, jobs: int | None, outpu
 
 
 def _camera(options: StudyOptions, file: str | None) -> Camera:
-    from slopecli.io.cameras import load_camera
-    from slopecli.study import camera_of
+    from slopecli.io.cameras.reading import load_camera
+    from slopecli.study.trials import camera_of
 
     return load_camera(file) if file else camera_of(options)
 
 
 def _study(options: StudyOptions, camera: Camera, jobs: int | None, talk: Talk) -> Study:
-    from slopecli.study import run_study
+    from slopecli.study.trials import run_study
 
     with talk.timed("trials"), ExitStack() as stack:
         progress = stack.enter_context(ProgressBar(talk, "trials"))

@@ -100,7 +100,7 @@ def _check_usage(ctx: click.Context) -> None:
 
 
 def _cameras(parameters: dict[str, Any]) -> tuple[Camera, Camera] | None:
-    from slopecli.io.cameras import camera_from_fov, load_camera
+    from slopecli.io.cameras.reading import camera_from_fov, load_camera
     from slopecli.types import Camera
 
     if parameters["intrinsics"]:
@@ -116,7 +116,7 @@ def _cameras(parameters: dict[str, Any]) -> tuple[Camera, Camera] | None:
 
 def _deliver(report: Report, parameters: dict[str, Any], talk: Talk) -> None:
     from slopecli.io.outputs import RESULT, store_outputs
-    from slopecli.io.result import report_to_json
+    from slopecli.products.slopes_json import report_to_json
 
     text = report_to_json(report)
     written = []

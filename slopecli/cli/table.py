@@ -33,7 +33,7 @@ def _window_table(report: Report) -> Iterator[str]:
 
 
 def _found_table(report: Report) -> Iterator[str]:
-    from slopecli.kinds import plane_kinds, plane_shares
+    from slopecli.report.kinds import plane_kinds, plane_shares
 
     kinds, shares, others = plane_kinds(report), plane_shares(report), report.ambiguity.others
     rows = [
@@ -134,7 +134,7 @@ def _up_line(report: Report) -> str:
 
 
 def _ambiguity_line(report: Report) -> str:
-    from slopecli.second_answer import margin
+    from slopecli.report.second_root import margin
 
     worse, remedy = margin(report.ambiguity, report.fit.n_inliers), report.ambiguity.resolve_with
     if report.ambiguity.status == "resolved":

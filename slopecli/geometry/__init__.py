@@ -6,8 +6,8 @@ from slopecli.geometry.epipolar import epipolar_distance, essential_matrix, focu
 from slopecli.geometry.homography import apply_homography, fit_homography, homography_in_pixels, homography_of_plane
 from slopecli.geometry.metrics import direction_angle, normal_angle, rotation_angle
 from slopecli.geometry.slope import measure_slopes, probability_below, slope_interval, surface_normals
-from slopecli.geometry.solve import solve_planes
-from slopecli.geometry.uncertainty import cramer_rao_bound
+from slopecli.geometry.solver.solve import solve_planes
+from slopecli.geometry.solver.uncertainty import cramer_rao_bound
 
 __all__ = [
     "Alignment",

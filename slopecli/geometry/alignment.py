@@ -9,12 +9,19 @@ import numpy as np
 from slopecli.errors import DegenerateConfiguration
 from slopecli.geometry.decomposition import PlaneMotion, decompose_homography, is_visible
 from slopecli.geometry.epipolar import nearest_rotation
-from slopecli.geometry.fitting import Fit, ranked
 from slopecli.geometry.homography import fit_homography
 from slopecli.geometry.metrics import direction_angle, rotation_angle
-from slopecli.geometry.observations import Observations, QuadraticForm, isotropic, observe, patch_moments, predict
-from slopecli.geometry.refinement import Refined, State, optimal_normals
-from slopecli.geometry.uncertainty import information_system
+from slopecli.geometry.solver.joint import Fit, ranked
+from slopecli.geometry.solver.observations import (
+    Observations,
+    QuadraticForm,
+    isotropic,
+    observe,
+    patch_moments,
+    predict,
+)
+from slopecli.geometry.solver.refinement import Refined, State, optimal_normals
+from slopecli.geometry.solver.uncertainty import information_system
 from slopecli.types import FloatArray, IntArray
 
 _SETTLED = 1e-4  # relative change of the mean reprojection error in one sweep

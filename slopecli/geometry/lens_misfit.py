@@ -8,7 +8,7 @@ import numpy as np
 
 from slopecli.geometry.epipolar import homogeneous, rotation_from_vector, skew, tangent_basis
 from slopecli.geometry.motion import epipolar_residual
-from slopecli.geometry.quantiles import median
+from slopecli.geometry.statistics import median
 from slopecli.types import FloatArray
 
 GATE_SIGMAS = 2.5  # robust sigmas at which a match has lost most of its weight

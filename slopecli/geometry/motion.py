@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from slopecli.geometry.epipolar import homogeneous, rotation_from_vector, skew, tangent_basis
-from slopecli.geometry.quantiles import median
+from slopecli.geometry.statistics import median
 from slopecli.records import dataclass
 from slopecli.types import FloatArray
 

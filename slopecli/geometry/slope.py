@@ -14,8 +14,8 @@ import numpy as np
 
 from slopecli.errors import InputError
 from slopecli.geometry.epipolar import tangent_basis, unit_vector
-from slopecli.geometry.openness import tilt_growth
-from slopecli.geometry.quantiles import normal_quantile
+from slopecli.geometry.statistics import normal_quantile
+from slopecli.geometry.tilt_interval import tilt_growth
 from slopecli.types import BoolArray, FloatArray, Slopes, Solution
 
 IMAGE_UP = np.array([0.0, -1.0, 0.0])

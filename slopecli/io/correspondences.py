@@ -15,7 +15,7 @@ from typing import BinaryIO
 import numpy as np
 
 from slopecli.errors import InputError
-from slopecli.planes.given import Given
+from slopecli.patches.given.rows import Given
 
 STDIN = "-"
 MAX_BYTES = 500_000_000

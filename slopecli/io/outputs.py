@@ -66,9 +66,9 @@ def encode_outputs(
     patches.glb is made where planes were found as regions; the pictures of the segmentation's steps, where there was
     one and if they are asked for.
     """
-    from slopecli.io.png import encode_labels
-    from slopecli.io.result import report_to_json
-    from slopecli.vision.threads import single_threaded
+    from slopecli.look.threads import single_threaded
+    from slopecli.products.png import encode_labels
+    from slopecli.products.slopes_json import report_to_json
 
     with single_threaded():
         contents = {RESULT: (report_to_json(report) + "\n").encode("ascii"), LABELS: encode_labels(report)}
@@ -128,24 +128,24 @@ def _complaint(folder: Path, reason: str) -> str:
 
 
 def _encode_pictures(report: Report, image: Image, overlay: bool, steps: bool) -> dict[str, bytes]:
-    from slopecli.io.overlay import draw_overlay
-    from slopecli.io.png import encode_picture
+    from slopecli.products.overlay import draw_overlay
+    from slopecli.products.png import encode_picture
 
     pictures = {OVERLAY: draw_overlay(report, image)} if overlay else {}
     if steps:
-        from slopecli.io.steps import draw_steps
+        from slopecli.products.steps import draw_steps
 
         pictures |= {STEPS[step]: picture for step, picture in draw_steps(report, image).items()}
     return {name: encode_picture(picture) for name, picture in pictures.items()}
 
 
 def _encode_meshes(report: Report, image: Image, ply: bool, glb: bool) -> dict[str, bytes]:
-    from slopecli.io.ply import report_to_ply
+    from slopecli.products.ply import report_to_ply
 
     if not report.found:
         return {PLY: report_to_ply(report, image)} if ply else {}
-    from slopecli.io.glb import report_to_glb
-    from slopecli.io.region_mesh import region_surfaces
+    from slopecli.products.glb import report_to_glb
+    from slopecli.products.region_mesh import region_surfaces
 
     surfaces = region_surfaces(report) if ply or glb else []
     contents = {PLY: report_to_ply(report, image, surfaces)} if ply else {}

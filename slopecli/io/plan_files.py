@@ -7,8 +7,8 @@ from pathlib import Path
 
 from slopecli import __version__
 from slopecli.io.outputs import check_directory, store_outputs
-from slopecli.io.result import to_json
 from slopecli.plan import Plan
+from slopecli.products.slopes_json import to_json
 
 PLAN, MAP = "plan.json", "plan.png"
 NAMES = (MAP, PLAN)  # the plan comes last: where it is, the map is
@@ -38,8 +38,8 @@ def write_plan(plan: Plan, directory: str | Path) -> list[Path]:
     InputError : the folder cannot be made or written to.
     DiskFull : there is no space left.
     """
-    from slopecli.io.plan_map import draw_plan
-    from slopecli.io.png import encode_picture
+    from slopecli.plan.plan_map import draw_plan
+    from slopecli.products.png import encode_picture
 
     contents = {PLAN: (plan_to_json(plan) + "\n").encode("ascii"), MAP: encode_picture(draw_plan(plan))}
     return store_outputs(contents, directory, NAMES)

@@ -13,12 +13,12 @@ from typing import Any
 import numpy as np
 
 from slopecli import __version__
-from slopecli.claims import CannotTell, Claim, bound_ratios, mean, rms
-from slopecli.io.figures import TIMES, draw_figures, draw_times
 from slopecli.io.outputs import check_directory, store_outputs
-from slopecli.io.result import to_json
-from slopecli.study import QUANTITIES, Spread, Study
-from slopecli.timing import Timing
+from slopecli.products.slopes_json import to_json
+from slopecli.study.claims import CannotTell, Claim, bound_ratios, mean, rms
+from slopecli.study.figures import TIMES, draw_figures, draw_times
+from slopecli.study.timing import Timing
+from slopecli.study.trials import QUANTITIES, Spread, Study
 from slopecli.types import FloatArray
 
 SCHEMA_VERSION = "1.0"

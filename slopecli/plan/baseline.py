@@ -7,12 +7,12 @@ from typing import Literal
 
 import numpy as np
 
-from slopecli.diagnosis import parallax_px
 from slopecli.errors import NoAnswer
+from slopecli.findings.pair_checks import parallax_px
+from slopecli.findings.wording import beside
 from slopecli.plan.flight import Flight, Seen, refuse_sky, see, shares
 from slopecli.plan.prediction import UNKNOWN_DEG, planned_parallax, slope_sigmas
 from slopecli.types import FloatArray
-from slopecli.wording import beside
 
 Of = Literal["worst", "median"]
 

@@ -14,7 +14,7 @@ import numpy as np
 from slopecli.errors import InputError, NoAnswer
 from slopecli.geometry.camera import pixels_from_rays, rays_from_pixels
 from slopecli.geometry.epipolar import homogeneous, unit_vector
-from slopecli.geometry.observations import Prediction, observe, predict
+from slopecli.geometry.solver.observations import Prediction, observe, predict
 from slopecli.records import dataclass
 from slopecli.types import BoolArray, Camera, FloatArray, IntArray
 

@@ -7,16 +7,16 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 
-from slopecli.diagnosis import check_parallax, parallax_px
 from slopecli.errors import NoAnswer, SlopemapError
+from slopecli.findings.pair_checks import check_parallax, parallax_px
 from slopecli.geometry.metrics import normal_angle
-from slopecli.geometry.observations import linearise, observe
-from slopecli.geometry.refinement import State, normal_equations
 from slopecli.geometry.slope import measure_slopes
-from slopecli.geometry.solve import solve_planes
-from slopecli.geometry.uncertainty import covariance_of
+from slopecli.geometry.solver.observations import linearise, observe
+from slopecli.geometry.solver.refinement import State, normal_equations
+from slopecli.geometry.solver.solve import solve_planes
+from slopecli.geometry.solver.uncertainty import covariance_of
 from slopecli.plan.flight import Flight, Seen, refuse_sky, see
-from slopecli.plan.unseen import unseen_tilts
+from slopecli.plan.visibility import unseen_tilts
 from slopecli.records import dataclass
 from slopecli.types import Diagnostic, FloatArray, Solution
 

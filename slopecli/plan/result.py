@@ -7,8 +7,9 @@ from typing import Literal
 
 import numpy as np
 
-from slopecli.diagnosis import LOW_PARALLAX_PX
 from slopecli.errors import InputError, NoAnswer
+from slopecli.findings.pair_checks import LOW_PARALLAX_PX
+from slopecli.findings.wording import beside
 from slopecli.geometry.camera import pixels_from_rays
 from slopecli.geometry.epipolar import focus_of_expansion, unit_vector
 from slopecli.options import Options
@@ -26,7 +27,6 @@ from slopecli.plan.flight import (
 from slopecli.plan.prediction import TRIALS, Forecast, forecast
 from slopecli.records import dataclass
 from slopecli.types import Camera, Diagnostic, FloatArray, Up
-from slopecli.wording import beside
 
 CAMERA_UP = (0.0, 0.0, -1.0)  # the camera looks straight down
 LIKELY = 0.5  # share of simulated pairs with two answers from which they are called likely

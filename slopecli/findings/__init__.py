@@ -1,0 +1,1 @@
+"""Checks of images, matches and answers; each returns diagnostics or refuses the pair."""

@@ -1,0 +1,1 @@
+"""The joint solution: one motion and one normal per patch, with covariance and every root."""

@@ -1,0 +1,105 @@
+"""Whether points lie on the planes they are said to lie on: the residual along epipolar lines against that across them.
+
+A point that stands off its plane moves along its epipolar line and nowhere else (see `relief`), so what the residual
+along the line has more than that across it is the shape of the ground. Rough ground scatters from point to point; the
+shape of one that is bent, broken or made of several planes is shared by neighbours.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from slopecli.geometry.solver.observations import observe, predict
+from slopecli.types import BoolArray, FloatArray, IntArray, Solution
+
+_BEYOND_CHANCE = 4.0  # standard normal quantile: 3 in 100 000, as every patch is tested
+_FINEST = 1e-9  # normalised coordinates, a millionth of a pixel: below it residuals are rounding
+_IN_A_CELL = 3  # points of a neighbourhood whose residuals are compared with each other
+
+
+class Flatness(NamedTuple):
+    """How far the points kept are off their planes: 1-sigma of a coordinate of weight 1, normalised.
+
+    across : of all points, across their epipolar lines.  along (m,) : of each patch along them.  both (m,) : in all.
+    off (m,) : whether along is more than across by more than chance.
+    shaped (m,) : whether, besides, neighbours are off alike.
+    """
+
+    across: float
+    along: FloatArray
+    both: FloatArray
+    off: BoolArray
+    shaped: BoolArray
+
+
+def flatness(solution: Solution, x1: FloatArray, x2: FloatArray, patch: IntArray, weights: FloatArray) -> Flatness:
+    """Judge every patch of a solution of these correspondences; arguments as of `solve_planes`."""
+    seen = observe(x1, x2, patch, weights)
+    prediction = predict(seen, solution.R[None], solution.T[None], solution.scaled_normals[None])
+    residual, slide = prediction.residual[0], prediction.slide[0]
+    direction = slide / np.maximum(np.hypot(slide[0], slide[1]), np.finfo(float).tiny)
+    root = np.sqrt(seen.weight)
+    along = root * (direction[0] * residual[0] + direction[1] * residual[1])
+    across = root * (direction[0] * residual[1] - direction[1] * residual[0])
+    kept = solution.inlier[seen.order][seen.n_free :]
+    count = seen.sum_patches(kept.astype(float))
+    alongs, acrosses = (seen.sum_patches(kept * part**2) for part in (along, across))
+    spare = np.maximum(count - 3.0, 0.0)  # a plane takes three residuals, all of them along
+
+    freedom = max(float(count.sum()) - 5.0, 1.0)
+    noise = float(np.sqrt(acrosses.sum() / freedom))
+    sigma = np.sqrt(alongs / np.maximum(spare, 1.0))
+    off = (spare > 0.0) & (sigma > _FINEST) & _larger(sigma**2, spare, noise**2, freedom)
+
+    places = seen.p[:2].T
+    ends = seen.first + seen.count
+    patches = [slice(*ends_of) for ends_of in zip(seen.first, ends, strict=True)]
+    own = [
+        bool(off[k]) and _shared_by_neighbours(places[rows][kept[rows]], along[rows][kept[rows]])
+        for k, rows in enumerate(patches)
+    ]
+    # rows given the wrong patch share their shape with neighbours in other patches
+    chosen = kept & np.repeat(off, seen.count)
+    every = _shared_by_neighbours(places[chosen], along[chosen])
+    return Flatness(
+        noise,
+        sigma,
+        np.sqrt((alongs + acrosses) / np.maximum(2.0 * count - 3.0, 1.0)),
+        off,
+        off & (np.array(own) | every),
+    )
+
+
+def _larger(variance: FloatArray, freedom: FloatArray, other: float, other_freedom: float) -> BoolArray:
+    """Whether variances (m,) are larger than another, with their degrees of freedom, by more than chance.
+
+    Source: Paulson, "An approximate normalization of the analysis of variance distribution", 1942.
+    """
+    ratio = np.cbrt(variance / max(other, np.finfo(float).tiny))
+    a, b = 2.0 / (9.0 * np.maximum(freedom, 1.0)), 2.0 / (9.0 * other_freedom)
+    return np.asarray((1.0 - b) * ratio - (1.0 - a) > _BEYOND_CHANCE * np.sqrt(b * ratio**2 + a))
+
+
+def _shared_by_neighbours(places: FloatArray, values: FloatArray) -> bool:
+    """Whether values (n,) at places (n, 2) vary more between neighbourhoods than within, by more than chance.
+
+    Source: analysis of variance (Fisher 1925) over cells of equally many points.
+    """
+    n = len(values)
+    side = int(np.sqrt(n / _IN_A_CELL))
+    if side < 2:
+        return False
+    strip = np.empty(n, np.int64)
+    strip[np.argsort(places[:, 0], kind="stable")] = np.arange(n) * side // n
+    order = np.lexsort((places[:, 1], strip))
+    within_strip = np.arange(n) - np.searchsorted(strip[order], strip[order])
+    cell = np.empty(n, np.int64)
+    cell[order] = strip[order] * side + within_strip * side // np.bincount(strip)[strip[order]]
+    count = np.bincount(cell)
+    mean = np.bincount(cell, values) / count
+    cells = len(count)
+    within = float(((values - mean[cell]) ** 2).sum()) / (n - cells)
+    between = np.array([count @ (mean - values.mean()) ** 2 / (cells - 1)])
+    return bool(_larger(between, np.array([cells - 1.0]), within, n - cells)[0])

@@ -1,0 +1,203 @@
+"""Finding gross mismatches: only when the residuals of a plain fit show some, so that clean data loses no accuracy."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from slopecli.geometry.draws import random_samples
+from slopecli.geometry.solver.observations import Observations, Prediction
+from slopecli.geometry.statistics import median
+from slopecli.types import BoolArray, FloatArray
+
+# median of a chi-square variable with 2 and with 1 degree of freedom
+_MEDIAN_2, _MEDIAN_1 = 1.3863, 0.4549
+# one false alarm in this many clean data sets
+_FALSE_ALARMS = 100.0
+LEAST_FREEDOM = 2  # that leaving points out must leave: with less, what is left fits whatever it is
+# finest residual scale that means anything in double precision, normalised coordinates (a millionth of a pixel)
+_FINEST = 1e-9
+# free points may be this much noisier than patch points and still be judged by their own scale
+_ONE_SCALE = 1.25
+_BEYOND_CHANCE = 3.09  # standard normal quantile at 0.999
+_SAMPLES = 64  # four-point samples a patch: finds a clean one in 20 % outliers for sure, in 40 % with p = 0.9999
+
+
+class Kept(NamedTuple):
+    """Which patch points (n,) and which free points (k,) a fit rests on."""
+
+    planes: BoolArray
+    free: BoolArray
+
+    def same_as(self, other: Kept) -> bool:
+        """Whether both choose the same points."""
+        return np.array_equal(self.planes, other.planes) and np.array_equal(self.free, other.free)
+
+    def applied_to(self, observations: Observations) -> Observations:
+        """The observations with the weight of every other point set to 0."""
+        return observations.reweighted(observations.weight * self.planes, observations.free_weight * self.free)
+
+
+def gate_squared(n: int) -> float:
+    """Squared residual, in sigma, that one of n clean two-dimensional residuals exceeds in 1 of 100 data sets."""
+    return 2.0 * float(np.log(max(n, 1) * _FALSE_ALARMS))
+
+
+def chi2_quantile(dof: float, at: float) -> float:
+    """Chi-square at the probability of a standard normal quantile `at` (Wilson and Hilferty 1931)."""
+    third = 2.0 / (9.0 * dof)
+    return float(dof * (1.0 - third + at * np.sqrt(third)) ** 3)
+
+
+def noise_at_least(given: float, squares: float, freedom: int) -> float:
+    """The noise given, or what the residuals show where they exceed it by more than chance.
+
+    squares : weighted sum of squared residuals.  freedom : how many of them are left to vary.
+    """
+    shown = squares > given**2 * chi2_quantile(max(freedom, 1), _BEYOND_CHANCE)
+    return float(np.sqrt(squares / max(freedom, 1))) if shown else given
+
+
+def is_beyond_chance(before: float, after: float, freedom: int, removed: int, n: int) -> bool:
+    """Whether leaving some points out makes the rest fit better than the best choice of as many clean ones would.
+
+    before, after : weighted sums of squares of all points and of those left.  freedom : of `after`.
+    removed : residuals left out.  n : points that could have been.
+
+    Of clean points after / before follows a beta distribution; its tail, times the number of choices, is the chance of
+    a false alarm. With hardly any freedom left, anything fits, and nothing is beyond chance.
+    Source: Hawkins, "Identification of Outliers", 1980, for one; Bonferroni's inequality for the choices.
+    """
+    if freedom < LEAST_FREEDOM:
+        return False
+    if not removed or before <= 0.0:
+        return True
+    a, q = 0.5 * freedom, 0.5 * removed
+    chosen = math.ceil(q)
+    choices = math.lgamma(n + 1) - math.lgamma(chosen + 1) - math.lgamma(max(n - chosen, 0) + 1)
+    tail = math.lgamma(a + q) - math.lgamma(a + 1) - math.lgamma(q) + a * math.log(max(after / before, 1e-300))
+    return choices + tail < -math.log(_FALSE_ALARMS)
+
+
+def residual_scale(squared: FloatArray, kept: BoolArray, dimensions: int, lost: float) -> float:
+    """Robust 1-sigma of residuals from the median of their squares.
+
+    squared : (n,) squared residuals (weighted); kept : (n,) those in the fit; dimensions : 1 or 2 numbers a residual;
+    lost : part of the degrees of freedom the fit took up, 0..1.
+    """
+    if not kept.any():
+        return _FINEST
+    values = squared[kept]
+    middle = len(values) // 2
+    expected = _MEDIAN_2 if dimensions == 2 else _MEDIAN_1
+    variance = float(np.partition(values, middle)[middle]) / expected / max(1.0 - lost, 0.1)
+    return max(variance**0.5, _FINEST)
+
+
+def unit_squares(observations: Observations, prediction: Prediction, index: int) -> tuple[FloatArray, FloatArray]:
+    """Weighted squared residuals of patch points (n,) and free points (k,) under motion number `index`."""
+    squared = observations.weight * (prediction.residual[index] ** 2).sum(axis=0)
+    return squared, observations.free_weight * prediction.distance[index] ** 2
+
+
+def inliers(
+    observations: Observations,
+    prediction: Prediction,
+    index: int,
+    kept: Kept,
+    each_patch: bool = False,
+    one_scale: bool = False,
+) -> tuple[Kept, float]:
+    """Which points agree with motion number `index`, by their own robust scale, and how badly all of them fit.
+
+    Parameters
+    ----------
+    observations : every point under its full weight.  kept : the points the motion was fitted to.
+    each_patch : judge a patch by its own scale, doubled, when that is larger: its points need not be coplanar.
+    one_scale : judge free points by nearly the scale of the patches, once the motion rests on both.
+
+    Returns
+    -------
+    kept : the new choice.  cost : sum of squared residuals in sigma, none counting for more than the gate.
+    """
+    squared, free_squared = unit_squares(observations, prediction, index)
+    used = 2 * int(np.count_nonzero(kept.planes)) + int(np.count_nonzero(kept.free))
+    lost = min((5.0 + 3.0 * observations.n_patches) / max(used, 1), 1.0)
+    gate = gate_squared(len(squared) + len(free_squared))
+    scale = np.full(len(squared), residual_scale(squared, kept.planes, 2, lost))
+    # a motion that rests on few points predicts epipolar lines badly; judge free points by their own scale then
+    trusted = kept.free if kept.free.any() else observations.free_weight > 0.0
+    free_scale = residual_scale(free_squared, trusted, 1, 0.0)
+    if each_patch:
+        scale = np.maximum(scale, 2.0 * _patch_scales(observations, squared))
+    else:
+        free_scale = max(scale[0], min(free_scale, _ONE_SCALE * scale[0]) if one_scale else free_scale)
+    relative, free_relative = squared / scale**2, free_squared / free_scale**2
+    planes = (relative <= gate) & (observations.weight > 0.0)
+    planes = _enough_each(observations, planes, squared)
+    cost = np.minimum(relative, gate).sum() + np.minimum(free_squared / scale[0] ** 2, gate).sum()
+    return Kept(planes, (free_relative <= gate) & (observations.free_weight > 0.0)), float(cost) * scale.min() ** 2
+
+
+def _patch_scales(observations: Observations, squared: FloatArray) -> FloatArray:
+    """(n,) robust scale of the patch each point is on."""
+    ends = observations.first + observations.count
+    medians = [median(squared[a:b]) for a, b in zip(observations.first, ends, strict=True)]
+    return observations.per_point(np.sqrt(np.array(medians) / _MEDIAN_2))
+
+
+def _enough_each(observations: Observations, keep: BoolArray, squared: FloatArray) -> BoolArray:
+    """Keep at least the best quarter of every patch (and three points): a patch is judged poor, never emptied."""
+    left = observations.sum_patches(keep.astype(np.int64))
+    least = np.minimum(observations.count, np.maximum(3, observations.count // 4))
+    for i in np.flatnonzero(left < least):
+        patch = slice(observations.first[i], observations.first[i] + observations.count[i])
+        best = np.argsort(squared[patch])[: least[i]]
+        keep[patch] = False
+        keep[observations.first[i] + best] = True
+    return keep
+
+
+def consensus(observations: Observations) -> BoolArray:
+    """(n,) points of each patch that agree with its least-median-of-squares homography.
+
+    Source: Rousseeuw, "Least Median of Squares Regression", JASA 1984. Patches of fewer than six points are kept
+    whole. The samples are always the same: the same input gives the same answer.
+    """
+    keep = np.ones(len(observations.weight), dtype=bool)
+    for first, count in zip(observations.first, observations.count, strict=True):
+        if count >= 6:
+            patch = slice(first, first + count)
+            keep[patch] = _patch_consensus(observations.p[:, patch], observations.x2[:, patch])
+    return keep
+
+
+def _patch_consensus(p: FloatArray, x2: FloatArray) -> BoolArray:
+    """p : (3, n), x2 : (2, n) of one patch, n >= 6."""
+    n = p.shape[1]
+    samples = random_samples(n, _SAMPLES, 4)
+    H = _four_point_homographies(p[:2, samples], x2[:, samples])
+    y = H @ p
+    with np.errstate(all="ignore"):
+        squared = ((y[:, :2] / y[:, 2:] - x2) ** 2).sum(axis=1)
+    squared = np.where(np.isfinite(squared), squared, np.inf)
+    rank = min((n + 5) // 2, n - 1)
+    medians = np.partition(squared, rank, axis=1)[:, rank]
+    best = int(np.argmin(medians))
+    scale = max(float(np.sqrt(medians[best] / _MEDIAN_2)) * (1.0 + 5.0 / (n - 4)), _FINEST)
+    return squared[best] <= gate_squared(n) * scale**2
+
+
+def _four_point_homographies(x1: FloatArray, x2: FloatArray) -> FloatArray:
+    """(s, 3, 3) homographies with h9 = 1, eq. (5), through four points each: x1, x2 (2, s, 4)."""
+    x, y = x1
+    u, v = x2
+    one, zero = np.ones_like(x), np.zeros_like(x)
+    rows_u = np.stack([x, y, one, zero, zero, zero, -x * u, -y * u], axis=-1)
+    rows_v = np.stack([zero, zero, zero, x, y, one, -x * v, -y * v], axis=-1)
+    M = np.concatenate([rows_u, rows_v], axis=1)
+    # collinear samples make M singular; the tiny ridge lets them through to be outvoted
+    h = np.linalg.solve(M + 1e-12 * np.eye(8), np.concatenate([u, v], axis=1)[:, :, None])[:, :, 0]
+    return np.concatenate([h, np.ones((len(h), 1))], axis=1).reshape(-1, 3, 3)

@@ -1,0 +1,236 @@
+"""Joint least squares over one motion and all planes: 5 + 3m parameters, Levenberg-Marquardt, several starts at once.
+
+The normals are eliminated patch by patch (Schur complement over the 3x3 plane blocks), so the system that is solved
+for the motion stays 6x6 however many patches there are. The sixth parameter, the length of T, is a gauge and pinned.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import NamedTuple, TypeVar
+
+import numpy as np
+
+from slopecli.geometry.epipolar import LEVI_CIVITA, skew
+from slopecli.geometry.solver.observations import QuadraticForm
+from slopecli.types import BoolArray, FloatArray, IntArray
+
+# (9, 27): vec(M) -> vec([e_k]x M) for k = 0, 1, 2
+_ROTATE = np.einsum("kij,ab->jakib", LEVI_CIVITA, np.eye(3)).reshape(9, 27)
+# (3, 27): K -> vec(K e_c^T) for c = 0, 1, 2
+_SPREAD = np.einsum("ij,ca->icja", np.eye(3), np.eye(3)).reshape(3, 27)
+_EYE6 = np.eye(6)
+# the residual sum below which only rounding is left, per residual: (1e-15)^2 in normalised coordinates
+ROUNDING = 1e-30
+# after this many iterations a start that still fits this many times worse than the best one is a stray, not a root
+GRACE, _HOPELESS = 4, 10.0
+# a start that is not there after so many steps sits in the bent valley where rotation, baseline and normals trade off
+# (a narrow field of view); normals solved anew after every step follow its bend
+_PLAIN_STEPS = 2
+
+
+class State(NamedTuple):
+    """s motions with their planes: R (s, 3, 3), T (s, 3) unit, N (s, m, 3) scaled normals."""
+
+    R: FloatArray
+    T: FloatArray
+    N: FloatArray
+
+    def pick(self, index: list[int] | IntArray | slice) -> State:
+        """The motions at these places."""
+        return State(self.R[index], self.T[index], self.N[index])
+
+    def homographies(self) -> FloatArray:
+        """(s, m, 3, 3) H_i = R (I - T N_i^T), eq. (3)."""
+        K = (self.R @ self.T[:, :, None])[:, None]
+        return self.R[:, None] - K * self.N[:, :, None, :]
+
+
+class System(NamedTuple):
+    """Normal equations with the normals eliminated.
+
+    chi2 (s,): value of the quadratic form here.  plane_block (s, m, 3, 3): V_i, information of N_i alone.
+    response (s, m, 3, 7): V_i^-1 times the cross information with the motion (columns 0..5) and the gradient (6).
+    reduced (s, 7, 7): information of the motion (w, T), its gradient in row and column 6, and in the corner the
+    chi-square left (less constants) once the normals are optimal.
+    """
+
+    chi2: FloatArray
+    plane_block: FloatArray
+    response: FloatArray
+    reduced: FloatArray
+
+
+def normal_equations(state: State, form: QuadraticForm) -> System:
+    """Gauss-Newton normal equations of a quadratic form in the homographies and the essential matrix.
+
+    Motion perturbations: R <- exp([w]x) R, T <- T + dT; planes: N_i <- N_i + dN_i.
+    """
+    R, T, N = state
+    s, m = N.shape[:2]
+    H = state.homographies().reshape(s, m, 9)
+    G = np.empty((s, m, 10, 9))  # rows: d vec(H) / d (w, T), vec(H) itself, d vec(H) / d N
+    G[:, :, :3] = (H @ _ROTATE).reshape(s, m, 3, 9)
+    G[:, :, 3:6] = (R.swapaxes(1, 2)[:, None, :, :, None] * -N[:, :, None, None, :]).reshape(s, m, 3, 9)
+    G[:, :, 6] = 0.0 if form.centred else H
+    K = (R @ T[:, :, None])[:, None, :, 0]
+    G[:, :, 7:] = -(K @ _SPREAD).reshape(s, 1, 3, 9)
+    AG = G @ form.A
+    AG[:, :, 6] += form.g
+    F = AG @ G.swapaxes(2, 3)
+    V, X = F[:, :, 7:, 7:], F[:, :, 7:, :7]
+    X[:, :, :, 6] = F[:, :, 6, 7:]  # the gradient carries g, which only row 6 of F holds
+    response = _solve_blocks(V, X)
+    motion = np.add.reduce(F[:, :, :7, :7], axis=1)
+    motion[:, :6, 6] = motion[:, 6, :6]
+    motion[:, 6, 6] += form.constant
+    if not form.centred:
+        motion[:, 6, 6] += (form.g * H).sum(axis=(1, 2))
+    if form.AE is not None and form.gE is not None:
+        motion += _free_part(R, T, form.AE, form.gE, form.centred)
+    if form.motion is not None:
+        motion += form.motion
+    reduced = motion - np.add.reduce(X.swapaxes(2, 3) @ response, axis=1)
+    return System(motion[:, 6, 6], V, response, reduced)
+
+
+def _free_part(R: FloatArray, T: FloatArray, AE: FloatArray, gE: FloatArray, centred: bool) -> FloatArray:
+    """What points on no patch add to the motion's 7x7 block."""
+    s = len(R)
+    E = (R @ skew(T)).reshape(s, 9)
+    G = np.empty((s, 7, 9))
+    G[:, :3] = (E @ _ROTATE).reshape(s, 3, 9)
+    G[:, 3:6] = (R[:, None] @ LEVI_CIVITA).reshape(s, 3, 9)
+    G[:, 6] = 0.0 if centred else E
+    AG = G @ AE
+    AG[:, 6] += gE
+    F = AG @ G.swapaxes(1, 2)
+    F[:, :6, 6] = F[:, 6, :6]
+    if not centred:
+        F[:, 6, 6] += (gE * E).sum(axis=1)
+    return F
+
+
+def _solve_blocks(V: FloatArray, X: FloatArray) -> FloatArray:
+    """V^-1 X for every plane; an exactly singular block (a patch at the epipole) is lifted off zero first."""
+    try:
+        return np.asarray(np.linalg.solve(V, X), dtype=np.float64)
+    except np.linalg.LinAlgError:
+        lift = 1e-12 * np.trace(V, axis1=-2, axis2=-1).max() + np.finfo(float).tiny
+        return np.asarray(np.linalg.solve(V + lift * np.eye(3), X), dtype=np.float64)
+
+
+def optimal_normals(R: FloatArray, T: FloatArray, form: QuadraticForm) -> tuple[State, FloatArray]:
+    """The best normals for fixed motions R (s, 3, 3), T (s, 3), in closed form, and the chi-square they leave (s,).
+
+    H_i = R - K N_i^T is linear in N_i, so each normal is a 3x3 system of its own.
+    """
+    s, m = len(R), form.A.shape[1]
+    B = np.empty((s, 1, 4, 9))  # rows: d vec(H) / d N, and vec(H) at N = 0
+    B[:, 0, :3] = -((R @ T[:, :, None])[:, :, 0] @ _SPREAD).reshape(s, 3, 9)
+    B[:, 0, 3] = R.reshape(s, 9)
+    F = (B @ form.A) @ B.swapaxes(2, 3)
+    linear = (B @ form.g[..., None])[..., 0]
+    gradient = F[:, :, :3, 3] + linear[:, :, :3]
+    N = -_solve_blocks(F[:, :, :3, :3], gradient[..., None])[..., 0]
+    left = F[:, :, 3, 3] + 2.0 * linear[:, :, 3] + (N * gradient).sum(axis=2)
+    chi2 = form.constant + left.sum(axis=1)
+    if form.AE is not None and form.gE is not None:
+        E = (R @ skew(T)).reshape(s, 1, 9)
+        chi2 = chi2 + (E @ form.AE @ E.swapaxes(1, 2))[:, 0, 0] + 2.0 * (form.gE * E[:, 0]).sum(axis=1)
+    if form.motion is not None:
+        chi2 = chi2 + form.motion[:, 6, 6]
+    return State(R, T, N.reshape(s, m, 3)), chi2
+
+
+def step(state: State, system: System, damping: FloatArray) -> tuple[State, FloatArray]:
+    """One damped Gauss-Newton step, and the decrease of chi-square it promises (s,)."""
+    R, T, N = state
+    U, b = system.reduced[:, :6, :6], system.reduced[:, :6, 6:]
+    scale = np.einsum("sii->s", U)[:, None, None] + np.finfo(float).tiny
+    U = U + (damping[:, None, None] * scale) * _EYE6
+    U[:, 3:, 3:] += scale * (T[:, :, None] * T[:, None, :])  # the length of T is a gauge
+    motion = -np.linalg.solve(U, b)
+    promised = system.chi2 - system.reduced[:, 6, 6] - (b * motion).sum(axis=(1, 2))
+    dN = (system.response[..., :6] @ motion[:, None])[..., 0] + system.response[..., 6]
+    longer = T + motion[:, 3:, 0]
+    length = np.sqrt((longer * longer).sum(axis=1))[:, None]
+    return State(_turned(R, motion[:, :3, 0]), longer / length, (N - dN) * length[:, None]), promised
+
+
+def _turned(R: FloatArray, w: FloatArray) -> FloatArray:
+    """Cayley's map of w times R: a rotation to rounding, equal to exp([w]x) R to third order in w."""
+    half = 0.5 * w
+    W = skew(half)
+    shrink = 2.0 / (1.0 + (half * half).sum(axis=1))
+    return R + shrink[:, None, None] * ((W + W @ W) @ R)
+
+
+_Tuple = TypeVar("_Tuple", State, System)
+
+
+class Refined(NamedTuple):
+    """Where the iteration ended: state, its system, iterations taken, converged (s,)."""
+
+    state: State
+    system: System
+    iterations: int
+    converged: BoolArray
+
+
+def levenberg_marquardt(
+    state: State,
+    linearise: Callable[[State], QuadraticForm],
+    degrees_of_freedom: int,
+    *,
+    tolerance: float = 1e-3,
+    rounding: float = ROUNDING,
+    max_iterations: int = 100,
+    grace: int = GRACE,
+) -> Refined:
+    """Minimise chi-square from s starts together.
+
+    Parameters
+    ----------
+    linearise : gives the quadratic form at a state; it may ignore the state when the form is fixed.
+    degrees_of_freedom : residuals less parameters, for the stopping rule.
+    tolerance : stop when the promised decrease is below this part of one residual variance: the parameters are then
+        within about sqrt(tolerance) standard errors before the last step, and far closer after it.
+    grace : iterations after which a start that fits many times worse than the best is given up.
+    rounding : per residual, the part of chi-square that is rounding; no step is taken for less.
+    """
+    system = normal_equations(state, linearise(state))
+    dof = max(degrees_of_freedom, 1)
+    damping = np.full(len(state.T), 1e-9)
+    settled = np.zeros(len(state.T), dtype=bool)
+    for iteration in range(1, max_iterations + 1):
+        trial, promised = step(state, system, damping)
+        floor = np.maximum(system.chi2 / dof, rounding)
+        worthwhile = promised > dof * rounding
+        settled = settled | ~worthwhile | (promised <= tolerance * floor)
+        if _finished(settled, damping, system.chi2, iteration > grace):
+            # a step this small needs no check, and moves too little to change the system
+            return Refined(_accept(settled & worthwhile, trial, state), system, iteration, settled)
+        if iteration > _PLAIN_STEPS:
+            trial = optimal_normals(trial.R, trial.T, linearise(trial))[0]
+        trial_system = normal_equations(trial, linearise(trial))
+        better = (trial_system.chi2 <= system.chi2 + 1e-6 * tolerance * floor) & worthwhile
+        damping = np.where(better, np.maximum(0.1 * damping, 1e-12), np.clip(10.0 * damping, 1e-6, 1e7))
+        state, system = _accept(better, trial, state), _accept(better, trial_system, system)
+    return Refined(state, system, max_iterations, settled)
+
+
+def _finished(settled: BoolArray, damping: FloatArray, chi2: FloatArray, late: bool) -> bool:
+    """Every start is settled, stuck, or a stray that has had its time."""
+    done = settled | (damping > 1e6)
+    if late:
+        done = done | (chi2 > _HOPELESS * chi2.min())
+    return bool(done.all())
+
+
+def _accept(better: BoolArray, new: _Tuple, old: _Tuple) -> _Tuple:
+    if better.all():
+        return new
+    return type(new)._make(
+        np.where(better.reshape(-1, *[1] * (a.ndim - 1)), a, b) for a, b in zip(new, old, strict=True)
+    )

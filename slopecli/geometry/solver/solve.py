@@ -1,0 +1,285 @@
+"""One motion and one normal per patch from correspondences: the entry point of the geometry."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Literal, NamedTuple
+
+import numpy as np
+
+from slopecli.errors import DegenerateConfiguration, InputError, NoAnswer
+from slopecli.geometry.alignment import closed_form
+from slopecli.geometry.epipolar import fit_rotation
+from slopecli.geometry.metrics import direction_angle, rotation_angle
+from slopecli.geometry.solver.ambiguity import by_chance, reaching_across, roots_are_joined, rules_out, separate_freedom
+from slopecli.geometry.solver.joint import Fit, Motion, degrees_of_freedom, maximum_likelihood, with_prior
+from slopecli.geometry.solver.mismatches import noise_at_least
+from slopecli.geometry.solver.observations import Observations, observe
+from slopecli.geometry.solver.priors import MotionPrior
+from slopecli.geometry.solver.uncertainty import covariance_of, small_sample
+from slopecli.types import Ambiguity, FloatArray, IntArray, Solution
+
+# normalised units (a billionth of a pixel) below which residuals are rounding
+_ROUNDING = 1e-12
+_ASTRAY = 0.2  # rad; a closed-form motion further from the joint one is another answer
+
+
+def solve_planes(
+    x1: FloatArray,
+    x2: FloatArray,
+    patch: IntArray,
+    solver: Literal["mle", "ha", "lh"] = "mle",
+    noise: float | None = None,
+    *,
+    weights: FloatArray | None = None,
+    relief: bool = False,
+    robust: bool = True,
+    initial: list[Motion] | None = None,
+    noise_gain: float = 1.0,
+    prior: MotionPrior | None = None,
+) -> Solution:
+    """Find the motion and the planes that explain the correspondences, with their covariance and any second answer.
+
+    "mle" minimises the image-2 residuals over the 5 + 3m parameters jointly: two residuals for a point on a patch, the
+    distance to the epipolar line for a point on none. "ha" is homography alignment as printed (Cheng, section III),
+    "lh" the averaged Longuet-Higgins motion it is compared with.
+
+    Parameters
+    ----------
+    x1, x2 : (n, 2) normalised (undistorted) coordinates in images 1 and 2.
+    patch : (n,) int labels 0..m-1; -1 = on no plane, constrains the motion only.
+    noise : 1-sigma of a normalised coordinate in image 2; None estimates it from the residuals, and so do residuals
+        that exceed it by more than chance: a sigma is never smaller than what is seen. Where few residuals tell the
+        noise, standard errors are larger as Student's t is wider, see `uncertainty.small_sample`.
+    weights : (n,) inverse relative variances of the correspondences, None for equal ones.
+    relief : points of a patch lie near a plane, not on it (terrain): the best-fit plane is found and
+        `Solution.relief` says how rough it is. Used by "mle" only.
+    robust : look for gross mismatches and leave them out. Clean data are fitted by plain least squares either way, and
+        so are few that agree no better without some, see `robust.is_beyond_chance`.
+    initial : motions (R, T) to try besides those found in closed form.
+    noise_gain : how many times larger the standard errors are than independent noise makes them, for correspondences
+        that share errors; multiplies every standard error and divides the chi-square between two roots by its square.
+
+    prior : what is known of the motion besides, weighed by its sigmas against the correspondences. "mle" only.
+
+    Returns
+    -------
+    solution : `Solution`. `converged` is False when the iteration did not settle or a plane is not in front of both
+        cameras at every point kept. `ambiguity` holds the other root when it is visible too: "resolved" when its
+        chi-square, that of the prior included, is larger by more than chance makes it (`ambiguity.by_chance`), else
+        "unresolved". Where a sharp prior leaves no such root, it is the one of the correspondences alone.
+
+    Raises
+    ------
+    InputError : arrays of wrong shape, type or value, or an unknown solver.
+    DegenerateConfiguration : a patch has fewer than three or collinear points, or there are too few points in all.
+    NoAnswer : the images are related by a rotation alone ("pure-rotation"): no baseline, no planes.
+    """
+    _check_options(solver, noise, noise_gain, prior)
+    motions = [_checked_motion(R, T) for R, T in initial or []]
+    observations = observe(x1, x2, patch, weights)
+    _check_enough(observations, noise)
+    rotation = _check_baseline(observations)
+    if solver == "mle":
+        fit = maximum_likelihood(observations, noise, relief, robust, motions)
+    else:
+        fit = closed_form(observations, solver)
+    scale = _scale(fit, noise, noise_gain)
+    if fit.observations is not observations:
+        rotation = _rotation_only(fit.observations)
+    if solver == "mle":  # a poor closed form may lose to a rotation where there is parallax
+        _check_parallax(fit, scale.noise, *rotation)
+    if solver != "mle":
+        joint = maximum_likelihood(observations, noise, False, False, list(zip(fit.state.R, fit.state.T, strict=True)))
+        best = _with_ambiguity(joint, solver, _scale(joint, noise, noise_gain))
+        return _beside(_solution(fit, 0, solver, scale), best)
+    if prior is None:
+        return _with_ambiguity(fit, solver, scale)
+    scale = scale.all_widened()
+    known = with_prior(fit, prior, scale.unit)
+    grown = float(known.cost[0] - fit.cost[0]) / scale.unit**2
+    solution = _with_ambiguity(known, solver, scale)
+    if len(known.cost) == 1 < len(fit.cost):
+        solution = replace(solution, ambiguity=_given_up(known, fit, solution, scale))
+    return replace(solution, prior_chi2=max(grown, 0.0))
+
+
+def _check_options(solver: str, noise: float | None, noise_gain: float, prior: MotionPrior | None) -> None:
+    if solver not in ("mle", "ha", "lh"):
+        raise InputError(f"solver {solver!r} is unknown; choose mle, ha or lh")
+    if prior is not None and solver != "mle":
+        raise InputError(f"solver {solver!r} cannot take a motion known beforehand; use mle")
+    if noise is not None and not (np.isfinite(noise) and noise > 0.0):
+        raise InputError(f"noise is {noise}; it must be a positive 1-sigma in normalised coordinates, or None")
+    if not (np.isfinite(noise_gain) and noise_gain > 0.0):
+        raise InputError(f"noise_gain is {noise_gain}; it must be a positive factor, 1 for independent correspondences")
+
+
+def _checked_motion(R: FloatArray, T: FloatArray) -> Motion:
+    R, T = np.asarray(R, dtype=float), np.asarray(T, dtype=float)
+    if R.shape != (3, 3) or T.shape != (3,) or not np.abs(R @ R.T - np.eye(3)).max() < 1e-6 or not np.any(T):
+        raise InputError("an initial motion must be a 3x3 rotation and a position that is not zero, (R, T)")
+    return R, T
+
+
+def _check_enough(observations: Observations, noise: float | None) -> None:
+    found, needed = observations.residual_count(), 5 + 3 * observations.n_patches + (noise is None)
+    if found >= needed:
+        return
+    m = observations.n_patches
+    what = f"{m} patch{'es' if m > 1 else ''} and a motion need {needed} measurements, found {found}"
+    if noise is None and found == needed - 1:
+        remedy = "that leaves nothing to tell the noise from, so give it (--noise), or more correspondences"
+    else:
+        remedy = "add correspondences"
+    raise DegenerateConfiguration(f"{what} (two a point on a patch, one a point on none); {remedy}")
+
+
+def _rotation_only(observations: Observations) -> tuple[FloatArray, float]:
+    """The rotation that explains all points best, and the weighted sum of squares it leaves."""
+    p = np.concatenate([observations.free1, observations.p], axis=1)
+    x2 = np.concatenate([observations.free2, observations.x2], axis=1)
+    weight = np.concatenate([observations.free_weight, observations.weight])
+    R = fit_rotation(p, x2, weight)
+    y = R @ p
+    residual = y[:2] / y[2] - x2
+    return R, float(((residual * residual) @ weight).sum())
+
+
+def _check_baseline(observations: Observations) -> tuple[FloatArray, float]:
+    """Stop before the solver when a rotation explains the points to rounding: there is nothing to solve then."""
+    R, cost = _rotation_only(observations)
+    if cost <= observations.residual_count() * _ROUNDING**2:
+        raise _pure_rotation(R, "exactly")
+    return R, cost
+
+
+def _check_parallax(fit: Fit, noise: float, R: FloatArray, cost: float) -> None:
+    """Test against the pure rotation R: the parallax must explain more than its parameters do by chance."""
+    extra = 2 + 3 * fit.observations.n_patches + int(np.count_nonzero(fit.observations.free_weight))
+    gained = (cost - float(fit.system.chi2[0])) / max(noise, _ROUNDING) ** 2
+    # mean and five standard deviations of chi-square with that many degrees of freedom, and a little for its tail
+    if gained < extra + 5.0 * np.sqrt(2.0 * extra) + 10.0:
+        raise _pure_rotation(R, "within their noise")
+
+
+def _pure_rotation(R: FloatArray, how_well: str) -> NoAnswer:
+    angle = float(np.degrees(rotation_angle(R)))
+    what = "identical images" if angle < 1e-6 else f"a rotation of {angle:.3g} deg without any translation"
+    return NoAnswer(
+        "pure-rotation",
+        f"{what} explain{'s' if angle >= 1e-6 else ''} all correspondences {how_well}, so there is no parallax",
+        "take the second image from another place",
+        value=angle,
+    )
+
+
+class _Scale(NamedTuple):
+    """noise : 1-sigma of a unit-weight residual.  gain : of errors that points share.  widening : of standard errors,
+    where few residuals tell the noise.  freedom : how many do, infinite where it was given."""
+
+    noise: float
+    gain: float
+    widening: float
+    freedom: float
+
+    @property
+    def unit(self) -> float:
+        """What chi-squares are counted in."""
+        return max(self.noise * self.gain, _ROUNDING)
+
+    def all_widened(self) -> _Scale:
+        """For weighing the points against what does not scale with their noise."""
+        return self._replace(gain=self.gain * self.widening, widening=1.0)
+
+
+def _scale(fit: Fit, given: float | None, gain: float) -> _Scale:
+    """Noise as given, or from the residuals across epipolar lines, or from all residuals over their freedom."""
+    squares, freedom = max(float(fit.system.chi2[0]), 0.0), degrees_of_freedom(fit.observations)
+    if fit.relief:
+        noise = fit.relief[0].noise
+    else:
+        noise = float(np.sqrt(squares / freedom)) if given is None else noise_at_least(given, squares, freedom)
+    known = np.inf if given is not None and noise <= given else fit.noise_freedom()
+    return _Scale(noise, gain, small_sample(known), known)
+
+
+def _with_ambiguity(fit: Fit, solver: str, scale: _Scale) -> Solution:
+    """The best root, with the second one attached when there is one."""
+    if len(fit.cost) == 1:
+        return _solution(fit, 0, solver, scale)
+    worse_by = float(fit.cost[1] - fit.cost[0]) / scale.unit**2
+    by_prior = 0.0 if fit.prior is None else fit.prior.favour(fit.state)
+    chance = by_chance(separate_freedom(fit), scale.freedom)
+    status: Literal["resolved", "unresolved"] = "resolved" if rules_out(worse_by, by_prior, chance) else "unresolved"
+    joined = status == "unresolved" and roots_are_joined(fit, scale.noise * scale.gain * scale.widening)
+    best, alternative = (_solution(fit, i, solver, scale, joined) for i in (0, 1))
+    return replace(best, ambiguity=Ambiguity(status, worse_by, alternative, by_prior if fit.prior else None, joined))
+
+
+def _given_up(known: Fit, free: Fit, solution: Solution, scale: _Scale) -> Ambiguity:
+    """The root that images alone admit besides, where what is known of the motion is so sharp that it leaves but one.
+
+    known, free : the fits with and without that knowledge.  solution : the root that is left.
+    """
+    apart = np.linalg.norm(free.state.R[:2] - solution.R, axis=(1, 2)) + np.linalg.norm(
+        free.state.T[:2] - solution.T, axis=1
+    )
+    twin = int(np.argmax(apart))
+    alternative = _solution(free, twin, solution.solver, scale)
+    prior = known.prior.prior if known.prior else MotionPrior()
+    left = prior.chi2(alternative)
+    worse_by = float(free.cost[twin] - known.cost[0]) / scale.unit**2 + left
+    by_prior = left - prior.chi2(solution)
+    chance = by_chance(separate_freedom(free), scale.freedom)
+    # where neither speaks against it, both were dents of one minimum
+    ruled_out = by_prior > by_chance(0.0) or worse_by - by_prior > chance
+    return Ambiguity("resolved", worse_by, alternative, by_prior) if ruled_out else Ambiguity()
+
+
+def _beside(own: Solution, joint: Solution) -> Solution:
+    """A closed-form answer with the ambiguity of the joint solution: its own chi-square is no minimum, and tells less.
+
+    An answer that is not the one the joint solution prefers is never called the only one.
+    """
+    other = joint.ambiguity.alternative
+    if other is None:
+        return own if _apart(own, joint) < _ASTRAY else replace(own, ambiguity=Ambiguity("unresolved", 0.0, joint))
+    if _apart(own, joint) > _apart(own, other):
+        return replace(own, ambiguity=Ambiguity("unresolved", joint.ambiguity.delta_chi2, joint))
+    return replace(own, ambiguity=joint.ambiguity)
+
+
+def _apart(a: Solution, b: Solution) -> float:
+    """How far two motions are apart, rad."""
+    return float(rotation_angle(a.R, b.R) + direction_angle(a.T, b.T))
+
+
+def _solution(fit: Fit, index: int, solver: str, scale: _Scale, joined: bool = False) -> Solution:
+    """Root number `index` as a `Solution`, in the caller's order of points."""
+    observations, state = fit.observations, fit.state
+    covariance = covariance_of(fit.system, state.T[index], index, scale.noise * scale.gain * scale.widening)
+    if joined:
+        covariance = reaching_across(covariance, state, index)
+    return Solution(
+        R=state.R[index],
+        T=state.T[index],
+        scaled_normals=state.N[index],
+        **covariance._asdict(),
+        noise=scale.noise,
+        relief=fit.relief[index].relative if fit.relief else np.zeros(observations.n_patches),
+        rms=_rms(observations, fit, index),
+        chi2=float(fit.system.chi2[index]) / max(scale.noise, _ROUNDING) ** 2,
+        inlier=observations.in_given_order(observations.free_weight > 0.0, observations.weight > 0.0),
+        converged=bool(fit.converged[index]),
+        iterations=fit.iterations,
+        solver=solver,
+    )
+
+
+def _rms(observations: Observations, fit: Fit, index: int) -> float:
+    """Root mean square length of the residuals of the points kept: distance to the prediction, or to the line."""
+    kept, kept_free = observations.weight > 0.0, observations.free_weight > 0.0
+    total = (fit.prediction.residual[index] ** 2).sum(axis=0) @ kept
+    total += fit.prediction.distance[index] ** 2 @ kept_free
+    return float(np.sqrt(total / (np.count_nonzero(kept) + np.count_nonzero(kept_free))))

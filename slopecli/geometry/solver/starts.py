@@ -1,0 +1,221 @@
+"""Where the joint refinement starts: closed-form motions from homographies and the essential matrix."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from slopecli.geometry.decomposition import longuet_higgins
+from slopecli.geometry.epipolar import decompose_essential, fit_rotation
+from slopecli.geometry.solver.observations import Observations, QuadraticForm, isotropic, patch_moments
+from slopecli.geometry.solver.refinement import State, levenberg_marquardt, optimal_normals
+from slopecli.types import FloatArray, IntArray
+
+_PATCH_STARTS = 2  # single patches whose own homography is tried besides the homography of all points
+_SCORED_PATCHES = 64  # a motion is found from this many patches; the others only add their normals to it
+_SCATTERED = 16  # directions over half a sphere, about 35 degrees apart
+COARSE_STEPS = 2  # enough to tell which starts are roots; the exact refinement goes on from there
+_DISTINCT = 2e-3  # rad; closer motions are the same minimum
+_ROUNDING = 1e-15  # of chi-square per residual, where it is a difference of sums of order one
+# a start that fits 10 times worse than the best and by more than 1000 in chi-square is not a second answer
+_HOPELESS, _HOPELESS_CHI2 = 10.0, 1000.0
+# the same before refinement: planes that leave two answers fit one homography, whose roots both start close
+_UNPROMISING = 30.0
+
+
+def starting_states(
+    observations: Observations, initial: list[tuple[FloatArray, FloatArray]], steps: int = COARSE_STEPS
+) -> State:
+    """Refined, distinct motions with their normals, best chi-square first.
+
+    Every start is a motion; its normals follow in closed form, which also gives its chi-square, so all starts are
+    scored at once. The promising ones are refined on fixed quadratic forms, whose cost does not depend on the points.
+
+    Parameters
+    ----------
+    initial : motions (R, T) the caller wants tried as well.  steps : of refinement before those that repeat others or
+        fit far worse are left out.
+
+    Returns
+    -------
+    state : s >= 1 motions whose planes lie in front of both cameras at the patch centres, if there are any such.
+    """
+    moments = patch_moments(observations, observations.x2[None], isotropic(observations.weight[None]))[0]
+    homographies, essential = _null_vectors(observations, moments)
+    weighted = patch_moments(observations, observations.x2[None], _depth_weights(observations, homographies[0]))
+    R, T = _candidate_motions(homographies, essential, initial)
+    sample = _sample(observations)
+    form = _form(observations, weighted[:, sample], R, T)
+    state, chi2 = _scored(observations, R, T, form, sample)
+    dof = observations.residual_count()
+    keep = _promising(chi2, len(initial), dof)
+    form = _form(observations, weighted[:, sample], R[keep], T[keep])
+    # chi-square is a difference of sums of order dof here, so nothing below their rounding can be trusted
+    refined = levenberg_marquardt(
+        state.pick(keep), lambda _: form, dof, tolerance=1.0, rounding=_ROUNDING, max_iterations=steps
+    )
+    state = refined.state
+    order = _distinct(state.R, state.T, _plausible(refined.system.chi2, dof))
+    if isinstance(sample, slice):
+        return state.pick(order)
+    R, T = state.R[order], state.T[order]
+    return _scored(observations, R, T, _form(observations, weighted, R, T))[0]
+
+
+def _plausible(chi2: FloatArray, dof: int) -> list[int]:
+    """Starts by chi-square, best first, without those that fit so much worse that they cannot be an answer."""
+    values = chi2.tolist()
+    limit = (_HOPELESS + _HOPELESS_CHI2 / dof) * _least(values, dof)
+    return [i for i in sorted(range(len(values)), key=values.__getitem__) if values[i] <= limit]
+
+
+def scattered_motions(observations: Observations) -> list[tuple[FloatArray, FloatArray]]:
+    """Motions to try where few points leave closed forms too noisy to be near every root: moves in all directions.
+
+    Of a direction and its opposite one puts the scene in front, so half a sphere of them does. The rotation of each is
+    the one that explains the points without any move.
+    """
+    points = np.concatenate([observations.free1, observations.p], axis=1)
+    found = np.concatenate([observations.free2, observations.x2], axis=1)
+    R = fit_rotation(points, found, np.concatenate([observations.free_weight, observations.weight]))
+    height = (np.arange(_SCATTERED) + 0.5) / _SCATTERED
+    turn = np.pi * (3.0 - np.sqrt(5.0)) * np.arange(_SCATTERED)
+    across = np.sqrt(1.0 - height**2)
+    return [(R, T) for T in np.column_stack([across * np.cos(turn), across * np.sin(turn), height])]
+
+
+def _least(chi2: list[float], n_residuals: int) -> float:
+    """The best chi-square and its rounding, which leaves exact fits below 0."""
+    return max(min(chi2), 0.0) + n_residuals * _ROUNDING
+
+
+def _null_vectors(observations: Observations, moments: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Homographies of all points and of the largest patches (k, 3, 3), and an essential matrix (3, 3), all linear.
+
+    The coordinates are shifted and scaled to unit spread for it: a linear fit is worth little otherwise, the less so
+    the narrower the field of view (Hartley, "In defense of the eight-point algorithm", PAMI 1997).
+    """
+    largest = np.argsort(-observations.count, kind="stable")[:_PATCH_STARTS]
+    stacked = np.concatenate([moments.sum(axis=0)[None], moments[largest], _essential_moments(observations)[None]])
+    C1, C2 = _conditioner(observations.p[:2]), _conditioner(observations.x2)
+    # H = C2^-1 H' C1 and E = C2^T E' C1 for the conditioned H' and E', vec row by row
+    back = np.stack([np.linalg.inv(C2)] * (len(stacked) - 1) + [C2.T])
+    M = (back[:, :, None, :, None] * C1.T[:, None, :]).reshape(-1, 9, 9)
+    conditioned = np.linalg.eigh(M.swapaxes(1, 2) @ stacked @ M)[1][:, :, :1]
+    vectors = (M @ conditioned).reshape(-1, 3, 3)
+    return vectors[:-1], vectors[-1]
+
+
+def _conditioner(x: FloatArray) -> FloatArray:
+    """(3, 3) shift and scale that bring points (2, n) to mean 0 and unit spread."""
+    u, v = (x.sum(axis=1) / x.shape[1]).tolist()
+    variance = float(np.vdot(x, x)) / x.shape[1] - u * u - v * v
+    scale = max(0.5 * variance, 1e-18) ** -0.5
+    return np.array([[scale, 0.0, -scale * u], [0.0, scale, -scale * v], [0.0, 0.0, 1.0]])
+
+
+def _essential_moments(observations: Observations) -> FloatArray:
+    """(9, 9) moments of x2~ (x) x1~ over every correspondence, on patches or not."""
+    p1 = np.concatenate([observations.free1, observations.p], axis=1)
+    p2 = np.ones_like(p1)
+    p2[:2, : observations.n_free], p2[:2, observations.n_free :] = observations.free2, observations.x2
+    products = (p2[:, None] * p1).reshape(9, -1)
+    weight = np.concatenate([observations.free_weight, observations.weight])
+    return (products * weight) @ products.T
+
+
+def _depth_weights(observations: Observations, H: FloatArray) -> FloatArray:
+    """Weights over squared depth ratio, the latter from one homography of all points: near enough for a start."""
+    z = (H[2] / np.linalg.svd(H, compute_uv=False)[1]) @ observations.p
+    typical = z.mean()
+    z = np.clip(z / typical, 0.3, 3.0) * abs(typical)
+    return isotropic((observations.weight / (z * z))[None])
+
+
+def _candidate_motions(
+    homographies: FloatArray, essential: FloatArray, initial: list[tuple[FloatArray, FloatArray]]
+) -> tuple[FloatArray, FloatArray]:
+    """R (s, 3, 3), T (s, 3): both roots of each homography in turn, both rotations of E, then the caller's motions."""
+    R, T, _ = longuet_higgins(homographies, rounding=1e-11)
+    R_essential, T_essential = decompose_essential(essential)
+    given_R = [np.asarray(R, dtype=float) for R, _ in initial]
+    given_T = [np.asarray(T, dtype=float) / np.linalg.norm(T) for _, T in initial]
+    rotations = np.concatenate([R.reshape(-1, 3, 3), R_essential, *(R[None] for R in given_R)])
+    directions = np.concatenate([T.reshape(-1, 3), [T_essential, T_essential, *given_T]])
+    return rotations, directions
+
+
+def _sample(observations: Observations) -> IntArray | slice:
+    """Patches that decide the motion of a start: all, or the largest half and an even spread for the other half."""
+    m = observations.n_patches
+    if m <= _SCORED_PATCHES:
+        return slice(None)
+    largest = np.argsort(-observations.count, kind="stable")[: _SCORED_PATCHES // 2]
+    return np.union1d(largest, np.linspace(0, m - 1, _SCORED_PATCHES // 2).astype(np.int64))
+
+
+def _form(observations: Observations, moments: FloatArray, R: FloatArray, T: FloatArray) -> QuadraticForm:
+    """Fixed form: moments (1, m, 9, 9) for patch points, epipolar distances at the given motions for the rest."""
+    s = len(R)
+    zero = np.zeros((1, moments.shape[1], 9))
+    if not observations.n_free:
+        return QuadraticForm(moments, zero, None, None, np.zeros(s))
+    lines = R @ np.cross(T[:, :, None], observations.free1[None], axis=1)
+    squared = (lines[:, :2] ** 2).sum(axis=1)
+    squared = np.maximum(squared, 0.01 * squared.mean(axis=1, keepdims=True))
+    found = np.concatenate([observations.free2, np.ones((1, observations.n_free))])
+    rows = (found[:, None] * observations.free1).reshape(9, -1)
+    AE = (rows * (observations.free_weight / squared)[:, None]) @ rows.T
+    return QuadraticForm(moments, zero, AE, np.zeros((s, 9)), np.zeros(s))
+
+
+def _scored(
+    observations: Observations,
+    R: FloatArray,
+    T: FloatArray,
+    form: QuadraticForm,
+    sample: IntArray | slice = slice(None),
+) -> tuple[State, FloatArray]:
+    """Motions with their best normals, T signed so that planes lie in front, and chi-square, inf where they do not."""
+    state, chi2 = optimal_normals(R, T, form)
+    count = observations.count[sample]
+    centres = observations.sum_patches(observations.p)[:, sample] / count
+    inverse_depth = (state.N * centres.T).sum(axis=2)
+    sign = np.where(np.sign(inverse_depth) @ count < 0.0, -1.0, 1.0)
+    T, N, inverse_depth = T * sign[:, None], state.N * sign[:, None, None], inverse_depth * sign[:, None]
+    depth_ratio = R[:, 2] @ centres - (R[:, 2] * T).sum(axis=1)[:, None] * inverse_depth
+    in_front = ((inverse_depth > 0.0) & (depth_ratio > 0.0)) @ count
+    possible = in_front >= 0.5 * count.sum()
+    return State(R, T, N), np.where(possible | ~possible.any(), chi2, np.inf)
+
+
+def _promising(chi2: FloatArray, n_initial: int, n_residuals: int) -> list[int]:
+    """Which starts to refine.
+
+    Both roots of the homography of all points, the best of E and the best of another homography (both of its roots if
+    it beats them all), unless they fit far worse than the best; and all of the caller's. Roots are kept in pairs,
+    because two noisy versions of one root may score better than the other root.
+    """
+    values = chi2.tolist()
+    n_homographies = len(values) - 2 - n_initial
+    best = min(range(2, n_homographies), key=values.__getitem__)
+    essential = min((n_homographies, n_homographies + 1), key=values.__getitem__)
+    candidates = [0, 1, essential, best]
+    if values[best] <= min(values[0], values[1], values[essential]):
+        candidates.append(best ^ 1)
+    limit = _UNPROMISING * _least(values, n_residuals)
+    keep = [i for i in candidates if values[i] <= limit]
+    keep += [i for i in range(n_homographies + 2, len(values)) if np.isfinite(values[i])]
+    return keep or [min(range(len(values)), key=values.__getitem__)]
+
+
+def _distinct(R: FloatArray, T: FloatArray, order: list[int]) -> list[int]:
+    """Indices in the given order, without motions that repeat an earlier one."""
+    # the Frobenius norm of a difference of rotations is sqrt(2) times the small angle between them
+    apart = np.maximum(
+        np.sqrt(0.5 * ((R[:, None] - R) ** 2).sum(axis=(2, 3))), np.sqrt(((T[:, None] - T) ** 2).sum(axis=2))
+    )
+    kept: list[int] = []
+    for i in order:
+        if all(apart[i, k] > _DISTINCT for k in kept):
+            kept.append(i)
+    return kept

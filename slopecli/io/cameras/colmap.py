@@ -1,0 +1,88 @@
+"""Cameras of a COLMAP model: cameras.txt and cameras.bin.
+
+Source: COLMAP, "Output Format" and "Camera Models". COLMAP's pixel centres lie at (0.5, 0.5).
+"""
+
+from __future__ import annotations
+
+import re
+import struct
+from typing import Any, NamedTuple
+
+from slopecli.errors import InputError
+from slopecli.io.cameras.values import Size, lens_model, make_camera, named_coefficients, number, size_of
+from slopecli.types import Camera
+
+# In the order of the model ids of cameras.bin. Models we do not have keep their number of parameters only.
+MODELS: dict[str, str | int] = {
+    "SIMPLE_PINHOLE": "f cx cy",
+    "PINHOLE": "fx fy cx cy",
+    "SIMPLE_RADIAL": "f cx cy k1",
+    "RADIAL": "f cx cy k1 k2",
+    "OPENCV": "fx fy cx cy k1 k2 p1 p2",
+    "OPENCV_FISHEYE": "fx fy cx cy k1 k2 k3 k4",
+    "FULL_OPENCV": "fx fy cx cy k1 k2 p1 p2 k3 k4 k5 k6",
+    "FOV": 5,
+    "SIMPLE_RADIAL_FISHEYE": "f cx cy k1",
+    "RADIAL_FISHEYE": "f cx cy k1 k2",
+    "THIN_PRISM_FISHEYE": 12,
+    "RAD_TAN_THIN_PRISM_FISHEYE": 16,
+}
+LINE = re.compile(r"\s*\d+\s+[A-Z][A-Z0-9_]+\s+\d+\s+\d+(\s+\S+)+\s*")
+
+
+class ColmapCamera(NamedTuple):
+    model: str
+    width: Any
+    height: Any
+    parameters: list[Any]
+
+
+def find_in_text(text: str) -> dict[str, ColmapCamera]:
+    """Cameras of a cameras.txt by their id, {} when the text is something else."""
+    lines = [line for line in text.splitlines() if line.strip() and not line.lstrip().startswith("#")]
+    if not lines or not all(LINE.fullmatch(line) for line in lines):
+        return {}
+    words = [line.split() for line in lines]
+    return {w[0]: ColmapCamera(w[1], w[2], w[3], list(w[4:])) for w in words}
+
+
+def find_in_binary(data: bytes) -> dict[str, ColmapCamera]:
+    """Cameras of a cameras.bin by their id, {} when the bytes are something else."""
+    cameras: dict[str, ColmapCamera] = {}
+    names = list(MODELS)
+    try:
+        (count,), position = struct.unpack_from("<Q", data), 8
+        for _ in range(count):
+            identity, model_id, width, height = struct.unpack_from("<IiQQ", data, position)
+            if not 0 <= model_id < len(names):
+                return {}
+            parameters = struct.unpack_from(f"<{_parameter_count(names[model_id])}d", data, position + 24)
+            cameras[str(identity)] = ColmapCamera(names[model_id], width, height, list(parameters))
+            position += 24 + 8 * len(parameters)
+    except struct.error:
+        return {}
+    return cameras if position == len(data) else {}
+
+
+def read_colmap(camera: ColmapCamera, _size: Size | None) -> Camera:
+    names = MODELS.get(camera.model)
+    if not isinstance(names, str):
+        raise InputError(f"COLMAP model {camera.model} is not supported; undistort the images with COLMAP first")
+    if len(camera.parameters) != _parameter_count(camera.model):
+        wanted = _parameter_count(camera.model)
+        raise InputError(
+            f"COLMAP model {camera.model} has {len(camera.parameters)} parameters, needed {wanted}: {names}"
+        )
+    named = dict(zip(names.split(), camera.parameters, strict=True))
+    fx, fy, cx, cy = (
+        number(named.get(key, named.get("f")), f"{camera.model} {key}") for key in ("fx", "fy", "cx", "cy")
+    )
+    model = lens_model(camera.model)
+    size = size_of(camera.width, camera.height)
+    return make_camera("COLMAP", size, (fx, fy, cx - 0.5, cy - 0.5), model, named_coefficients(named, model))
+
+
+def _parameter_count(model: str) -> int:
+    names = MODELS[model]
+    return len(names.split()) if isinstance(names, str) else names

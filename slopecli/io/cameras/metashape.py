@@ -1,0 +1,70 @@
+"""Cameras of an Agisoft Metashape (PhotoScan) XML: an exported calibration, or the sensors of a project.
+
+Source: Metashape user manual, appendix "Camera models": u = w/2 + cx + x' f + x' b1 + y' b2, v = h/2 + cy + y' f,
+with pixel centres at (0.5, 0.5) and P1, P2 exchanged against OpenCV.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+from slopecli.errors import InputError
+from slopecli.io.cameras.values import (
+    Intrinsics,
+    Size,
+    known_size,
+    make_camera,
+    number,
+    refuse_nonzero,
+    refuse_unread_distortion,
+    size_of,
+)
+from slopecli.types import Camera
+
+if TYPE_CHECKING:
+    from xml.etree.ElementTree import Element
+
+
+def find_metashape(root: Element) -> dict[str, Element]:
+    """Calibrations by the label (or id) of their sensor; "" for an exported calibration."""
+    if root.tag == "calibration":
+        return {"": root}
+    found: dict[str, Element] = {}
+    for sensor in root.iter("sensor"):
+        calibrations = sensor.findall("calibration")
+        if not calibrations:
+            continue
+        label = sensor.get("label") or sensor.get("id") or str(len(found))
+        name = label if label not in found else f"{label} {sensor.get('id')}"
+        # what the bundle adjustment found comes before what it started from
+        found[name] = next((c for c in calibrations if c.get("class") == "adjusted"), calibrations[0])
+    return found
+
+
+def read_metashape(calibration: Element, size: Size | None) -> Camera:
+    values: dict[str, Any] = {child.tag: (child.text or "").strip() for child in calibration}
+    kind = calibration.get("type") or values.get("projection") or "frame"
+    if kind != "frame":
+        raise InputError(f"Metashape camera type {kind!r} is not supported, only 'frame' is")
+    refuse_unread_distortion(values, (), "needed k1, k2, k3, p1, p2 as Metashape writes them")
+    refuse_nonzero(values, ("b2", "skew"), "skew")
+    refuse_nonzero(values, ("k4",), "radial distortion of order 8")
+    refuse_nonzero(values, ("p3", "p4"), "tangential distortion of higher order")
+    size = known_size(_size(calibration, values) or size)
+    k1, k2, k3, p1, p2 = (number(values.get(key) or 0, key) for key in ("k1", "k2", "k3", "p1", "p2"))
+    return make_camera("Metashape", size, _intrinsics(values, size), "brown", (k1, k2, p2, p1, k3))
+
+
+def _size(calibration: Element, values: dict[str, Any]) -> Size | None:
+    resolution = calibration.find("resolution")
+    if resolution is not None:
+        return size_of(resolution.get("width"), resolution.get("height"))
+    return size_of(values.get("width"), values.get("height"))
+
+
+def _intrinsics(values: dict[str, Any], size: Size) -> Intrinsics:
+    if "fx" in values:  # before version 1.2.5 the centre was absolute
+        fx, fy, cx, cy = (number(values.get(key), key) for key in ("fx", "fy", "cx", "cy"))
+        return fx, fy, cx - 0.5, cy - 0.5
+    f, b1, cx, cy = (number(values.get(key) or 0, key) for key in ("f", "b1", "cx", "cy"))
+    return f + b1, f, size[0] / 2 + cx - 0.5, size[1] / 2 + cy - 0.5

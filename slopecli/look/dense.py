@@ -1,0 +1,184 @@
+"""Dense matching of a working grid with image 2 already pulled close: inverse-search flow, checked both ways, in cells.
+
+A cell's match is the mean over all its checked pixels, not that of its best corner: a window's slope is that of all
+its ground, and picking corners picks ridges.
+"""
+
+from __future__ import annotations
+
+from functools import lru_cache
+from threading import get_ident
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from slopecli.geometry.statistics import quantile
+from slopecli.look.features import Grey
+from slopecli.look.warp import FloatImage, Grid, Pyramid, block_sum, covered, image_gradient, resample
+from slopecli.records import dataclass
+from slopecli.types import FloatArray
+
+FORWARD_BACKWARD_PX = 0.6  # flow there and back must close within this, px of the grid
+SMOOTHINGS = 5  # rounds of variational refinement of the flow at every scale
+KEPT_PIXELS = 0.2e6  # largest image whose flow keeps its memory, some 20 MB
+CLEAR_SHARE, CLEAR_AGREEMENT = 0.97, 0.9  # of pixels that close, and of all cells but the worst tenth
+MIN_SHARE = 1 / 3  # of a cell's pixels that must pass the checks
+MIN_VARIANCE = 0.25  # grey^2: what rounding to whole grey levels leaves even of a blank cell
+
+
+@dataclass(frozen=True, eq=False)
+class Cells:
+    """Matches of the cells of a grid.
+
+    uv1, uv2 (n, 2) full-resolution px; information (n, 2, 2): structure tensor of the cell in grey levels squared per
+    grid pixel squared, in the axes of the grid; index (n, 2) row and column of the cell, to tell neighbours;
+    share (n,) of the cell's pixels that passed the checks; agreement (n,) photometric correlation after matching.
+    """
+
+    uv1: FloatArray
+    uv2: FloatArray
+    information: FloatArray
+    index: NDArray[np.int64]
+    share: FloatArray
+    agreement: FloatArray
+    pixel_scale: float  # grid px per full px
+
+    def __len__(self) -> int:
+        return len(self.uv1)
+
+    def take(self, keep: NDArray[np.bool_]) -> Cells:
+        """The cells where `keep` (n,) is true."""
+        return Cells(
+            self.uv1[keep],
+            self.uv2[keep],
+            self.information[keep],
+            self.index[keep],
+            self.share[keep],
+            self.agreement[keep],
+            self.pixel_scale,
+        )
+
+
+def flow(image1: Grey, image2: Grey, finest: int, smoothings: int = SMOOTHINGS) -> FloatImage:
+    """Dense inverse search (Kroeger et al. 2016), (h, w, 2) px; `finest` 0 measures at every px, 1 at every second.
+
+    smoothings : rounds of variational refinement at every scale, each a third of the time of the search itself.
+    """
+    small = image1.size <= KEPT_PIXELS
+    engine = _kept_engine(finest, smoothings, get_ident()) if small else _engine(finest, smoothings)
+    return np.asarray(engine.calc(image1, image2, None), np.float32)  # type: ignore[call-overload]
+
+
+@lru_cache(maxsize=8)
+def _kept_engine(finest: int, smoothings: int, thread: int) -> cv2.DISOpticalFlow:
+    """An engine of this thread, which no other may use at a time: from window to window it keeps its memory, and to
+    get that anew takes a third of the time of the flow."""
+    return _engine(finest, smoothings)
+
+
+def _engine(finest: int, smoothings: int) -> cv2.DISOpticalFlow:
+    engine: cv2.DISOpticalFlow = cv2.DISOpticalFlow_create(  # type: ignore[attr-defined]
+        cv2.DISOPTICAL_FLOW_PRESET_FAST
+    )
+    engine.setFinestScale(finest)
+    engine.setVariationalRefinementIterations(smoothings)
+    return engine
+
+
+def match_exposure(pulled: FloatImage, grey: Grey, valid: NDArray[np.bool_]) -> Grey:
+    """Give the pulled image the mean and contrast of image 1 where both are seen: flow assumes equal brightness."""
+    if valid.sum() < 16:
+        return np.clip(pulled, 0, 255).astype(np.uint8)
+    ours, theirs = grey[valid], pulled[valid]
+    gain = float(np.clip(ours.std() / max(float(theirs.std()), 1e-3), 0.5, 2.0))
+    return np.clip((pulled - float(theirs.mean())) * gain + float(ours.mean()) + 0.5, 0, 255).astype(np.uint8)
+
+
+def dense_cells(
+    grid: Grid,
+    mapping: FloatImage,
+    pyramid2: Pyramid,
+    shape2: tuple[int, int],
+    cell: int,
+    finest: int,
+    smoothings: int = SMOOTHINGS,
+) -> Cells:
+    """Match every cell of `cell` px of the grid; cells with too few checked pixels are left out.
+
+    mapping : (h, w, 2) full-resolution px of image 2 that the grid's pixels are expected at.  shape2 : (rows, columns)
+    of image 2.  finest, smoothings : of the flow, see `flow`.
+    """
+    valid = covered(mapping, shape2)
+    pulled = match_exposure(resample(pyramid2, mapping, grid), grid.grey, valid)
+    x, y = np.meshgrid(np.arange(grid.shape[1], dtype=np.float32), np.arange(grid.shape[0], dtype=np.float32))
+    forward = flow(grid.grey, pulled, finest, smoothings)
+    qx, qy = x + forward[..., 0], y + forward[..., 1]
+    target = _at(mapping, qx, qy)
+    inside = (qx >= 0) & (qy >= 0) & (qx <= grid.shape[1] - 1) & (qy <= grid.shape[0] - 1)
+    inside &= valid & covered(target, shape2)
+    found, points = _at(pulled, qx, qy), np.stack([x, y], -1)
+
+    # the way back only checks: on clear ground a scale coarser, for a fourth of the time, elsewhere as fine
+    closes = _closes(forward, _at(flow(pulled, grid.grey, finest + 1, 0), qx, qy))
+    cells = _collect(grid, inside & closes, points, target, found, cell)
+    if _are_clear(cells, closes[inside]):
+        return cells
+    closes = _closes(forward, _at(flow(pulled, grid.grey, finest, smoothings), qx, qy))
+    return _collect(grid, inside & closes, points, target, found, cell)
+
+
+def _at(values: NDArray[Any], x: FloatImage, y: FloatImage) -> NDArray[Any]:
+    """Values (h, w, ...) of a grid at points of it (h, w), bilinear, in their own kind."""
+    return np.asarray(cv2.remap(values, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE))
+
+
+def _closes(forward: FloatImage, back: FloatImage) -> NDArray[np.bool_]:
+    gap = np.abs(forward + back) < FORWARD_BACKWARD_PX
+    return np.asarray(gap[..., 0] & gap[..., 1])
+
+
+def _are_clear(cells: Cells, closes: NDArray[np.bool_]) -> bool:
+    """Whether hardly anything is in doubt: pixels of which hardly one does not close, and cells that agree."""
+    if not len(cells) or closes.mean() < CLEAR_SHARE:
+        return False
+    return quantile(cells.agreement, 0.1) > CLEAR_AGREEMENT
+
+
+def _collect(
+    grid: Grid, seen: NDArray[np.bool_], points: FloatImage, target: FloatImage, found: Grey, cell: int
+) -> Cells:
+    """Means over the seen pixels of every cell: points of the grid, target px of image 2, found grey values there."""
+    ours, theirs = grid.grey.astype(np.float32), found.astype(np.float32)
+    gx, gy = image_gradient(ours)
+    mask = seen.astype(np.float32)
+    count = block_sum(mask, cell).ravel()
+    share = count / cell**2
+    keep = share >= MIN_SHARE
+
+    def sums(*layers: FloatImage) -> FloatArray:
+        return np.stack([block_sum(layer * mask, cell).ravel()[keep] for layer in layers], -1)
+
+    def means(*layers: FloatImage) -> FloatArray:
+        return sums(*layers) / count[keep, None]
+
+    grey = means(ours, theirs, ours * ours, theirs * theirs, ours * theirs)
+    return Cells(
+        uv1=grid.full(means(points[..., 0], points[..., 1])),
+        uv2=means(target[..., 0], target[..., 1]),
+        information=sums(gx * gx, gx * gy, gx * gy, gy * gy).reshape(-1, 2, 2),
+        index=np.stack(np.divmod(np.flatnonzero(keep), grid.shape[1] // cell), -1),
+        share=share[keep],
+        agreement=_correlation(*grey.T),
+        pixel_scale=grid.mean_scale,
+    )
+
+
+def _correlation(
+    mean1: FloatArray, mean2: FloatArray, square1: FloatArray, square2: FloatArray, product: FloatArray
+) -> FloatArray:
+    """(n,) correlation from the means of two values, of their squares and of their product."""
+    variance1 = np.maximum(square1 - mean1**2, MIN_VARIANCE)
+    variance2 = np.maximum(square2 - mean2**2, MIN_VARIANCE)
+    return np.asarray((product - mean1 * mean2) / np.sqrt(variance1 * variance2))

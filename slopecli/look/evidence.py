@@ -1,0 +1,117 @@
+"""What the whole image says before any window is looked at: matches, their inverse depths, the planes they form."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from slopecli.geometry.epipolar import homogeneous
+from slopecli.geometry.motion import epipolar_residual, inverse_depth
+from slopecli.geometry.plane_fit import robust_plane
+from slopecli.geometry.statistics import median
+from slopecli.records import dataclass
+from slopecli.types import BoolArray, FloatArray, IntArray
+from slopecli.windows import Window
+
+TOLERANCE_PX = 1.5  # epipolar residual of matches that count
+FLOOR_PX = 0.05  # smallest sigma of a match that is believed, px of image 2
+MIN_ON_PLANE = 6  # matches: through fewer than this a plane is chance
+MAX_PLANES = 8
+PLANE_TOLERANCE_PX = 1.0  # distance in image 2 from a plane's prediction of matches that are on it
+MIN_PLANE, MIN_PLANE_SHARE = 30, 0.02  # matches on a plane of the scene, and their share of all
+MIN_LEFT = 40  # matches on no plane so far: with fewer the search ends
+TRIES, PARTNERS = 400, 24  # triples drawn for a plane, and matches among which each finds its two neighbours
+SPAN = 1 / 12  # of the image: how far apart neighbours are, so that a triple is wide and yet on one surface
+REFITS = 3
+
+
+@dataclass(frozen=True, eq=False)
+class Evidence:
+    """Matches consistent with the motion: uv1 (n, 2) px, x1, x2 (n, 2) normalised, w (n,) inverse depth, leverage (n,),
+    grey (n,) brightness of image 1 there; n_given: matches there were, those that contradict the motion included."""
+
+    uv1: FloatArray
+    x1: FloatArray
+    x2: FloatArray
+    w: FloatArray
+    leverage: FloatArray
+    grey: FloatArray
+    focal_px: float
+    n_given: int
+
+    def __len__(self) -> int:
+        return len(self.uv1)
+
+    def near(self, window: Window, grow: float) -> BoolArray:
+        """(n,) within the window grown on every side by `grow` times its longer side."""
+        x, y, width, height = window
+        d = grow * max(width, height)
+        u, v = self.uv1.T
+        return np.asarray((u >= x - d) & (u < x + width + d) & (v >= y - d) & (v < y + height + d))
+
+    def plane_through(self, which: BoolArray) -> FloatArray | None:
+        """Scaled normal (3,) of the robust plane through the chosen matches; None when they are too few."""
+        if which.sum() < MIN_ON_PLANE:
+            return None
+        floor = FLOOR_PX / self.focal_px
+        return robust_plane(self.x1[which], self.w[which], self.leverage[which], floor).normal
+
+    def misfit_px(self, normal: FloatArray) -> FloatArray:
+        """(n,) distance in image 2 between each match and the plane's prediction, px."""
+        return np.abs(self.w - homogeneous(self.x1) @ normal) * self.leverage * self.focal_px
+
+
+def gather_evidence(
+    uv1: FloatArray, x1: FloatArray, x2: FloatArray, grey: FloatArray, R: FloatArray, T: FloatArray, focal_px: float
+) -> Evidence:
+    """Keep matches that obey the epipolar geometry in front of the camera, and give each its inverse depth."""
+    w, leverage = inverse_depth(R, T, x1, x2)
+    keep = np.abs(epipolar_residual(R, T, x1, x2)) * focal_px < TOLERANCE_PX
+    keep &= (w > 0) & (leverage > 0)
+    return Evidence(uv1[keep], x1[keep], x2[keep], w[keep], leverage[keep], grey[keep], focal_px, len(keep))
+
+
+def scene_planes(evidence: Evidence, seed: int = 0) -> list[FloatArray]:
+    """Dominant planes of the scene, largest first: sequential RANSAC over triples of neighbours, fixed seed."""
+    rng = np.random.default_rng(seed)
+    left = np.arange(len(evidence))
+    rays = homogeneous(evidence.x1)
+    planes: list[FloatArray] = []
+    while len(left) >= MIN_LEFT and len(planes) < MAX_PLANES:
+        found = _largest_plane(evidence, rays, left, rng)
+        if found is None or found[1].sum() < max(MIN_PLANE, MIN_PLANE_SHARE * len(evidence)):
+            break
+        planes.append(found[0])
+        left = left[~found[1]]
+    return planes
+
+
+def _largest_plane(
+    evidence: Evidence, rays: FloatArray, left: IntArray, rng: np.random.Generator
+) -> tuple[FloatArray, BoolArray] | None:
+    """Scaled normal (3,) of the plane most of the matches `left` are on, and (len(left),) which; None without one."""
+    triple = _neighbours(evidence.uv1, left, rng)
+    matrix = rays[triple]
+    area = np.abs(np.linalg.det(matrix))
+    wide = area > median(area) * 0.5
+    if not wide.any() or not (area[wide] > 0).all():
+        return None
+    normals = np.linalg.solve(matrix[wide], evidence.w[triple[wide]][..., None])[..., 0]
+    rays, w, px = rays[left], evidence.w[left], evidence.leverage[left] * evidence.focal_px
+    best = normals[(np.abs(w - normals @ rays.T) * px < PLANE_TOLERANCE_PX).sum(1).argmax()]
+    inlier = np.zeros(len(left), bool)
+    for _ in range(REFITS):
+        inlier = np.abs(w - rays @ best) * px < PLANE_TOLERANCE_PX
+        if inlier.sum() < MIN_ON_PLANE:
+            return None
+        best = np.linalg.lstsq(rays[inlier] * px[inlier, None], w[inlier] * px[inlier], rcond=None)[0]
+    return best, inlier
+
+
+def _neighbours(uv1: FloatArray, left: IntArray, rng: np.random.Generator) -> IntArray:
+    """(TRIES, 3) indices of matches about SPAN of the image apart."""
+    seeds = left[rng.integers(0, len(left), TRIES)]
+    span = np.ptp(uv1, axis=0).max() * SPAN
+    partners = left[rng.integers(0, len(left), (TRIES, PARTNERS))]
+    distance = np.linalg.norm(uv1[partners] - uv1[seeds][:, None], axis=2)
+    two = np.argsort(np.abs(distance - span), axis=1)[:, :2]
+    return np.column_stack([seeds, np.take_along_axis(partners, two, 1)])

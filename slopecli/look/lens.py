@@ -1,0 +1,25 @@
+"""What all dense matches of a scene say of the lens, those that contradict the motion included."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from slopecli.geometry.lens_misfit import LensMisfit, find_lens_misfit
+from slopecli.look.noise import thin
+from slopecli.look.scene import Scene
+from slopecli.look.sparse import pair_rays
+from slopecli.look.whole_image import MIN_INFORMATION
+
+MATCHES = 1200  # spread over the image: more add time, not certainty
+FLOOR_PX = 0.02  # residuals below this are interpolation
+WIDEST = 1.5  # normalised coordinate beyond which one radial term is no model of a lens
+
+
+def lens_misfit(scene: Scene) -> LensMisfit | None:
+    """The radial term by which the lens clearly differs from the camera file's, or None."""
+    cells, focal_px = scene.cells, scene.camera2.focal_px
+    sharp = np.flatnonzero(np.linalg.eigvalsh(cells.information)[:, 0] > MIN_INFORMATION)
+    some = thin(cells.uv1, sharp, MATCHES)
+    x1, x2, imaged = pair_rays(scene.camera1, scene.camera2, cells.uv1[some], cells.uv2[some])
+    near = imaged & (np.linalg.norm(x1, axis=1) < WIDEST) & (np.linalg.norm(x2, axis=1) < WIDEST)
+    return find_lens_misfit(scene.R, scene.T, x1[near], x2[near], FLOOR_PX / focal_px)

@@ -1,0 +1,189 @@
+"""Image 2 seen through a model: smooth maps from a working grid over image 1 into image 2, and resampling by them.
+
+A working grid is a rectangle of image 1, possibly shrunken. Whatever map is used to resample image 2 is also used to
+turn a residual flow back into pixels of image 2, so its own interpolation error cancels.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from slopecli.geometry.statistics import median
+from slopecli.look.features import Grey
+from slopecli.records import dataclass
+from slopecli.types import FloatArray
+
+FloatImage = NDArray[np.float32]
+NODE_STEP = 8  # px of the working grid between exactly computed nodes of a map; bilinear in between
+
+Transfer = Callable[[FloatArray], FloatArray]  # (n, 2) px of image 1 -> (n, 2) px of image 2
+
+
+@dataclass(frozen=True, eq=False)
+class Grid:
+    """A working grid: `grey` holds image 1 there; pixel (i, j) of it lies at (x0 + i, y0 + j) of the shrunken image."""
+
+    grey: Grey
+    x0: float
+    y0: float
+    scale: FloatArray  # (2,) shrunken px per full px, exact per axis
+
+    @property
+    def mean_scale(self) -> float:
+        """Grid px per full px, the geometric mean of the two axes."""
+        return float(np.sqrt(np.prod(self.scale)))
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        return int(self.grey.shape[0]), int(self.grey.shape[1])
+
+    def full(self, points: FloatArray) -> FloatArray:
+        """Points (..., 2) of the grid as full-resolution pixels of image 1."""
+        return (points + np.array([self.x0 + 0.5, self.y0 + 0.5])) / self.scale - 0.5
+
+    def inside(self, uv: FloatArray) -> FloatArray:
+        """Full-resolution pixels (..., 2) as points of the grid."""
+        return (uv + 0.5) * self.scale - np.array([self.x0 + 0.5, self.y0 + 0.5])
+
+
+def transfer_map(grid: Grid, transfer: Transfer) -> FloatImage:
+    """Map (h, w, 2) float32 of full-resolution image-2 pixels, exact on nodes NODE_STEP apart."""
+    return spread_nodes(grid, transfer(map_nodes(grid)))
+
+
+def map_nodes(grid: Grid) -> FloatArray:
+    """Nodes (n, 2) of a map over the grid, full-resolution px of image 1, one before and one past its border."""
+    rows, columns = node_shape(grid.shape)
+    node = lambda n: (np.arange(n) - 0.5) * NODE_STEP - 0.5  # noqa: E731
+    x, y = np.meshgrid(node(columns), node(rows))
+    return grid.full(np.stack([x, y], -1).reshape(-1, 2))
+
+
+def spread_nodes(grid: Grid, values: FloatArray) -> FloatImage:
+    """Map (h, w, 2) float32 from its values (n, 2) at `map_nodes`, bilinear in between."""
+    return spread_table(values.reshape(*node_shape(grid.shape), 2), grid.shape)
+
+
+def spread_table(table: FloatArray, shape: tuple[int, int]) -> FloatImage:
+    """Map (h, w, 2) float32 of a shape from its values at nodes (rows, columns, 2), as many as `node_shape` says."""
+    (rows, columns), (height, width) = table.shape[:2], shape
+    dense = cv2.resize(
+        table.astype(np.float32), (columns * NODE_STEP, rows * NODE_STEP), interpolation=cv2.INTER_LINEAR
+    )
+    return np.ascontiguousarray(dense[NODE_STEP : NODE_STEP + height, NODE_STEP : NODE_STEP + width], np.float32)
+
+
+def node_shape(shape: tuple[int, int]) -> tuple[int, int]:
+    """Rows and columns of the nodes of a map over (h, w) pixels."""
+    return -(-shape[0] // NODE_STEP) + 2, -(-shape[1] // NODE_STEP) + 2
+
+
+@dataclass(frozen=True, eq=False)
+class Layer:
+    """One resolution of an image. `scale` (2,): its pixels per full pixel."""
+
+    grey: Grey
+    scale: FloatArray
+
+
+class Pyramid:
+    """An image at full and halved resolutions, each made when first asked for."""
+
+    def __init__(self, grey: Grey, overview_scale: FloatArray | None = None) -> None:
+        self._full = grey
+        self.overview_scale = np.ones(2) if overview_scale is None else overview_scale
+        self._layers = [Layer(grey, np.ones(2))]
+
+    def at(self, shrink_by: float) -> Layer:
+        """The coarsest layer that is no coarser than `shrink_by` full pixels a pixel, a sixth of an octave aside."""
+        level = max(0, int(np.floor(np.log2(max(shrink_by, 1.0)) + 0.17)))
+        while len(self._layers) <= level:
+            last = self._layers[-1].grey
+            size = (max(1, last.shape[1] // 2), max(1, last.shape[0] // 2))
+            small = np.asarray(cv2.resize(last, size, interpolation=cv2.INTER_AREA), np.uint8)
+            full = np.array([self._full.shape[1], self._full.shape[0]])
+            self._layers.append(Layer(small, np.array(size) / full))
+        return self._layers[level]
+
+
+def cut(layer: Layer, x: float, y: float, width: float, height: float, side: int | None = None) -> Grid:
+    """Working grid over the rectangle (full-resolution px of image 1), clipped to the image.
+
+    side : average the grid down until the rectangle's longer side has this many pixels, so that the same ground is
+    seen alike however large the image is.
+    """
+    rows, columns = layer.grey.shape
+    x0, y0 = max(0, int(np.floor(x * layer.scale[0]))), max(0, int(np.floor(y * layer.scale[1])))
+    x1 = min(columns, int(np.ceil((x + width) * layer.scale[0])))
+    y1 = min(rows, int(np.ceil((y + height) * layer.scale[1])))
+    crop = np.ascontiguousarray(layer.grey[y0:y1, x0:x1])
+    factor = 1.0 if side is None else side / (max(width, height) * float(layer.scale.mean()))
+    if factor >= 1.0 or min(crop.shape) < 2:
+        return Grid(crop, x0, y0, layer.scale)
+    size = (max(1, round(crop.shape[1] * factor)), max(1, round(crop.shape[0] * factor)))
+    ratio = np.array(size) / [crop.shape[1], crop.shape[0]]
+    small = np.asarray(cv2.resize(crop, size, interpolation=cv2.INTER_AREA), np.uint8)
+    return Grid(small, x0 * float(ratio[0]), y0 * float(ratio[1]), layer.scale * ratio)
+
+
+def magnification(transfer_values: FloatImage, grid: Grid) -> float:
+    """Median length in image 2 of one full pixel of image 1, from a map over the grid."""
+    if min(grid.shape) < 3:
+        return 1.0
+    step = max(1, min(grid.shape) // 24)
+    sub = transfer_values[::step, ::step].astype(float)
+    if min(sub.shape[:2]) < 2:
+        return 1.0
+    dx, dy = np.diff(sub, axis=1)[:-1], np.diff(sub, axis=0)[:, :-1]
+    area = np.abs(dx[..., 0] * dy[..., 1] - dx[..., 1] * dy[..., 0]) / step**2
+    return float(np.sqrt(median(area))) * grid.mean_scale
+
+
+def sample_layer(layer: Layer, mapping: FloatImage) -> FloatImage:
+    """Grey values (h, w) of a layer at full-resolution pixels (h, w, 2), bilinear; outside the border repeats."""
+    local = (mapping + 0.5) * layer.scale.astype(np.float32) - 0.5
+    found = cv2.remap(layer.grey, local[..., 0], local[..., 1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+    return np.asarray(found, np.float32)
+
+
+def resample(pyramid2: Pyramid, mapping: FloatImage, grid: Grid) -> FloatImage:
+    """Image 2 pulled onto the grid by a map of full-resolution pixels; as sharp as image 1 there, not sharper.
+
+    Outside image 2 the border repeats; `covered` says where.
+    """
+    return sample_layer(pyramid2.at(magnification(mapping, grid) / grid.mean_scale), mapping)
+
+
+def covered(mapping: FloatImage | FloatArray, shape2: tuple[int, int], margin: float = 2.0) -> NDArray[np.bool_]:
+    """Where a map of full-resolution pixels lands inside image 2, `margin` px from its border."""
+    u, v = mapping[..., 0], mapping[..., 1]
+    return (u >= margin) & (v >= margin) & (u <= shape2[1] - 1 - margin) & (v <= shape2[0] - 1 - margin)
+
+
+def image_gradient(image: FloatImage) -> tuple[FloatImage, FloatImage]:
+    """Slopes (h, w) of grey values along x and y, grey levels per px."""
+    gx, gy = cv2.Sobel(image, cv2.CV_32F, 1, 0, scale=1 / 8), cv2.Sobel(image, cv2.CV_32F, 0, 1, scale=1 / 8)
+    return np.asarray(gx, np.float32), np.asarray(gy, np.float32)
+
+
+def block_sum(layer: FloatImage, cell: int) -> FloatArray:
+    """Sums over square blocks of `cell` px, (h // cell, w // cell); the rest at right and bottom is dropped."""
+    rows, columns = layer.shape[0] // cell, layer.shape[1] // cell
+    # rows first: adding long lines is many times faster than adding short ones
+    lines = layer[: rows * cell].reshape(rows, cell, layer.shape[1]).sum(1, dtype=np.float64)[:, : columns * cell]
+    return np.asarray(lines.reshape(rows, columns, cell).sum(2))
+
+
+def sample_map(mapping: FloatImage, points: FloatArray) -> FloatArray:
+    """Values (n, 2) of a map at points (n, 2) of its grid, bilinear in double precision."""
+    height, width = mapping.shape[:2]
+    x, y = np.clip(points[:, 0], 0, width - 1), np.clip(points[:, 1], 0, height - 1)
+    i, j = np.minimum(x.astype(int), width - 2), np.minimum(y.astype(int), height - 2)
+    fx, fy = (x - i)[:, None], (y - j)[:, None]
+    top = (1 - fx) * mapping[j, i] + fx * mapping[j, i + 1]
+    bottom = (1 - fx) * mapping[j + 1, i] + fx * mapping[j + 1, i + 1]
+    return np.asarray((1 - fy) * top + fy * bottom, float)

@@ -1,0 +1,1 @@
+"""Correspondences that a user brings, as patches."""

@@ -1,0 +1,121 @@
+"""Correspondences that a user brings, as patches like those a finder of planes returns."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+
+from slopecli.errors import InputError
+from slopecli.geometry.camera import rays_from_pixels
+from slopecli.geometry.statistics import median
+from slopecli.patches.footprint import Footprint
+from slopecli.patches.join import Matched
+from slopecli.patches.match import WindowMatch, no_match
+from slopecli.patches.patch_set import Patches
+from slopecli.records import dataclass
+from slopecli.types import BoolArray, Camera, Correspondences, FloatArray, IntArray
+
+WIDEST_RAY = 5.0  # tangent
+RAYS = Camera(0, 0, 1.0, 1.0, 0.0, 0.0, source="rays")  # the camera whose pixels are rays, for who has none
+FEWEST = 3  # points that make a plane
+ON_A_LINE = 1e-6  # width over length of points below which no plane is fixed by them
+
+
+@dataclass(frozen=True, eq=False)
+class Given:
+    """Correspondences as read: xy1, xy2 (n, 2) px, or rays (normalised coordinates) where there is no camera.
+
+    patch (n,) says which plane a row lies on, -1 for none.  sigma (n,): its 1-sigma in image 2, px or mrad, or None.
+    """
+
+    xy1: FloatArray
+    xy2: FloatArray
+    patch: IntArray
+    sigma: FloatArray | None = None
+    path: str = ""
+    sha256: str = ""
+
+
+class Hull(Footprint):
+    """What is known of where a patch of points lies: its outline. It has no pixels."""
+
+    @property
+    def area_px(self) -> int:
+        """Area of the outline in thousandths, as rays have areas far below 1."""
+        return round(1e3 * cv2.contourArea(self.polygon_px.astype(np.float32)))
+
+    @property
+    def largest_share(self) -> float:
+        """It is in one piece."""
+        return 1.0
+
+
+def _refuse_pixels(given: Given, cameras: tuple[Camera, Camera]) -> None:
+    """Without a camera, values are tangents of angles: half of them beyond 79 degrees are no field of view."""
+    typical = min(float(median(np.abs(xy).max(axis=1))) for xy in (given.xy1, given.xy2))
+    if cameras[0] is RAYS and typical > WIDEST_RAY:
+        raise InputError(
+            f"{given.path}: half of the points lie beyond {typical:.4g}, which are pixels and no rays (x/z, y/z); "
+            "give the camera with --camera or --intrinsics"
+        )
+
+
+def matched_from(given: Given, cameras: tuple[Camera, Camera]) -> Matched:
+    """The correspondences as patches with matches; points of a patch that makes no plane constrain the motion only.
+
+    Raises
+    ------
+    InputError : pixels where rays are needed, a pixel that the lens sends nowhere, or no patch of three points off a
+        line.
+    """
+    _refuse_pixels(given, cameras)
+    x1, x2 = (_rays(camera, xy) for camera, xy in zip(cameras, (given.xy1, given.xy2), strict=True))
+    labels = [int(label) for label in np.unique(given.patch[given.patch >= 0])]
+    rows = [given.patch == label for label in labels]
+    matches = [_match(given, x1, x2, mine) for mine in rows]
+    answered = [i for i, match in enumerate(matches) if match.origin == "own"]
+    if not answered:
+        raise InputError(
+            f"{given.path}: no patch has {FEWEST} rows off a line (found {len(labels)} patches in {len(x1)} rows); "
+            "give the rows of a plane one number in the column patch"
+        )
+    patch = np.full(len(x1), -1)
+    for k, i in enumerate(answered):
+        patch[rows[i]] = k
+    weights = np.ones(len(x1)) if given.sigma is None else (median(given.sigma) / given.sigma) ** 2
+    patches = Patches("given", [_hull(given.xy1[mine]) for mine in rows], matches, ids=labels)
+    return Matched(patches, answered, Correspondences(given.xy1, given.xy2, x1, x2, patch), weights)
+
+
+def _rays(camera: Camera, xy: FloatArray) -> FloatArray:
+    x = xy if camera is RAYS else rays_from_pixels(camera, xy)
+    lost = np.flatnonzero(~np.isfinite(x).all(axis=1))
+    if len(lost):
+        u, v = xy[lost[0]]
+        raise InputError(
+            f"row {lost[0] + 1}: no ray belongs to the pixel ({u:g}, {v:g}) with this lens; is it the right camera?"
+        )
+    return x
+
+
+def _match(given: Given, x1: FloatArray, x2: FloatArray, mine: BoolArray) -> WindowMatch:
+    n = int(mine.sum())
+    if n < FEWEST:
+        return no_match(f"it has {n} row{'s' if n > 1 else ''}, and a plane needs {FEWEST}", "too-few-points")
+    spread = np.linalg.svd(x1[mine] - x1[mine].mean(axis=0), compute_uv=False)
+    if spread[1] <= ON_A_LINE * spread[0]:
+        return no_match(f"its {n} rows lie on one line, which does not fix a plane", "too-few-points")
+    index = np.zeros((n, 2), np.int64)
+    return WindowMatch(
+        given.xy1[mine], given.xy2[mine], x1[mine], x2[mine], index, np.ones((n, 2)), "own", 1.0, 1.0
+    )  # fmt: skip
+
+
+def _hull(points: FloatArray) -> Hull:
+    """The outline of points (n, 2), or the box around them where they have none."""
+    corners = cv2.convexHull(points.astype(np.float32), returnPoints=False).ravel()
+    polygon = points[corners]
+    if len(polygon) < 3:
+        (left, top), (right, bottom) = points.min(axis=0), points.max(axis=0)
+        polygon = np.array([[left, top], [right, top], [right, bottom], [left, bottom]])
+    return Hull((0, 0), np.zeros((0, 0), bool), polygon)

@@ -1,0 +1,89 @@
+"""Where a window has matches and where it has none, and what the least squares over all of it make of the rest."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from slopecli.records import dataclass
+from slopecli.types import BoolArray, FloatArray, IntArray
+from slopecli.windows import Window
+
+ACROSS = 16  # cells a window is divided into along its longer side, to count what is seen
+LEAST_CELL_PX = 3.0  # and not smaller than this
+
+
+@dataclass(frozen=True, eq=False)
+class Gaps:
+    """A window in cells, and which of them hold a match.
+
+    at, uv1 (k, 2): centres of the cells, px from the window's middle, and px of image 1; seen (k,): holds a match;
+    shape: rows and columns of cells; cell_px: side of one; matched (n, 2): px of the matches; per_px: how many of them
+    there are to a square px where there are no gaps.
+    """
+
+    window: Window
+    at: FloatArray
+    uv1: FloatArray
+    seen: BoolArray
+    shape: tuple[int, int]
+    cell_px: float
+    matched: FloatArray
+    per_px: float
+
+    @property
+    def unseen(self) -> FloatArray:
+        """(g, 2) px of image 1: centres of the cells without a match."""
+        return self.uv1[~self.seen]
+
+    def tilt_rad(self, height_px: FloatArray | float, which: BoolArray | None = None) -> float:
+        """How much the plane of the whole window tilts where cells without a match stand off it.
+
+        Parameters
+        ----------
+        height_px : (g,) of the cells without a match, or one for all, px of image 1 at their distance.
+        which : (g,) those that stand there; None: all of them. Neighbours are equally high; the worst is that all are.
+        """
+        at = self.at[~self.seen]
+        height = np.broadcast_to(height_px, len(at)) * (True if which is None else which)
+        return float(np.arctan(np.linalg.norm(np.linalg.lstsq(self.at.T @ self.at, at.T @ height, rcond=None)[0])))
+
+    def holds(self, uv1: FloatArray) -> BoolArray:
+        """(k,) whether points (k, 2) px of image 1 lie in a cell with a match."""
+        column, row, inside = _cell(self.window, self.shape, uv1)
+        return np.asarray(inside & self.seen[row * self.shape[1] + column])
+
+    def filled(self, uv1: FloatArray) -> FloatArray:
+        """(k,) matches around points (k, 2) px of image 1 over what there are where the window has no gaps.
+
+        What leaves the window counts as empty: of a strip along its edge the matches beside it tell nothing.
+        """
+        reach = 1.5 * self.cell_px
+        u, v = (uv1[:, k, None] - self.matched[None, :, k] for k in (0, 1))
+        around = (u * u + v * v < reach**2).sum(axis=1)
+        return np.asarray(around / (self.per_px * np.pi * reach**2))
+
+
+def gaps_of(window: Window, uv1: FloatArray, share: float) -> Gaps:
+    """The gaps between matches (n, 2) px of image 1 that cover this share of a window."""
+    x, y, w, h = window
+    # where a window is matched, no cell is empty
+    side = max(max(w, h) / ACROSS, LEAST_CELL_PX, 1.5 * float(np.sqrt(w * h / max(len(uv1), 1))))
+    columns, rows = max(round(w / side), 1), max(round(h / side), 1)
+    column, row, _ = _cell(window, (rows, columns), uv1)
+    seen = np.zeros((rows, columns), bool)
+    seen[row, column] = True
+    v, u = np.mgrid[:rows, :columns]
+    at = np.stack([(u + 0.5) / columns * w - 0.5 * w, (v + 0.5) / rows * h - 0.5 * h], axis=-1).reshape(-1, 2)
+    middle = np.array([x + 0.5 * w - 0.5, y + 0.5 * h - 0.5])
+    per_px = len(uv1) / max(share, 0.01) / (w * h)
+    return Gaps(window, at, at + middle, seen.ravel(), (rows, columns), side, uv1, per_px)
+
+
+def _cell(window: Window, shape: tuple[int, int], uv1: FloatArray) -> tuple[IntArray, IntArray, BoolArray]:
+    """Column and row (k,) of the cell of points (k, 2), the nearest for those outside, and which are inside."""
+    x, y, w, h = window
+    rows, columns = shape
+    column = np.floor((uv1[:, 0] + 0.5 - x) * columns / w).astype(int)
+    row = np.floor((uv1[:, 1] + 0.5 - y) * rows / h).astype(int)
+    inside = (column >= 0) & (column < columns) & (row >= 0) & (row < rows)
+    return np.clip(column, 0, columns - 1), np.clip(row, 0, rows - 1), inside

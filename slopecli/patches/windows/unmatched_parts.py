@@ -1,0 +1,184 @@
+"""What is not seen of a window may tilt otherwise than what is: by how much that leaves the tilt of the whole open."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import lru_cache
+from typing import NamedTuple
+
+import numpy as np
+
+from slopecli.geometry.epipolar import homogeneous
+from slopecli.geometry.motion import inverse_depth
+from slopecli.geometry.plane_fit import plane_products, planes_of_sums
+from slopecli.geometry.tilt_growth import BEND_RAD, lever
+from slopecli.look.evidence import Evidence
+from slopecli.look.scene import Scene
+from slopecli.patches.match import WindowMatch
+from slopecli.patches.windows.contradiction import contradict
+from slopecli.patches.windows.coverage import Gaps, gaps_of
+from slopecli.types import FloatArray
+from slopecli.windows import Window
+
+STEP_PX, STEP_SHARE, LEAST_STEP = 1.0, 0.05, 6  # off the plane; of the window; matches of the overview
+STEP_FILLED = 0.5  # of the matches that might be around, from which on the window is matched there
+MOST_STEP_RAD = np.radians(30.0)  # in more doubt than this is nobody who has seen the larger part
+BESIDE = 0.25  # of a window's longer side: what is as near to a gap tells what may be in it
+BESIDE_COUNT, LEAST_BESIDE = 8, 3  # matches of the overview that tell it of every cell, and in all
+CONTRADICTED = 0.45  # of a window's longer side: how far off its plane what is not found on it may stand
+MIN_IN_BLOCK = 6  # matches that give a block of ground its plane
+BLOCK_LIFT = 1e-12  # of the trace of a block's equations
+BLOCK_CELLS = 4.0  # a block is at least so many spacings of matches wide
+BEND_COUNT = 3.0  # pairs of blocks that what is believed of the ground before it is seen is worth
+
+
+def with_doubt_of_gaps(match: WindowMatch, measured: WindowMatch, window: Window, scene: Scene) -> WindowMatch:
+    """The match, its doubt grown by what its window's parts without matches leave open; a borrowed one as it is.
+
+    measured : its matches as they were found one by one, where it has since been aligned as a whole: alignment of a
+        window has a match everywhere, also where the window is something else.
+    """
+    if match.origin != "own":
+        return match
+    plane = _Plane.through(match, scene)
+    gaps = gaps_of(window, measured.uv1, measured.share)
+    against = max(
+        beside_rad(gaps, plane.normal, scene.evidence, scene.camera1.focal_px),
+        contradicted_rad(gaps, plane.normal, scene),
+        stepped_rad(gaps, plane.normal, scene.evidence),
+    )
+    height_px = _height_px(match.x1, plane.inverse, scene.camera1.focal_px)
+    unseen = max(against, unseen_rad(gaps, height_px, scene.evidence))
+    return replace(match, doubt_rad=match.doubt_rad + unseen, unseen_rad=unseen, against_rad=against)
+
+
+class _Plane(NamedTuple):
+    """The plane of a window's matches: scaled normal (3,), and their inverse depths (n,), 1/baseline."""
+
+    normal: FloatArray
+    inverse: FloatArray
+
+    @classmethod
+    def through(cls, match: WindowMatch, scene: Scene) -> _Plane:
+        w, _ = inverse_depth(scene.R, scene.T, match.x1, match.x2)
+        return cls(np.asarray(np.linalg.lstsq(homogeneous(match.x1), w, rcond=None)[0]), w)
+
+
+def beside_rad(gaps: Gaps, normal: FloatArray, evidence: Evidence, focal1_px: float) -> float:
+    """1-sigma of the tilt where the parts without matches stand as high as what the overview has matched by them.
+
+    Ground that a step hides from image 2, and what the flow did not follow down the step, has no match; the overview
+    often has some of it, or of the same surface beyond the window.
+
+    normal : (3,) scaled, of the plane of the window's matches.  focal1_px : of camera 1.
+    """
+    if gaps.seen.all():
+        return 0.0
+    near = np.flatnonzero(evidence.near(gaps.window, BESIDE))
+    near = near[~gaps.holds(evidence.uv1[near])]
+    if len(near) < LEAST_BESIDE:
+        return 0.0
+    off = np.abs(homogeneous(evidence.x1[near]) @ normal - evidence.w[near])
+    height = off / np.linalg.norm(normal) * focal1_px
+    height = np.where(off * evidence.leverage[near] * evidence.focal_px > STEP_PX, height, 0.0)
+    distance = np.sqrt(((gaps.unseen[:, None] - evidence.uv1[near][None]) ** 2).sum(2))
+    nearest = np.argsort(distance, axis=1, kind="stable")[:, :BESIDE_COUNT]
+    distance = np.take_along_axis(distance, nearest, 1)
+    within = distance < BESIDE * max(gaps.window[2:])
+    # ground that only bends is off the plane as well, the farther away the more
+    step = np.maximum(height[nearest] - distance, 0.0)
+    square = (step**2 * within).sum(1) / np.maximum(within.sum(1), 1)
+    return min(gaps.tilt_rad(np.sqrt(square)), MOST_STEP_RAD)
+
+
+def contradicted_rad(gaps: Gaps, normal: FloatArray, scene: Scene) -> float:
+    """1-sigma of the tilt where parts that have texture contradict the plane: something stands there, or moves.
+
+    normal : (3,) scaled, of the plane of the window's matches.
+    """
+    if gaps.seen.all():
+        return 0.0
+    off = contradict(gaps.unseen, gaps.cell_px, normal, scene)
+    return min(gaps.tilt_rad(CONTRADICTED * max(gaps.window[2:]), off), MOST_STEP_RAD)
+
+
+def stepped_rad(gaps: Gaps, normal: FloatArray, evidence: Evidence) -> float:
+    """How much the plane of a window's matches tilts when what stands off it by a step is counted in.
+
+    The overview has matched what lies across a step; the window's own matches are those on one side of it. Where they
+    lie, too, the overview has been mistaken.
+
+    normal : (3,) scaled, of the plane of the window's matches.
+    """
+    inside = evidence.near(gaps.window, 0.0)
+    if inside.sum() < LEAST_STEP:
+        return 0.0
+    rays, w = homogeneous(evidence.x1[inside]), evidence.w[inside]
+    off = np.abs(rays @ normal - w) * evidence.leverage[inside] * evidence.focal_px > STEP_PX
+    kept = ~off
+    kept[off] = gaps.filled(evidence.uv1[inside][off]) < STEP_FILLED
+    rays, w, off = rays[kept], w[kept], off[kept]
+    if np.count_nonzero(off) < max(LEAST_STEP, STEP_SHARE * len(w)):
+        return 0.0
+    points = rays / w[:, None]
+    points -= points.mean(axis=0)
+    whole = np.linalg.svd(points, full_matrices=False)[2][2]
+    return min(float(np.arccos(min(abs(whole @ normal) / float(np.linalg.norm(normal)), 1.0))), MOST_STEP_RAD)
+
+
+def _height_px(x1: FloatArray, w: FloatArray, focal_px: float) -> float:
+    """RMS height of the matches off the plane nearest to them, in pixels of image 1 at their distance."""
+    points = homogeneous(x1) / w[:, None]
+    normal = np.linalg.lstsq(points, np.ones(len(points)), rcond=None)[0]
+    off = (points @ normal - 1) / np.linalg.norm(normal) * w
+    return float(np.sqrt(np.mean(off**2))) * focal_px
+
+
+def unseen_rad(gaps: Gaps, height_px: float, evidence: Evidence) -> float:
+    """1-sigma of the tilt of a window's best-fit plane that is owed to its parts without matches.
+
+    The plane through the matches goes on beyond them. Out there the ground stands off it as it does among the matches,
+    and bends away from it as it does from one place to the next all over the image; what either does to the least
+    squares over the whole window follows from where the gaps are.
+
+    Parameters
+    ----------
+    height_px : RMS height of the ground off the plane, in pixels of image 1 at its distance.
+    """
+    if gaps.seen.all():
+        return 0.0
+    bend = lever(gaps.at, gaps.seen) * bend_rad(evidence, 0.5 * max(gaps.window[2:]))
+    return float(np.hypot(bend, gaps.tilt_rad(height_px)))
+
+
+@lru_cache(maxsize=4)  # windows of a grid are all of one size
+def bend_rad(evidence: Evidence, side_px: float) -> float:
+    """RMS change of tilt, about either axis, from one block of ground to the next, `side_px` on in image 1."""
+    extent = np.ptp(evidence.uv1, axis=0) if len(evidence) else np.zeros(2)
+    spacing = float(np.sqrt(extent.prod() / max(len(evidence), 1)))
+    normals = _block_normals(evidence, max(side_px, BLOCK_CELLS * spacing))
+    angles = np.concatenate([_change(normals[1:], normals[:-1]), _change(normals[:, 1:], normals[:, :-1])])
+    squares = BEND_COUNT * BEND_RAD**2 + 0.5 * float((angles**2).sum())
+    return float(np.sqrt(squares / (BEND_COUNT + len(angles))))
+
+
+def _block_normals(evidence: Evidence, side_px: float) -> FloatArray:
+    """(rows, columns, 3) unit normals of the ground in square blocks of image 1; NaN where too little is known."""
+    if len(evidence) < MIN_IN_BLOCK:
+        return np.full((1, 1, 3), np.nan)
+    column, row = ((evidence.uv1 - evidence.uv1.min(0)) / side_px).astype(int).T
+    columns, rows = column.max() + 1, row.max() + 1
+    block = row * columns + column
+    leverage = evidence.leverage
+    products = plane_products(homogeneous(evidence.x1) * leverage[:, None], evidence.w * leverage)
+    sums = np.array([np.bincount(block, column, rows * columns) for column in products.T]).T
+    enough = np.bincount(block, minlength=rows * columns) >= MIN_IN_BLOCK
+    normals = np.full((rows * columns, 3), np.nan)
+    normals[enough] = planes_of_sums(sums[enough], BLOCK_LIFT)
+    return np.asarray(normals / np.linalg.norm(normals, axis=1, keepdims=True)).reshape(rows, columns, 3)
+
+
+def _change(one: FloatArray, other: FloatArray) -> FloatArray:
+    """(k,) angles between unit normals of neighbouring blocks, where both are known."""
+    half = 0.5 * np.linalg.norm(one - other, axis=-1).ravel()
+    return 2.0 * np.arcsin(np.clip(half[np.isfinite(half)], 0.0, 1.0))

@@ -1,0 +1,47 @@
+"""The finder of planes that is told where they are: windows given, or those of a grid."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from slopecli.look.scene import Scene
+from slopecli.look.threads import single_threaded
+from slopecli.options import Options
+from slopecli.patches.footprint import window_footprint
+from slopecli.patches.match import WindowMatch
+from slopecli.patches.patch_set import Patches
+from slopecli.patches.windows.corners import match_window_corners
+from slopecli.patches.windows.matching import match_window
+from slopecli.windows import Window, check_windows, grid_windows
+
+# what `--features` names: the matcher of a window
+WINDOW_MATCHERS: dict[str, Callable[[Window, Scene], WindowMatch]] = {
+    "sift": match_window,
+    "foerstner": match_window_corners,
+}
+
+
+def find_in_windows(scene: Scene, options: Options) -> Patches:
+    """One patch a window, matched by itself, guided by what is known of the scene.
+
+    Raises
+    ------
+    InputError : a window is not inside image 1.
+    """
+    windows = wanted_windows(options, scene.camera1.width, scene.camera1.height)
+    match = WINDOW_MATCHERS[options.features]
+    with single_threaded():
+        matches = [match(w, scene) for w in windows]
+    return Patches("window", [window_footprint(w) for w in windows], matches)
+
+
+def wanted_windows(options: Options, width: int, height: int) -> list[Window]:
+    """The windows given, or those of the grid, checked against image 1 (px).
+
+    Raises
+    ------
+    InputError : a window is too small or not inside image 1.
+    """
+    windows = list(options.windows) or grid_windows(*options.grid, width, height)
+    check_windows(windows, width, height)
+    return windows

@@ -1,0 +1,1 @@
+"""Parts that the pictures share: canvas, colours, shapes, text and their placement."""

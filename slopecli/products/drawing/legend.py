@@ -1,0 +1,184 @@
+"""The strips above and below the overlay: what its colours and signs mean, and whether its answer is the only one."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import partial
+
+import numpy as np
+
+from slopecli.options import Options
+from slopecli.products.drawing import marks
+from slopecli.products.drawing.colormap import SLOPE_RANGE_DEG, slope_colours
+from slopecli.products.drawing.lettering import LEADING, Text, text_width, wrapped, write
+from slopecli.products.drawing.marks import Picture
+from slopecli.records import dataclass, field
+from slopecli.report.second_root import margin
+from slopecli.types import Report
+
+WARNING = (255, 224, 130)
+SIGN_WIDTH = 4.0  # of the text size, with the gap to the text
+UP_WORDS = {
+    "camera": "the camera's axis, taken as vertical",
+    "given": "the given up direction",
+    "dominant-plane": "the largest plane, taken as level",
+}
+
+Sign = Callable[[Picture, np.ndarray, float], None]  # draws into a picture, at a centre, with a radius
+
+
+@dataclass(eq=False)
+class Strip:
+    """A sheet of paper that is filled from left to right, line by line."""
+
+    width: int
+    size: int
+    texts: list[Text] = field(default_factory=list)
+    signs: list[tuple[Sign, np.ndarray]] = field(default_factory=list)
+    u: float = 0.0
+    v: float = 0.0
+
+    @property
+    def row(self) -> float:
+        return 2.1 * self.size
+
+    def start(self, v: float) -> None:
+        """Begin a line at a height."""
+        self.u, self.v = self.size, v
+
+    def add(self, text: str, sign: Sign) -> None:
+        """Append a sign and its meaning, on the next line if this one is full."""
+        length = SIGN_WIDTH * self.size + text_width(text, self.size)
+        if self.u + length > self.width and self.u > self.size:
+            self.start(self.v + self.row)
+        self.signs.append((sign, np.array([self.u + 0.5 * (SIGN_WIDTH - 0.6) * self.size, self.v])))
+        self.note(text, self.u + SIGN_WIDTH * self.size)
+        self.u += length + 1.3 * self.size
+
+    def note(self, text: str, u: float) -> None:
+        """Write on the current line."""
+        self.texts.append(Text((u, self.v), text, self.size, "lm", marks.INK, halo=None))
+
+    def sheet(self, bottom: float) -> Picture:
+        """An empty sheet down to a height."""
+        return np.full((round(bottom), self.width, 3), marks.PAPER, np.uint8)
+
+
+def draw_legend(report: Report, width: int, text_px: int, with_focus: bool) -> Picture:
+    """Draw the legend, (h, width, 3) uint8 RGB: the colour bar with the tolerance, the signs, what up means."""
+    strip = Strip(width, max(11, round(0.87 * text_px)))
+    bar_v, bar_height = 2.3 * strip.size, 1.1 * strip.size
+    strip.start(bar_v + bar_height + 3.1 * strip.size)
+    for text, sign in _entries(report, with_focus):
+        strip.add(text, sign)
+    strip.start(strip.v + strip.row)
+    for line in wrapped(_caption(report), strip.size, width - 2 * strip.size):
+        strip.note(line, strip.size)
+        strip.v += LEADING * strip.size
+    sheet = strip.sheet(strip.v + 0.3 * strip.size)
+    _draw_bar(sheet, strip, bar_v, bar_height, tolerance_deg(report))
+    for sign, centre in strip.signs:
+        sign(sheet, centre, 0.55 * strip.size)
+    return write(sheet, strip.texts)
+
+
+def draw_banner(report: Report, width: int, text_px: int) -> list[Picture]:
+    """Draw the warning that a second answer fits too: one (h, width, 3) uint8 RGB strip, or none."""
+    if report.ambiguity.status != "unresolved":
+        return []
+    return [banner(_ambiguity_sentence(report), width, text_px)]
+
+
+def banner(sentence: str, width: int, text_px: int) -> Picture:
+    """Draw a warning, (h, width, 3) uint8 RGB."""
+    lines = wrapped(sentence, text_px, width - 2 * text_px)
+    sheet = np.full((round((len(lines) * LEADING + 0.8) * text_px), width, 3), WARNING, np.uint8)
+    rows = (np.arange(len(lines)) + 0.5) * LEADING * text_px + 0.4 * text_px
+    texts = [Text((text_px, float(v)), s, text_px, "lm", marks.INK, None) for v, s in zip(rows, lines, strict=True)]
+    return write(sheet, texts)
+
+
+def tolerance_deg(report: Report) -> float:
+    """Return the slope limit that the verdicts were made with."""
+    return float(report.options.get("tolerance_deg", Options.tolerance_deg))
+
+
+def _ambiguity_sentence(report: Report) -> str:
+    worse, remedy = margin(report.ambiguity, report.fit.n_inliers), report.ambiguity.resolve_with
+    advice = "" if remedy is None else f" Resolve it with {remedy}."
+    return f'Two answers: a second motion, with the slopes after "or", fits these images as well{worse}.{advice}'
+
+
+def _caption(report: Report) -> str:
+    confidence = float(report.options.get("confidence", Options.confidence))
+    ruled_out = report.ambiguity.status == "resolved"
+    second = f" A second motion is ruled out{margin(report.ambiguity, report.fit.n_inliers)}." if ruled_out else ""
+    return (
+        f"Patch: id, slope ± 1 sigma. Slope against {UP_WORDS[report.up.source]}. "
+        f"Safe, unsafe: below, above {tolerance_deg(report):g}° with probability {confidence:g} or more.{second}"
+    )
+
+
+def _entries(report: Report, with_focus: bool) -> list[tuple[str, Sign]]:
+    verdicts = ("safe", "undecided", "unsafe")
+    entries: list[tuple[str, Sign]] = [(name, partial(swatch, name)) for name in verdicts]
+    unknown = not all(plane.slope_known for plane in report.planes)
+    if report.rejected or unknown:
+        words = [*(["no answer"] if report.rejected else []), *(["slope not known"] if unknown else [])]
+        entries.append((" or ".join(words), partial(swatch, "rejected")))
+    if any(plane.aspect_deg is not None and plane.slope_known for plane in report.planes):
+        entries.append(("downhill", _arrow))
+    if with_focus:
+        entries.append(("focus of expansion", focus_sign))
+    return entries
+
+
+def swatch(verdict: str, picture: Picture, centre: np.ndarray, radius: float) -> None:
+    """Draw a small patch with border, hatch and badge of its verdict."""
+    half = np.rint([3.0 * radius, 1.6 * radius]).astype(int)
+    low = np.rint(centre).astype(int) - half
+    patch = np.full((2 * half[1], 2 * half[0], 3), marks.NO_ANSWER, np.uint8)
+    corners = np.array([[0, 0], [1, 0], [1, 1], [0, 1]]) * (2.0 * half - 1)
+    marks.paint_verdict(patch, [corners], verdict, max(1, round(0.18 * radius)))
+    marks.badge(patch, verdict, half - 0.5, 0.9 * radius)
+    picture[low[1] : low[1] + 2 * half[1], low[0] : low[0] + 2 * half[0]] = patch
+
+
+def _arrow(picture: Picture, centre: np.ndarray, radius: float) -> None:
+    marks.arrow(picture, centre - [1.8 * radius, 0], np.array([1.0, 0.0]), 3.6 * radius, 0.55 * radius)
+
+
+def focus_sign(picture: Picture, centre: np.ndarray, radius: float) -> None:
+    """Draw the sign of the focus of expansion."""
+    marks.focus_mark(picture, centre, 1.1 * radius)
+
+
+def _draw_bar(sheet: Picture, strip: Strip, top: float, height: float, tolerance: float) -> None:
+    """Colour bar over the fixed range with ticks every 5 degrees and the tolerance marked across it."""
+    low, high = SLOPE_RANGE_DEG
+    left, right = 1.6 * strip.size, min(strip.width - 1.6 * strip.size, 36.0 * strip.size)
+    columns = np.arange(round(left), round(right))
+    slopes = low + (columns - left) / (right - left) * (high - low)
+    sheet[round(top) : round(top + height), columns] = slope_colours(slopes)
+    ticks = np.arange(low, high + 1, 5.0)
+    for tick in ticks:
+        u = left + (tick - low) / (high - low) * (right - left)
+        marks.stroke(sheet, np.array([[u, top + height], [u, top + height + 0.35 * strip.size]]), marks.INK, 1)
+        label = f"{tick:g}°" if tick < high else f"{tick:g}°+"
+        strip.texts.append(_bar_text(label, u, top + height + 1.1 * strip.size, strip))
+    if low <= tolerance <= high:
+        _mark_tolerance(sheet, strip, left + (tolerance - low) / (high - low) * (right - left), top, height, tolerance)
+
+
+def _mark_tolerance(sheet: Picture, strip: Strip, u: float, top: float, height: float, tolerance: float) -> None:
+    marks.cased_stroke(sheet, np.array([[u, top - 2], [u, top + height + 2]]), marks.PAPER, 2)
+    half = 0.4 * strip.size
+    marks.fill(sheet, np.array([[u - half, top - 1.6 * half], [u + half, top - 1.6 * half], [u, top]]), marks.HAZARD)
+    text = f"tolerance {tolerance:g}°"
+    margin = 0.5 * text_width(text, strip.size) + 2
+    u = float(np.clip(u, margin, strip.width - margin))
+    strip.texts.append(_bar_text(text, u, top - 1.4 * strip.size, strip))
+
+
+def _bar_text(text: str, u: float, v: float, strip: Strip) -> Text:
+    return Text((u, v), text, strip.size, "mm", marks.INK, halo=None)

@@ -1,0 +1,243 @@
+"""Where the patches of a report lie on a picture of image 1: windows and refusals by outlines, regions by pixels."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Iterator, Sequence
+from functools import cached_property
+from typing import TypeVar
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from slopecli.geometry.camera import rays_from_pixels
+from slopecli.products.drawing import marks
+from slopecli.products.drawing.label_map import Mask, boxes_of, inner_distance, largest_piece, mask_of, outlines_of
+from slopecli.records import dataclass
+from slopecli.types import AlternativePlane, BoolArray, Camera, FloatArray, Plane, Rejected, Report
+
+Pixel = TypeVar("Pixel", bound=np.generic)
+DEEP = 0.95  # share of the greatest depth: a long region is deepest all along its middle line
+
+
+@dataclass(frozen=True, eq=False)
+class Pieces:
+    """What a patch of any shape has beyond a polygon.
+
+    Attributes
+    ----------
+    outlines : closed, (k, 2) picture px each, of all pieces and holes worth one.
+    cover : (h, w) uint8, how much of a pixel the patch covers, 255 for all.
+    ground : (h, w) uint8, 255 where label and arrow may lie: the largest piece, specks of no plane included.
+    pole : (2,) picture px, the point of the largest piece that is farthest from its border.
+    radius : greatest distance of a point from the border of the ground, px.
+    """
+
+    outlines: Sequence[FloatArray]
+    cover: Mask
+    ground: Mask
+    pole: FloatArray
+    radius: float
+
+
+@dataclass(frozen=True, eq=False)
+class Footprint:
+    """A patch on the picture.
+
+    Attributes
+    ----------
+    polygon : (k, 2) picture px; of a patch in pieces the outline of the largest.
+    mask : (h, w) uint8, 255 where the patch shows, of its bounding box, whose first pixel is `corner` (u, v).
+    downhill : (2,) unit vector on the picture, None where undefined.
+    other : the plane in the second answer, when the first is not known to be the right one.
+    pieces : the true shape of a patch that is no polygon.
+    """
+
+    item: Plane | Rejected
+    polygon: FloatArray
+    mask: Mask
+    corner: tuple[int, int]
+    downhill: FloatArray | None = None
+    other: AlternativePlane | None = None
+    pieces: Pieces | None = None
+
+    @property
+    def slope_deg(self) -> float | None:
+        """Slope that it is shown with, None where none is known."""
+        return self.item.slope_deg if isinstance(self.item, Plane) and self.item.slope_known else None
+
+    @property
+    def verdict(self) -> str:
+        """What its ground looks like."""
+        return self.item.verdict if isinstance(self.item, Plane) and self.item.slope_known else "rejected"
+
+    @property
+    def badge(self) -> str:
+        """What its badge says: too steep may be certain where the slope is not."""
+        unsafe = isinstance(self.item, Plane) and self.item.verdict == "unsafe"
+        return "unsafe" if unsafe else self.verdict
+
+    @property
+    def outlines(self) -> Sequence[FloatArray]:
+        return [self.polygon] if self.pieces is None else self.pieces.outlines
+
+    @property
+    def ground(self) -> Mask:
+        """(h, w) uint8, 255 where the label may lie."""
+        return self.mask if self.pieces is None else self.pieces.ground
+
+    @cached_property
+    def centre(self) -> FloatArray:
+        """(2,) where the label would best be, px: the centre of gravity, or the pole of a patch of any shape."""
+        if self.pieces is not None:
+            return self.pieces.pole
+        moments = cv2.moments(self.mask, binaryImage=True)
+        return np.array([moments["m10"], moments["m01"]]) / max(moments["m00"], 1.0) + self.corner
+
+    @cached_property
+    def size(self) -> float:
+        """Side of the square of the same area as the ground, px."""
+        return math.sqrt(cv2.countNonZero(self.ground))
+
+    def crop(self, picture: NDArray[Pixel]) -> NDArray[Pixel]:
+        """View of the picture under the bounding box."""
+        (u, v), (height, width) = self.corner, self.mask.shape
+        return picture[v : v + height, u : u + width]
+
+
+def footprints_of(report: Report, scale: float, shape: tuple[int, int], text_px: int) -> list[Footprint]:
+    """Find the patches that touch a picture: polygons, where of two the smaller has the ground, then planes found.
+
+    Parameters
+    ----------
+    report : the finished answer.
+    scale : of the picture against image 1.
+    shape : height and width of the picture, px.
+    text_px : size of its text; specks smaller than that neither push a label away nor get an outline.
+
+    Returns
+    -------
+    Of both kinds the largest first.
+    """
+    regions = [plane for plane in report.planes if plane.found]
+    windows = [plane for plane in report.planes if not plane.found]
+    labels = _labels_at(report, shape) if regions else np.zeros(shape, np.uint16)
+    polygons = _largest_first(_of_polygons(report, [*windows, *report.rejected], scale, labels))
+    _share_ground(polygons, shape)
+    if not regions:
+        return polygons
+    return [*polygons, *_largest_first(_of_regions(report, regions, scale, labels, text_px))]
+
+
+def downhill_px(report: Report, plane: Plane, uv: FloatArray | None = None) -> FloatArray | None:
+    """Return the direction in image 1 in which the plane falls.
+
+    Parameters
+    ----------
+    uv : (2,) px of image 1, where; the middle of the plane's polygon when None.
+
+    Returns
+    -------
+    (2,) unit vector (right, down) in pixels, or None for a plane whose downhill direction or slope is not known.
+    """
+    if plane.aspect_deg is None or not plane.slope_known:
+        return None
+    up, normal = np.array(report.up.vector_cam1), np.asarray(plane.normal_cam1)
+    fall = (up @ normal) * normal - up
+    middle = np.asarray(plane.polygon_px, float).mean(axis=0) if uv is None else uv
+    ray, ray_by_px = _ray_and_slope(report.cameras[0], middle)
+    motion = fall[:2] - ray * fall[2]  # of the normalised coordinate, times depth
+    direction = np.linalg.solve(ray_by_px, motion)
+    length = np.linalg.norm(direction)
+    return direction / length if length > 0 else None  # NaN where the lens has no ray compares false too
+
+
+def _ray_and_slope(camera: Camera, uv: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """(2,) normalised ray of a pixel and (2, 2) its derivative, lens distortion included."""
+    rays = rays_from_pixels(camera, uv + np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]]))
+    return rays[0], (rays[1:] - rays[0]).T
+
+
+def _largest_first(footprints: Iterable[Footprint]) -> list[Footprint]:
+    return sorted(footprints, key=lambda footprint: -cv2.countNonZero(footprint.mask))
+
+
+def _labels_at(report: Report, shape: tuple[int, int]) -> NDArray[np.uint16]:
+    if report.labels.shape == shape:
+        return report.labels
+    return np.asarray(cv2.resize(report.labels, shape[::-1], interpolation=cv2.INTER_NEAREST_EXACT), np.uint16)
+
+
+def _of_polygons(
+    report: Report, items: Sequence[Plane | Rejected], scale: float, labels: NDArray[np.uint16]
+) -> Iterator[Footprint]:
+    """Patches given by an outline, less what is labelled as a plane found."""
+    others = report.ambiguity.others
+    for item in items:
+        polygon = (np.asarray(item.polygon_px, float) + 0.5) * scale - 0.5
+        low = np.clip(np.floor(polygon.min(axis=0)).astype(int), 0, None)
+        high = np.minimum(np.ceil(polygon.max(axis=0)).astype(int) + 1, labels.shape[::-1])
+        if (high <= low).any():
+            continue
+        mask = marks.polygon_mask(polygon - low, (int(high[1] - low[1]), int(high[0] - low[0])))
+        mask[labels[low[1] : high[1], low[0] : high[0]] > 0] = 0
+        downhill = downhill_px(report, item) if isinstance(item, Plane) else None
+        if mask.any():
+            yield Footprint(item, polygon, mask, (int(low[0]), int(low[1])), downhill, others.get(item.id))
+
+
+def _share_ground(footprints: Sequence[Footprint], shape: tuple[int, int]) -> None:
+    """Take from every mask what a later footprint covers, unless nothing would be left of it."""
+    owner = np.full(shape, -1, np.int32)
+    for index, footprint in enumerate(footprints):
+        footprint.crop(owner)[footprint.mask > 0] = index
+    for index, footprint in enumerate(footprints):
+        own = footprint.crop(owner) == index
+        if own.any():
+            footprint.mask[~own] = 0
+
+
+def _of_regions(
+    report: Report, planes: Sequence[Plane], scale: float, labels: NDArray[np.uint16], text_px: int
+) -> Iterator[Footprint]:
+    """Patches given by their pixels in the labels of the picture."""
+    others, boxes = report.ambiguity.others, boxes_of(labels)
+    for plane in planes:
+        if plane.id not in boxes:
+            continue
+        rows, columns = boxes[plane.id]
+        corner = (columns.start, rows.start)
+        mask = _smoothed(mask_of(labels[rows, columns], plane.id), scale)
+        pieces = _pieces(mask, labels[rows, columns] == 0, corner, max(1.0, scale), text_px)
+        downhill = downhill_px(report, plane, (pieces.pole + 0.5) / scale - 0.5)
+        yield Footprint(plane, pieces.outlines[0], mask, corner, downhill, others.get(plane.id), pieces)
+
+
+def _smoothed(mask: Mask, scale: float) -> Mask:
+    """Round the staircases of enlarged pixels."""
+    if scale <= 1.0:
+        return mask
+    blurred = cv2.GaussianBlur(mask, (0, 0), 0.5 * scale, borderType=cv2.BORDER_CONSTANT)
+    return np.asarray(cv2.threshold(blurred, 127, 255, cv2.THRESH_BINARY)[1], np.uint8) if blurred.max() > 127 else mask
+
+
+def _pieces(mask: Mask, free: BoolArray, corner: tuple[int, int], step: float, text_px: int) -> Pieces:
+    """Shape of a mask (h, w) whose first pixel is `corner`; `free` (h, w) is where no plane is."""
+    piece, outlines = largest_piece(mask), outlines_of(mask, step)
+    closing = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (text_px // 2 * 2 + 1,) * 2)
+    ground = np.asarray(cv2.morphologyEx(piece, cv2.MORPH_CLOSE, closing), np.uint8)
+    ground[~free & (piece == 0)] = 0
+    depth = np.where(piece > 0, inner_distance(ground), np.float32(0.0))
+    cover = np.zeros_like(mask)
+    cv2.fillPoly(cover, [marks.fixed_point(outline) for outline in outlines], 255, cv2.LINE_AA, marks.SHIFT)
+    large = [outline for outline in outlines if cv2.contourArea(outline.astype(np.float32)) >= 0.25 * text_px**2]
+    outlines = [outline + corner for outline in large or outlines[:1]]
+    return Pieces(outlines, cover, ground, _pole(depth) + corner, float(depth.max()))
+
+
+def _pole(depth: NDArray[np.float32]) -> FloatArray:
+    """(2,) u, v of the point deepest inside a region; of those nearly as deep the one nearest to their middle."""
+    deep = np.argwhere(depth >= DEEP * depth.max())
+    offsets = deep - deep.mean(axis=0)
+    return deep[np.argmin((offsets**2).sum(axis=1)), ::-1].astype(float)

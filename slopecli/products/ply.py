@@ -1,0 +1,257 @@
+"""patches.ply: every plane as a mesh, with both cameras, in camera-1 axes.
+
+Windows have the colour of their slope, grey where it is not known, planes found as regions that of image 1.
+
+Written here rather than by trimesh, which reads it back in the tests: trimesh writes no comments of ours, so unit and
+frame would be lost, and importing it takes longer than solving a pair. The layout is what common viewers agree on:
+triangles only (CloudCompare drops a mesh with larger faces), colours and normals per vertex (it ignores those of
+faces), scalars named `scalar_...` for CloudCompare and one `quality` for MeshLab, no list but the faces'.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import lru_cache
+
+import cv2
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from slopecli import __version__
+from slopecli.geometry.statistics import median
+from slopecli.products.drawing.colormap import slope_colours
+from slopecli.products.drawing.marks import NO_ANSWER
+from slopecli.products.surface import Surface, lay_on_plane
+from slopecli.records import dataclass
+from slopecli.types import Camera, FloatArray, Image, IntArray, Plane, Report
+
+SUBDIVISIONS = 2  # of every edge by two: enough to follow the curve that a lens makes of a straight border
+CAMERA_SIZE = 0.06  # of the median distance of the planes
+UNKNOWN_SLOPE = -1.0  # no slope, and a number, as NaN upsets viewers
+CAMERA_COLOURS = ((40, 40, 40), (150, 150, 150))
+
+VERTEX = np.dtype(
+    [(name, "<f4") for name in ("x", "y", "z", "nx", "ny", "nz")]
+    + [(name, "u1") for name in ("red", "green", "blue")]
+    + [(name, "<f4") for name in ("quality", "scalar_slope_deg", "scalar_sigma_slope_deg", "scalar_patch_id")]
+)
+FACE = np.dtype([("count", "u1"), ("vertex_indices", "<i4", (3,))])
+_PLY_TYPES = {"<f4": "float", "|u1": "uchar"}
+
+
+@dataclass(frozen=True, eq=False)
+class Mesh:
+    """Vertices (n,) of dtype `VERTEX` and triangles (m, 3), counter-clockwise seen from their front."""
+
+    vertices: NDArray[np.void]
+    triangles: IntArray
+
+
+def report_to_ply(report: Report, image: Image | None = None, surfaces: Sequence[Surface] = ()) -> bytes:
+    """Serialise planes and cameras as a binary PLY file.
+
+    Source: Turk, "The PLY Polygon File Format", 1994.
+
+    Parameters
+    ----------
+    report : the finished answer; lengths are in the unit of its scale.
+    image : image 1, which colours the surfaces; without it they have the colour of their slope.
+    surfaces : the planes that were found as regions, from `region_surfaces`.
+    """
+    windows = (plane_mesh(plane, report.cameras[0]) for plane in report.planes if not plane.found)
+    meshes = [*(mesh for mesh in windows if mesh is not None), *_surface_meshes(report, image, surfaces)]
+    size = CAMERA_SIZE * _median_distance(report.planes)
+    rotation, centre = report.motion.rotation_cam2_from_cam1, report.motion.baseline_cam1
+    meshes.append(camera_mesh(report.cameras[0], np.eye(3), np.zeros(3), size, CAMERA_COLOURS[0]))
+    meshes.append(camera_mesh(report.cameras[1], rotation, centre, size, CAMERA_COLOURS[1]))
+    comments = [
+        f"slopemap {__version__}",
+        "frame camera 1: x right, y down, z forward",
+        f"unit {report.scale.unit}",
+        "scalars of the cameras are 0; scalar_patch_id is the id in slopes.json",
+        f"scalar_slope_deg and quality are {UNKNOWN_SLOPE:g} where the slope is not known",
+    ]
+    return _encode(_joined(meshes), [*comments, *_second_answer(report)])
+
+
+def _second_answer(report: Report) -> list[str]:
+    """Comments on what else may be true: a mesh can show one answer only."""
+    told = []
+    for other in report.ambiguity.others.values():
+        slope = f"slope {other.slope_deg:.2f} deg, 1-sigma {other.slope_sigma_deg:.2f} deg"
+        told.append(f"patch {other.id} in the second answer: {slope if other.slope_known else 'not known'}")
+    return ["two answers: this is the first, a second one fits as well", *told] if told else []
+
+
+def plane_mesh(plane: Plane, camera: Camera) -> Mesh | None:
+    """Lay the footprint of a plane onto it, as triangles whose front faces camera 1.
+
+    Parameters
+    ----------
+    plane : plane with `normal_cam1 . P = -distance`, polygon in px of `camera`.
+    camera : camera 1.
+
+    Returns
+    -------
+    The mesh, or None where no part of the footprint meets the plane in front of the camera.
+    """
+    uv, triangles = _subdivided(np.asarray(plane.polygon_px, float), triangulate(plane.polygon_px))
+    surface = lay_on_plane(plane, camera, uv, triangles)
+    return None if surface is None else _surface_mesh(surface, _colour(plane))
+
+
+def _colour(plane: Plane) -> ArrayLike:
+    """RGB of a plane's slope, grey where it is not known."""
+    return slope_colours(plane.slope_deg)[0] if plane.slope_known else NO_ANSWER
+
+
+def _surface_mesh(surface: Surface, colours: ArrayLike) -> Mesh:
+    """Mesh of a part of a plane, with what is known of the plane at every vertex."""
+    plane = surface.plane
+    vertices = _vertices(surface.points, plane.normal_cam1, colours)
+    vertices["quality"] = vertices["scalar_slope_deg"] = plane.slope_deg if plane.slope_known else UNKNOWN_SLOPE
+    vertices["scalar_sigma_slope_deg"] = np.nan_to_num(plane.slope_sigma_deg)
+    vertices["scalar_patch_id"] = plane.id
+    return Mesh(vertices, _facing(surface.points, surface.triangles, plane.normal_cam1))
+
+
+def _surface_meshes(report: Report, image: Image | None, surfaces: Sequence[Surface]) -> list[Mesh]:
+    if image is None or not surfaces:
+        return [_surface_mesh(each, _colour(each.plane)) for each in surfaces]
+    # a vertex stands for the pixels nearest to it, and has their mean colour
+    spacing = np.sqrt(np.count_nonzero(report.labels) / max(1, sum(len(each.uv) for each in surfaces)))
+    pixels = cv2.cvtColor(image.grey, cv2.COLOR_GRAY2RGB) if image.colour is None else image.colour[:, :, ::-1]
+    pixels = cv2.blur(pixels, (max(1, round(spacing)),) * 2)
+    most = [image.width - 1, image.height - 1]
+    nearest = [np.clip(np.rint(each.uv).astype(int), 0, most).T for each in surfaces]
+    return [_surface_mesh(each, pixels[v, u]) for each, (u, v) in zip(surfaces, nearest, strict=True)]
+
+
+def camera_mesh(camera: Camera, rotation: FloatArray, centre: FloatArray, size: float, colour: Sequence[int]) -> Mesh:
+    """Draw a camera as a pyramid: apex at its centre, base `size` ahead along its axis, as wide as its image.
+
+    rotation : (3, 3) camera 1 to this camera.  centre : (3,) in camera-1 axes.
+    """
+    corners = np.array([[0, 0], [camera.width, 0], [camera.width, camera.height], [0, camera.height]])
+    base = np.column_stack([(corners - [camera.cx, camera.cy]) / [camera.fx, camera.fy], np.ones(4)])
+    local = size * np.vstack([np.zeros(3), base])
+    outward = local - local.mean(axis=0)
+    normals = outward / np.maximum(np.linalg.norm(outward, axis=1, keepdims=True), 1e-300)
+    sides = [[0, 2, 1], [0, 3, 2], [0, 4, 3], [0, 1, 4], [1, 2, 3], [1, 3, 4]]
+    return Mesh(_vertices(local @ rotation + centre, normals @ rotation, colour), np.array(sides))
+
+
+def triangulate(polygon: FloatArray) -> IntArray:
+    """Cut a simple polygon into triangles by clipping ears.
+
+    Source: Meisters, "Polygons have ears", 1975. Of the ears the one with the widest narrowest angle goes first.
+
+    Parameters
+    ----------
+    polygon : (k, 2) corners, k >= 3, either way round, not crossing itself.
+
+    Returns
+    -------
+    (k - 2, 3) indices of corners.
+    """
+    points = np.asarray(polygon, float)
+    if _cross(points, np.roll(points, -1, axis=0)).sum() < 0:
+        points = points * [1.0, -1.0]
+    left, triangles = np.arange(len(points)), []
+    while len(left) > 3:
+        ear = int(np.argmax(_ear_quality(points[left])))
+        triangles.append(np.roll(left, 1 - ear)[:3])
+        left = np.delete(left, ear)
+    return np.array([*triangles, left])
+
+
+def _ear_quality(points: FloatArray) -> FloatArray:
+    """(k,) area over squared longest side of the triangle at every corner, lowered by 1 where it is no ear."""
+    before, after = np.roll(points, 1, axis=0), np.roll(points, -1, axis=0)
+    sides = [(before, points), (points, after), (after, before)]
+    longest = np.max([((end - start) ** 2).sum(axis=1) for start, end in sides], axis=0)
+    area = _cross(points - before, after - points)
+    covered = np.all([_cross((end - start)[:, None], points - start[:, None]) > 0 for start, end in sides], axis=0)
+    return area / np.maximum(longest, 1e-300) - (covered.any(axis=1) | (area <= 0))
+
+
+def _cross(a: FloatArray, b: FloatArray) -> FloatArray:
+    return a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0]
+
+
+def _subdivided(points: FloatArray, triangles: IntArray) -> tuple[FloatArray, IntArray]:
+    """Cut every triangle into four, `SUBDIVISIONS` times; neighbours share the new points."""
+    cuts, smallest = _cuts(len(points), tuple(map(tuple, triangles.tolist())))
+    for ends in cuts:
+        points = np.vstack([points, points[ends].mean(axis=1)])
+    return points, smallest
+
+
+@lru_cache(maxsize=32)
+def _cuts(n: int, corners: tuple[tuple[int, ...], ...]) -> tuple[list[IntArray], IntArray]:
+    """Edges (k, 2) that are halved in every round, and the triangles (m, 3) after the last; windows all are cut alike.
+
+    n : points there are at first.  corners : the triangles' at first.
+    """
+    triangles, cuts = np.array(corners), list[IntArray]()
+    for _ in range(SUBDIVISIONS):
+        edges = np.sort(triangles[:, [[0, 1], [1, 2], [2, 0]]], axis=2).reshape(-1, 2)
+        ends, inverse = _without_repeats(edges)
+        (a, b, c), (ab, bc, ca) = triangles.T, inverse.reshape(-1, 3).T + n
+        triangles = np.vstack(
+            [np.column_stack(corner) for corner in ((a, ab, ca), (ab, b, bc), (ca, bc, c), (ab, bc, ca))]
+        )
+        cuts.append(ends)
+        n += len(ends)
+    return cuts, triangles
+
+
+def _without_repeats(edges: IntArray) -> tuple[IntArray, IntArray]:
+    """Every edge (k, 2) once, in order, and for each of all edges (n,) which of them it is."""
+    order = np.lexsort(edges.T[::-1])
+    ordered = edges[order]
+    new = np.append(True, (ordered[1:] != ordered[:-1]).any(axis=1))
+    inverse = np.empty(len(edges), np.int64)
+    inverse[order] = np.cumsum(new) - 1
+    return ordered[new], inverse
+
+
+def _facing(points: FloatArray, triangles: IntArray, normal: FloatArray) -> IntArray:
+    """Turn triangles so that they are counter-clockwise seen against the normal."""
+    a, b, c = points[triangles].transpose(1, 0, 2)
+    backwards = np.cross(b - a, c - a) @ normal < 0
+    return np.where(backwards[:, None], triangles[:, ::-1], triangles)
+
+
+def _vertices(points: FloatArray, normals: FloatArray, colour: ArrayLike) -> NDArray[np.void]:
+    vertices = np.zeros(len(points), VERTEX)
+    for columns, values in (("x y z", points), ("nx ny nz", normals), ("red green blue", colour)):
+        for name, column in zip(columns.split(), np.broadcast_to(values, (len(points), 3)).T, strict=True):
+            vertices[name] = column
+    return vertices
+
+
+def _median_distance(planes: Sequence[Plane]) -> float:
+    return median([plane.distance for plane in planes]) if planes else 1.0
+
+
+def _joined(meshes: Sequence[Mesh]) -> Mesh:
+    starts = np.cumsum([0] + [len(mesh.vertices) for mesh in meshes])
+    triangles = [mesh.triangles + start for mesh, start in zip(meshes, starts, strict=False)]
+    return Mesh(np.concatenate([mesh.vertices for mesh in meshes]), np.vstack(triangles))
+
+
+def _encode(mesh: Mesh, comments: Sequence[str]) -> bytes:
+    faces = np.zeros(len(mesh.triangles), FACE)
+    faces["count"], faces["vertex_indices"] = 3, mesh.triangles
+    header = [
+        "ply",
+        "format binary_little_endian 1.0",
+        *(f"comment {comment}" for comment in comments),
+        f"element vertex {len(mesh.vertices)}",
+        *(f"property {_PLY_TYPES[VERTEX[name].str]} {name}" for name in VERTEX.names or ()),
+        f"element face {len(faces)}",
+        "property list uchar int vertex_indices",
+        "end_header",
+    ]
+    return "\n".join(header).encode("ascii") + b"\n" + mesh.vertices.tobytes() + faces.tobytes()

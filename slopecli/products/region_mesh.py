@@ -1,0 +1,129 @@
+"""Planes found as pixels, as meshes: a grid over every region, cut along its border, laid onto its plane.
+
+Source of the cut: Lorensen, Cline, "Marching cubes", 1987, in two dimensions, on the signed distance to the border.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from itertools import pairwise
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from slopecli.products.drawing.label_map import Box, Mask, boxes_of, inner_distance, mask_of
+from slopecli.products.surface import Surface, lay_on_plane, trimmed
+from slopecli.types import FloatArray, IntArray, Report
+
+MOST_TRIANGLES = 200_000  # of all regions: a file of 7 MB, a vertex for every third or fourth pixel of a megapixel
+ON_BORDERS = 0.2  # share of the triangles that goes into borders, a first guess
+CELLS_DEEP = 4  # between the border of a narrow region and its middle: its grid is finer, down to a quarter of the step
+FARTHEST = 20.0  # times the scene's distance; beyond it lies what a plane's last rays before its horizon hit
+BORDER_BLUR_PX = 1.0  # takes the staircase out of a slanting border, which a plane seen at an angle would enlarge
+LEAST_CUT = 0.05  # of a cell's side, that a border keeps from a node: no triangle is without an area
+
+
+def region_surfaces(report: Report) -> list[Surface]:
+    """Make the mesh of every plane whose footprint is given by its pixels in `labels`.
+
+    The grids are as fine as `MOST_TRIANGLES` allows, never finer than pixels. Their borders run between the pixels.
+    Left out is what rays meet at a grazing angle or `FARTHEST` times as far away as most of the scene.
+
+    Returns
+    -------
+    One mesh per plane that has pixels in front of the camera, in the order of the report. Triangles are
+    counter-clockwise seen from camera 1.
+    """
+    boxes = boxes_of(report.labels)
+    ids = [plane.id for plane in report.planes if plane.found and plane.id in boxes]
+    masks = {i: mask_of(report.labels[boxes[i]], i) for i in ids}
+    step = max(1.0, np.sqrt(2 * sum(map(cv2.countNonZero, masks.values())) / (1 - ON_BORDERS) / MOST_TRIANGLES))
+    meshes = {i: region_grid(masks[i], boxes[i], step) for i in ids}
+    while (count := sum(len(triangles) for _, triangles in meshes.values())) > MOST_TRIANGLES:
+        step *= np.sqrt(1.1 * count / MOST_TRIANGLES)  # borders as rough as this are rare
+        meshes = {i: region_grid(masks[i], boxes[i], step) for i in ids}
+    laid = (lay_on_plane(p, report.cameras[0], *meshes[p.id]) for p in report.planes if p.id in meshes)
+    return _within_reach([surface for surface in laid if surface is not None])
+
+
+def _within_reach(surfaces: list[Surface]) -> list[Surface]:
+    """Cut off what lies `FARTHEST` times as far away as the middle one of the regions."""
+    ranges = [np.linalg.norm(surface.points, axis=1) for surface in surfaces]
+    reach = FARTHEST * float(np.median([np.median(each) for each in ranges])) if ranges else 0.0
+    cut = (trimmed(surface, each < reach) for surface, each in zip(surfaces, ranges, strict=True))
+    return [surface for surface in cut if surface is not None]
+
+
+def region_grid(mask: Mask, box: Box, step: float) -> tuple[FloatArray, IntArray]:
+    """Cover a region of the image with a grid of triangles that ends at its border.
+
+    Parameters
+    ----------
+    mask : (h, w) uint8, 255 on the region's pixels.
+    box : where the mask lies in the image.
+    step : side of the grid's cells, px, at least 1; a narrow region gets smaller ones.
+
+    Returns
+    -------
+    uv : (n, 2) px of the image.  triangles : (m, 3) indices into uv, counter-clockwise as seen in the image.
+    """
+    margin = int(np.ceil(step)) + 1
+    distance = _signed_distance(mask, margin)
+    step = float(np.clip(distance.max() / CELLS_DEEP, max(1.0, step / 4), step))
+    depth, origin = _at_nodes(distance, np.array([box[1].start, box[0].start], float) - margin, step)
+    inside = depth > 0
+    corner, across, along = _number(inside)
+    rows, columns = (grid.astype(float) for grid in np.indices(depth.shape))
+    uv = [np.column_stack([columns[inside], rows[inside]])]
+    for crossing, axis in ((across, 1), (along, 0)):
+        r, c = np.nonzero(crossing >= 0)
+        here, there = depth[r, c], depth[r + (axis == 0), c + (axis == 1)]
+        share = np.clip(here / (here - there), LEAST_CUT, 1.0 - LEAST_CUT)
+        uv.append(np.column_stack([c + share * (axis == 1), r + share * (axis == 0)]))
+    return np.concatenate(uv) * step + origin, np.concatenate(list(_triangles(inside, corner, across, along)))
+
+
+def _signed_distance(mask: Mask, margin: int) -> NDArray[np.float32]:
+    """Distance of every pixel to the border, positive inside, of the mask with a margin around it, px."""
+    padded = np.pad(mask, margin)
+    outer = cv2.distanceTransform(255 - padded, cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
+    return np.asarray(cv2.GaussianBlur(inner_distance(padded) - outer, (0, 0), BORDER_BLUR_PX), np.float32)
+
+
+def _at_nodes(values: NDArray[np.float32], corner: FloatArray, step: float) -> tuple[NDArray[np.float32], FloatArray]:
+    """Sample an array whose first pixel is at `corner` at the nodes of a grid; returns the (2,) px of the first too.
+
+    The nodes are multiples of the step from the image's corner on, so that grids of neighbours fit together.
+    """
+    first = np.ceil(corner / step)
+    last = np.floor((corner + values.shape[::-1] - 1) / step)
+    u, v = (step * np.arange(first[i], last[i] + 1) - corner[i] for i in (0, 1))
+    maps = np.meshgrid(u.astype(np.float32), v.astype(np.float32))
+    return np.asarray(cv2.remap(values, maps[0], maps[1], cv2.INTER_LINEAR), np.float32), first * step
+
+
+def _number(inside: NDArray[np.bool_]) -> tuple[IntArray, IntArray, IntArray]:
+    """Vertex numbers of nodes inside, and of border crossings on the edges to the right and downwards; -1 for none."""
+    kinds = (inside, inside[:, 1:] != inside[:, :-1], inside[1:] != inside[:-1])
+    numbers, start = [], 0
+    for kind in kinds:
+        numbers.append(np.where(kind, start - 1 + np.cumsum(kind).reshape(kind.shape), -1))
+        start += int(np.count_nonzero(kind))
+    return numbers[0], numbers[1], numbers[2]
+
+
+def _triangles(inside: NDArray[np.bool_], corner: IntArray, across: IntArray, along: IntArray) -> Iterator[IntArray]:
+    """Triangles of all cells, kind by kind: which of a cell's corners are inside decides how it is cut."""
+    around = (np.s_[:-1, :-1], np.s_[1:, :-1], np.s_[1:, 1:], np.s_[:-1, 1:])  # against the clock, seen with v down
+    sides = (along[:, :-1], across[1:], along[:, 1:], across[:-1])  # from each corner to the next
+    kinds = sum(inside[where].astype(int) << i for i, where in enumerate(around))
+    for kind in range(1, 16):
+        cells = kinds == kind
+        within = [bool(kind >> i & 1) for i in range(4)]
+        outline: list[IntArray] = []
+        for i in range(4):
+            outline += [corner[around[i]][cells]] if within[i] else []
+            outline += [sides[i][cells]] if within[i] != within[(i + 1) % 4] else []
+        for second, third in pairwise(outline[1:]):
+            yield np.column_stack([outline[0], second, third])

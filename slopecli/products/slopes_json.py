@@ -1,0 +1,84 @@
+"""slopes.json: the report as text, key for key as `types.Report` names them, and the schema that holds it to that."""
+
+from __future__ import annotations
+
+import json
+import math
+from dataclasses import fields, is_dataclass
+from pathlib import PurePath
+from typing import Any
+
+import numpy as np
+
+from slopecli import __version__
+from slopecli.types import Report
+
+SCHEMA_VERSION = "1.0"
+SIGNIFICANT_DIGITS = 9  # 1e-9 of a rotation is 6e-8 deg; more digits would only record the processor's rounding
+NEGLIGIBLE = 1e-12  # what is left of an exact zero after arithmetic; its digits differ from machine to machine
+LINE_LENGTH = 110
+
+# written as labels.png, drawn on overlay.png and the steps; what follows from other keys
+_NOT_IN_JSON = {"labels", "epipole1_px", "segmentation", "slope_known"}
+_LEFT_OUT_IF_NONE = {"rms_mrad", "noise_mrad"}  # only of correspondences without a camera
+
+
+def report_to_json(report: Report) -> str:
+    """Serialise a report as the text of slopes.json, without a final newline.
+
+    The same report gives the same bytes on every run: keys in the order of the dataclasses, numbers rounded to
+    `SIGNIFICANT_DIGITS`, ASCII only. A number that is not finite becomes null.
+
+    Parameters
+    ----------
+    report : the finished answer of one image pair.
+
+    Raises
+    ------
+    TypeError : the options hold an object that has no JSON form.
+    """
+    return to_json({"schema_version": SCHEMA_VERSION, "slopemap_version": __version__, **_plain(report)})
+
+
+def to_json(document: dict[str, Any]) -> str:
+    """Serialise dataclasses, arrays and numbers in a document as `report_to_json` does those of a report."""
+    return _layout(_plain(document))
+
+
+def _plain(value: Any) -> Any:
+    """Reduce dataclasses, arrays and numpy scalars to what JSON knows."""
+    if is_dataclass(value) and not isinstance(value, type):
+        shown = {f.name: getattr(value, f.name) for f in fields(value) if f.name not in _NOT_IN_JSON}
+        return {name: _plain(item) for name, item in shown.items() if item is not None or name not in _LEFT_OUT_IF_NONE}
+    if isinstance(value, dict):
+        return {str(key): _plain(item) for key, item in value.items()}
+    if isinstance(value, np.ndarray | np.generic):
+        return _plain(value.tolist())
+    if isinstance(value, list | tuple):
+        return [_plain(item) for item in value]
+    if isinstance(value, float):
+        return _rounded(value)
+    return str(value) if isinstance(value, PurePath) else value
+
+
+def _rounded(value: float) -> float | None:
+    if not math.isfinite(value):
+        return None
+    if abs(value) < NEGLIGIBLE:
+        return 0.0  # also drops the sign of -0.0
+    return float(f"{value:.{SIGNIFICANT_DIGITS}g}")
+
+
+def _layout(value: Any, indent: str = "", before: str = "") -> str:
+    """Indent by two, but keep on one line whatever fits: a matrix reads better in a row than in nine."""
+    compact = before + json.dumps(value, allow_nan=False)
+    if len(indent) + len(compact) <= LINE_LENGTH or not isinstance(value, dict | list):
+        return compact
+    inner = indent + "  "
+    if isinstance(value, dict):
+        opening, closing = "{", "}"
+        lines = [_layout(item, inner, f"{json.dumps(key)}: ") for key, item in value.items()]
+    else:
+        opening, closing = "[", "]"
+        lines = [_layout(item, inner) for item in value]
+    return before + opening + ",".join(f"\n{inner}{line}" for line in lines) + f"\n{indent}{closing}"

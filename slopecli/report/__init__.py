@@ -1,0 +1,1 @@
+"""From a solution to a Report, the mirror of slopes.json."""

@@ -1,0 +1,79 @@
+"""What a plane of a built scene is: ground, wall or roof, told by its slope and its height above the ground."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+import numpy as np
+
+from slopecli.geometry.camera import points_on_plane
+from slopecli.geometry.statistics import median, quantile
+from slopecli.types import FloatArray, Plane, Report
+
+Kind = Literal["ground", "wall", "roof", "ceiling"]
+
+WALL_DEG = 60.0  # hardly a roof is steeper, and hardly a wall leans as far
+LEVEL_DEG = 15.0  # streets and squares are flatter than this; roofs as flat have height to tell them
+KNOWN_DEG = 5.0  # 1-sigma of a slope beyond which it does not tell that a plane is level
+LARGE = 0.1  # of the largest level plane: a smaller one below it may be a mistake, or a pit
+AT_GROUND = 0.02  # height over the distance to the camera up to which a plane counts as lying on the ground
+LOW_END = 0.1  # of a plane's outline: the share that may be lower, as outlines are ragged
+
+
+def plane_shares(report: Report) -> dict[int, float]:
+    """Return the share of image 1, 0..1, that every plane of the report holds, by id."""
+    most = max((plane.id for plane in report.planes), default=0)
+    counts = np.bincount(report.labels.ravel(), minlength=most + 1)
+    return {plane.id: float(counts[plane.id]) / report.labels.size for plane in report.planes}
+
+
+def plane_kinds(report: Report) -> dict[int, Kind | None]:
+    """Tell by id what every plane of the report is; only as good as the report's up direction.
+
+    A plane steeper than 60 degrees is a wall, one that faces down as far beyond the vertical a ceiling. The others are
+    ground if their low end is on the ground or below it, roof if it is above: any surface that stands on something.
+    The ground is the lowest of the large level planes, extended. Without a level plane there is no height to tell
+    ground from roof by, and None is given.
+    """
+    upright: dict[int, Kind | None] = {plane.id: _upright_kind(plane) for plane in report.planes}
+    outlines = {plane.id: _outline(plane, report) for plane in report.planes}
+    ground = _ground(report, outlines)
+    if ground is None:
+        return upright
+    lying: dict[int, Kind] = {
+        i: "ground" if _low_end(points, ground) < AT_GROUND else "roof" for i, points in outlines.items()
+    }
+    return {i: kind or lying[i] for i, kind in upright.items()}
+
+
+def _upright_kind(plane: Plane) -> Kind | None:
+    if plane.slope_deg > 180.0 - WALL_DEG:
+        return "ceiling"
+    return "wall" if plane.slope_deg > WALL_DEG else None
+
+
+def _outline(plane: Plane, report: Report) -> FloatArray:
+    """(n, 3) points of a plane's outline in camera-1 axes, without those towards its horizon."""
+    points, met = points_on_plane(report.cameras[0], plane.polygon_px, plane.normal_cam1, plane.distance)
+    return points[met]
+
+
+def _ground(report: Report, outlines: dict[int, FloatArray]) -> Plane | None:
+    """The lowest of the large level planes along up, None where no plane is level."""
+    shares = plane_shares(report)
+    level = [plane for plane in report.planes if _is_level(plane) and len(outlines[plane.id])]
+    if not level:
+        return None
+    least = LARGE * max(shares[plane.id] for plane in level)
+    up = np.array(report.up.vector_cam1)
+    return min((p for p in level if shares[p.id] >= least), key=lambda p: median(outlines[p.id] @ up))
+
+
+def _is_level(plane: Plane) -> bool:
+    return plane.slope_deg < LEVEL_DEG and plane.slope_sigma_deg < KNOWN_DEG
+
+
+def _low_end(points: FloatArray, ground: Plane) -> float:
+    """Height of a plane's lower end above the ground, over its distance to the camera."""
+    height = points @ ground.normal_cam1 + ground.distance
+    return quantile(height / np.linalg.norm(points, axis=1), LOW_END) if len(points) else 0.0

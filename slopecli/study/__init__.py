@@ -1,0 +1,1 @@
+"""The simulation study of the paper, section 4.1, and its figures."""

@@ -1,0 +1,350 @@
+"""What the paper claims of its simulation (section 4.1), and whether a study bears it out.
+
+Errors are means over terrains, as in the paper ("average slope error", Fig. 5), of homography alignment unless the
+claim names another solver; only the bound is held against root mean squares, as it is one. "Usual" noise is what the
+paper calls normal: up to 0.3 px. In a study smaller than the paper's, what chance may have made is no verdict.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from functools import partial
+
+import numpy as np
+
+from slopecli.records import dataclass
+from slopecli.study.sampling import chance_of_ratios, counted, is_large, jackknifed
+from slopecli.study.timing import Timing
+from slopecli.study.trials import QUANTITIES, Spread, Study
+from slopecli.types import BoolArray, FloatArray
+
+USUAL_PX = 0.3
+MOTION = QUANTITIES[:2]
+FEW = 10  # iterations
+TOGETHER = 0.85  # correlation that eleven noises have by chance once in a thousand times
+BOUND_MARGIN = 0.1
+LINEAR, LINEAR_FROM = 1.05, 64  # exponent of the time, and windows from which on it is fitted
+ONE_LINE = 1e-6  # px
+TOO_FEW = "too few trials"
+
+
+@dataclass(frozen=True)
+class Claim:
+    """One claim: where it is made, what was measured, and whether it held; None: this study cannot tell, and why."""
+
+    name: str
+    source: str
+    statement: str
+    measured: float | None
+    limit: str
+    held: bool | None
+    reason: str | None = None
+
+
+class CannotTell(Exception):
+    """The study has not what a claim is about."""
+
+
+@dataclass(frozen=True)
+class _Rule:
+    """How a claim is judged: `measure` gives a number, which must be `below` or `above` the limit."""
+
+    name: str
+    source: str
+    statement: str
+    measure: Callable[[Study], float]
+    below: float | None = None
+    above: float | None = None
+    error: Callable[[Study], float] | None = None  # by how much chance moves it; None: found by leaving out terrains
+
+    def judged(self, study: Study) -> Claim:
+        limit = f"< {self.below:g}" if self.below is not None else f"> {self.above:g}"
+        try:
+            value = self.measure(study)
+        except CannotTell as reason:
+            return Claim(self.name, self.source, self.statement, None, limit, None, str(reason))
+        margin = value - (self.below if self.below is not None else self.above or 0.0)
+        error = self.error or partial(jackknifed, measure=self.measure)
+        if not is_large(study) and error(study) > abs(margin):
+            return Claim(self.name, self.source, self.statement, value, limit, None, TOO_FEW)
+        held = margin < 0.0 if self.below is not None else margin > 0.0
+        return Claim(self.name, self.source, self.statement, value, limit, bool(held))
+
+
+def judge_study(study: Study) -> list[Claim]:
+    """Every claim about the trials, in the order the paper makes them; those of slopemap itself at the end."""
+    return [rule.judged(study) for rule in RULES]
+
+
+def judge_spread(spread: Spread) -> Claim:
+    """The claim of Figure 2."""
+    statement = "after alignment one epipolar geometry: a point's images under all homographies lie on one line"
+    held = spread.off_line_after < ONE_LINE < spread.off_line_before
+    return Claim("one-epipolar-geometry", "Fig. 2", statement, spread.off_line_after, f"< {ONE_LINE:g} px", held)
+
+
+def judge_times(timings: Sequence[Timing]) -> list[Claim]:
+    """The claim of Figure 6, for every solver that was timed with enough windows."""
+    claims = []
+    for solver in dict.fromkeys(timing.solver for timing in timings):
+        statement = f"time of {solver} almost linear in the number of windows: exponent, from {LINEAR_FROM} windows on"
+        exponent = time_exponent(timings, solver)
+        cannot = "too few sizes were timed" if exponent is None else None
+        held = None if exponent is None else exponent <= LINEAR
+        limit = f"<= {LINEAR:g}"
+        claims.append(Claim(f"linear-time-{solver}", "Fig. 6", statement, exponent, limit, held, cannot))
+    return claims
+
+
+def time_exponent(timings: Sequence[Timing], solver: str) -> float | None:
+    """Power of the number of windows that the time of a solver grows with, by least squares on logarithms."""
+    points = [(t.windows, t.seconds) for t in timings if t.solver == solver and t.windows >= LINEAR_FROM]
+    if len(points) < 2:
+        return None
+    windows, seconds = np.log(np.array(points)).T
+    return float(np.polyfit(windows, seconds, 1)[0])
+
+
+# ---- what is measured ----
+
+
+def mean(errors: FloatArray, axis: int | tuple[int, ...] = -1) -> FloatArray:
+    """Mean of what is there; NaN where nothing is."""
+    present = np.isfinite(errors)
+    count = present.sum(axis=axis)
+    total = np.where(present, errors, 0.0).sum(axis=axis)
+    return np.asarray(np.where(count, total / np.maximum(count, 1), np.nan))
+
+
+def rms(errors: FloatArray, axis: int | tuple[int, ...] = -1) -> FloatArray:
+    """Root mean square of what is there; NaN where nothing is."""
+    return np.sqrt(mean(errors**2, axis))
+
+
+def _errors(study: Study, solver: str, quantity: str) -> FloatArray:
+    if solver not in study.options.solvers:
+        raise CannotTell(f"solver {solver} was not run")
+    return study.errors(solver, quantity)
+
+
+def _noises(study: Study) -> FloatArray:
+    noises = np.array(study.options.noises_px)
+    if not (noises > 0.0).any():
+        raise CannotTell("there is no noise in this study")
+    return noises
+
+
+def _usual(study: Study) -> BoolArray:
+    noises = _noises(study)
+    usual = (noises > 0.0) & (noises <= USUAL_PX + 1e-9)
+    if not usual.any():
+        raise CannotTell(f"no noise up to {USUAL_PX:g} px is in this study")
+    return np.asarray(usual)
+
+
+def _trajectory(study: Study, angle: float) -> int:
+    if angle not in study.options.trajectories_deg:
+        raise CannotTell(f"the {angle:g} deg trajectory is not in this study")
+    if len(study.options.trajectories_deg) < 2:
+        raise CannotTell("there is only one trajectory in this study")
+    return study.options.trajectories_deg.index(angle)
+
+
+def _others(study: Study, angle: float) -> list[int]:
+    own = _trajectory(study, angle)
+    return [i for i in range(len(study.options.trajectories_deg)) if i != own]
+
+
+def _per_noise(study: Study, errors: FloatArray) -> FloatArray:
+    """Errors, or bounds, over the noise, without what has no noise."""
+    noises = _noises(study)
+    shape = (1, -1, *[1] * (errors.ndim - 2))
+    return np.asarray(errors[:, noises > 0.0] / noises[noises > 0.0].reshape(shape))
+
+
+def _all_noises(study: Study, solver: str, quantity: str) -> FloatArray:
+    """(trajectories,) or (trajectories, m) mean of errors over noise, all noises that are not 0 taken together."""
+    return mean(_per_noise(study, _errors(study, solver, quantity)), (1, 2))
+
+
+def _unanswered(study: Study) -> float:
+    return float(sum(trial.reason is not None for trial in study.trials if trial.solver != "lh"))
+
+
+def _usual_rotation(study: Study) -> float:
+    errors = _errors(study, "ha", "rotation_error")[:, _usual(study)]
+    return float(np.degrees(mean(errors).max()))
+
+
+def _usual_translation(study: Study, vertical: bool) -> float:
+    rows = [_trajectory(study, 0.0)] if vertical else _others(study, 0.0)
+    return float(100.0 * mean(_errors(study, "ha", "direction_error")[:, _usual(study)][rows]).max())
+
+
+def _usual_window(study: Study, window: int) -> float:
+    _nine(study)
+    return float(np.degrees(mean(_errors(study, "ha", "normal_errors")[:, _usual(study), :, window]).max()))
+
+
+def _nine(study: Study) -> None:
+    if study.options.grid != (3, 3):
+        raise CannotTell("the windows are not those of the paper, 3 x 3")
+
+
+def _against_others(study: Study, angle: float, best: bool) -> float:
+    """Errors of one trajectory over those of the next best, or next worst; the less favourable of the motion's two."""
+    own, others = _trajectory(study, angle), _others(study, angle)
+    errors = [_all_noises(study, "ha", quantity) for quantity in MOTION]
+    if best:
+        return float(max(e[own] / e[others].min() for e in errors))
+    return float(min(e[own] / e[others].max() for e in errors))
+
+
+def _gain_over_lh(study: Study) -> float:
+    """Least ratio of the errors of averaged Longuet-Higgins to those of alignment."""
+    return float(min((_all_noises(study, "lh", q) / _all_noises(study, "ha", q)).min() for q in MOTION))
+
+
+def _worst_window(study: Study) -> float:
+    """How much larger the error of window 4 is, in vertical descent, than the largest of the other windows."""
+    _nine(study)
+    errors = _all_noises(study, "ha", "normal_errors")[_trajectory(study, 0.0)]
+    return float(errors[4] / np.delete(errors, 4).max())
+
+
+def _correlation_with_noise(study: Study) -> float:
+    noises = _noises(study)
+    if len(noises) < 3:
+        raise CannotTell("there are fewer than three noises in this study")
+    errors = mean(_errors(study, "ha", "rotation_error"))
+    return float(min(np.corrcoef(noises, row)[0, 1] for row in errors))
+
+
+def _correlation_of_motion(study: Study) -> float:
+    if len(_noises(study)) < 3:
+        raise CannotTell("there are fewer than three noises in this study")
+    rotation, translation = (mean(_errors(study, "ha", quantity)) for quantity in MOTION)
+    return float(min(np.corrcoef(a, b)[0, 1] for a, b in zip(rotation, translation, strict=True)))
+
+
+def _iterations(study: Study, solver: str) -> float:
+    found = [trial.iterations for trial in study.trials if trial.solver == solver and trial.reason is None]
+    if not found:
+        raise CannotTell(f"solver {solver} was not run")
+    return float(np.median(found))
+
+
+def _off_bound(study: Study) -> float:
+    """Largest departure from 1 of RMS error over bound, for every trajectory, of rotation, translation and normals."""
+    o = study.options
+    if o.relief or o.outliers or o.noise1_px:
+        raise CannotTell("the bound is for noise in image 2 alone, on planes, without mismatches")
+    ratios = [bound_ratios(study, "mle", quantity).ravel() for quantity in QUANTITIES]
+    return float(np.abs(np.concatenate(ratios) - 1.0).max())
+
+
+def bound_ratios(study: Study, solver: str, quantity: str) -> FloatArray:
+    """(trajectories,) or (trajectories, m) RMS error over the bound; all noises together, in units of the noise."""
+    errors, least = (_per_noise(study, e) for e in (_errors(study, solver, quantity), study.bound(quantity)))
+    return np.asarray(rms(errors, (1, 2)) / rms(least, (1, 2)))
+
+
+RULES = (
+    _Rule(
+        "all-answered",
+        "section V",
+        "no trial fails: trials of ha and mle without an answer",
+        _unanswered,
+        below=0.5,
+        error=counted,
+    ),
+    _Rule(
+        "rotation", "Fig. 4", "rotation error below 0.1 deg at usual noise, any trajectory", _usual_rotation, below=0.1
+    ),
+    _Rule(
+        "vertical-translation",
+        "Fig. 4",
+        "translation error of vertical descent roughly 0.5 % at usual noise",
+        partial(_usual_translation, vertical=True),
+        below=0.6,
+    ),
+    _Rule(
+        "other-translation",
+        "Fig. 4",
+        "translation error of the other trajectories below 0.25 % at usual noise",
+        partial(_usual_translation, vertical=False),
+        below=0.25,
+    ),
+    _Rule(
+        "vertical-worst",
+        "Fig. 4",
+        "vertical descent is the least accurate: its errors over the largest of the others",
+        partial(_against_others, angle=0.0, best=False),
+        above=1.0,
+    ),
+    _Rule(
+        "gliding-best",
+        "Fig. 4",
+        "45 deg gliding is the most accurate: its errors over the smallest of the others",
+        partial(_against_others, angle=45.0, best=True),
+        below=1.0,
+    ),
+    _Rule("grows-with-noise", "Fig. 4", "errors grow with noise: correlation", _correlation_with_noise, above=TOGETHER),
+    _Rule(
+        "rotation-and-translation",
+        "Fig. 4",
+        "errors of rotation and translation go together: correlation",
+        _correlation_of_motion,
+        above=TOGETHER,
+    ),
+    _Rule(
+        "twice-as-accurate",
+        "Fig. 4",
+        "at least twice as accurate as averaged Longuet-Higgins: ratio of errors",
+        _gain_over_lh,
+        above=2.0,
+    ),
+    _Rule(
+        "window-3",
+        "Fig. 5",
+        "slope error of window 3 below 0.5 deg at usual noise, any trajectory",
+        partial(_usual_window, window=3),
+        below=0.5,
+    ),
+    _Rule(
+        "window-4-worst",
+        "Fig. 5",
+        "window 4 is the worst in vertical descent: its error over the largest of the others",
+        _worst_window,
+        above=1.0,
+    ),
+    _Rule(
+        "window-5",
+        "Fig. 5",
+        "slope error of window 5, a typical one, below 1 deg at usual noise",
+        partial(_usual_window, window=5),
+        below=1.0,
+    ),
+    _Rule(
+        "few-iterations",
+        "section 4.1",
+        "a few iterations: median sweeps of ha, the slower of its two starts",
+        partial(_iterations, solver="ha"),
+        below=FEW,
+    ),
+    _Rule(
+        "few-iterations-mle",
+        "slopemap",
+        "a few iterations: median of mle",
+        partial(_iterations, solver="mle"),
+        below=FEW,
+    ),
+    _Rule(
+        "at-the-bound",
+        "slopemap",
+        "mle at the Cramer-Rao bound: largest departure of RMS error over bound from 1",
+        _off_bound,
+        below=BOUND_MARGIN,
+        error=chance_of_ratios,
+    ),
+)
