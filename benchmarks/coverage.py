@@ -25,7 +25,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from slopecli.errors import NoAnswer
-from slopecli.look.features import FeatureMemory
+from slopecli.look import FeatureMemory
 from slopecli.options import Options
 from slopecli.pipeline import estimate
 from slopecli.types import Camera, Image, Report

@@ -18,10 +18,8 @@ from types import ModuleType
 import cv2
 import numpy as np
 
-from slopecli.geometry import solve_planes
-from slopecli.geometry.epipolar import homogeneous
-from slopecli.geometry.metrics import rotation_angle
-from slopecli.study.scenes import Scene
+from slopecli.geometry import homogeneous, rotation_angle, solve_planes
+from slopecli.study import Scene
 from slopecli.types import FloatArray
 
 THRESHOLD_PX = 1.0  # beyond which every peer takes a correspondence for a mismatch

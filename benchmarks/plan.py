@@ -20,8 +20,8 @@ import numpy as np
 from accuracy import TruePair, true_pairs
 
 from slopecli.errors import SlopemapError
-from slopecli.io.cameras.reading import decode_camera
-from slopecli.io.images import load_image
+from slopecli.io import load_image
+from slopecli.io.cameras import decode_camera
 from slopecli.options import Options
 from slopecli.pipeline import estimate
 from slopecli.plan import Flight, Window, forecast

@@ -28,7 +28,7 @@ from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 
 from slopecli.errors import NoAnswer
-from slopecli.io.images import load_image
+from slopecli.io import load_image
 from slopecli.options import Options
 from slopecli.patches import label_planes
 from slopecli.pipeline import estimate

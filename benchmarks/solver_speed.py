@@ -17,7 +17,7 @@ import cv2
 import numpy as np
 
 from slopecli.geometry import solve_planes
-from slopecli.study.scenes import Scene, make_scene
+from slopecli.study import Scene, make_scene
 
 # (title, grid, options, rounds, largest ratio allowed)
 CASES = [

@@ -22,8 +22,8 @@ import numpy as np
 from peers import Answer, Peer, find_peers
 
 from slopecli.errors import SlopemapError
-from slopecli.geometry.metrics import direction_angle, normal_angle, rotation_angle
-from slopecli.study.scenes import Scene, make_scene
+from slopecli.geometry import direction_angle, normal_angle, rotation_angle
+from slopecli.study import Scene, make_scene
 from slopecli.types import FloatArray
 
 SEED, NOISE_PX = 1, 0.3

@@ -12,7 +12,7 @@ import sys
 
 import numpy as np
 
-from slopecli.study.scenes import Scene, make_scene
+from slopecli.study import Scene, make_scene
 from slopecli.types import Camera
 
 SEED = 7

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 from functools import cached_property
 from typing import Literal, TypedDict
 
@@ -14,7 +15,6 @@ from slopecli.geometry.slope import measure_slopes, probability_below, slope_int
 from slopecli.geometry.statistics import median
 from slopecli.options import Options
 from slopecli.patches.join import Matched
-from slopecli.records import dataclass
 from slopecli.types import FloatArray, Slopes, Solution, Up
 
 Verdict = Literal["safe", "unsafe", "undecided"]

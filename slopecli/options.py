@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Literal
-
-from slopecli.records import dataclass
 
 MOST_SIGMA_DEG = 60.0  # a slope known no better could be any
 

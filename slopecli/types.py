@@ -8,12 +8,12 @@ that of `geometry/` (radians, normalised coordinates, baselines) carries it in i
 
 from __future__ import annotations
 
+from dataclasses import dataclass, field
 from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
-from slopecli.records import dataclass, field
 from slopecli.segmentation import Segmentation
 
 FloatArray = NDArray[np.float64]

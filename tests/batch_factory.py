@@ -10,7 +10,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from slopecli.batch.jobs import CameraChoice, Job, Keep, Pair
+from slopecli.batch import CameraChoice, Job, Keep, Pair
 from slopecli.options import Options
 
 DESCENT = Path(__file__).resolve().parent.parent / "sample_data" / "descent"

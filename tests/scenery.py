@@ -14,8 +14,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from slopecli.geometry.camera import pixels_from_rays, rays_from_pixels
-from slopecli.geometry.epipolar import homogeneous, rotation_from_vector
+from slopecli.geometry import homogeneous, pixels_from_rays, rays_from_pixels, rotation_from_vector
 from slopecli.types import Camera, FloatArray, IntArray
 
 Grey = NDArray[np.uint8]

@@ -7,14 +7,11 @@ from collections.abc import Sequence
 import numpy as np
 from report_factory import make_camera, make_image, normal_of
 
-from slopecli.geometry.epipolar import homogeneous, tangent_basis
+from slopecli.geometry import homogeneous, tangent_basis
 from slopecli.options import Options
-from slopecli.patches.footprint import Footprint, window_footprint
-from slopecli.patches.join import Matched
-from slopecli.patches.match import WindowMatch, no_match
-from slopecli.patches.patch_set import Patches
-from slopecli.report.build import build_report
-from slopecli.study.scenes import project
+from slopecli.patches import Footprint, Matched, Patches, WindowMatch, no_match, window_footprint
+from slopecli.report import build_report
+from slopecli.study import project
 from slopecli.types import Ambiguity, Correspondences, FloatArray, Report, Solution, Source
 from slopecli.windows import Window
 

@@ -6,11 +6,18 @@ import numpy as np
 import pytest
 
 from slopecli.errors import DegenerateConfiguration
-from slopecli.geometry import align_homographies, homography_of_plane, rotation_angle, solve_planes
-from slopecli.geometry.alignment import reprojection_error, solve_base_homography, solve_delta_normals
-from slopecli.geometry.metrics import direction_angle
-from slopecli.geometry.solver.observations import observe
-from slopecli.study.scenes import make_scene, paper_scene
+from slopecli.geometry import (
+    align_homographies,
+    direction_angle,
+    homography_of_plane,
+    reprojection_error,
+    rotation_angle,
+    solve_base_homography,
+    solve_delta_normals,
+    solve_planes,
+)
+from slopecli.geometry.solver import observe
+from slopecli.study import make_scene, paper_scene
 
 
 def jacobian_rank(m: int) -> int:

@@ -15,14 +15,12 @@ import pytest
 from batch_factory import SIDE, make_images, make_job, make_pair, make_pairs, tree
 from report_factory import make_ambiguity, make_camera, make_report
 
-from slopecli.batch import answer as room
-from slopecli.batch.answer import answer, answer_jobs, load_inputs
-from slopecli.batch.jobs import Answer, CameraChoice, Job, Keep, Pair, Shipped
-from slopecli.batch.ledger import store
+import slopecli.batch.answer as room
+from slopecli.batch import Answer, CameraChoice, Job, Keep, Pair, Shipped, answer_jobs, load_inputs, store
+from slopecli.batch.answer import answer
 from slopecli.errors import DiskFull, InputError
-from slopecli.io.cameras.reading import camera_for
-from slopecli.io.images import load_image
-from slopecli.io.outputs import write_outputs
+from slopecli.io import load_image, write_outputs
+from slopecli.io.cameras import camera_for
 from slopecli.look import features
 from slopecli.options import Options
 from slopecli.pipeline import estimate

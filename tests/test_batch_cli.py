@@ -18,7 +18,7 @@ import pytest
 from command import Done, in_a_process, slopemap
 from test_cli import DESCENT
 
-from slopecli.batch.jobs import Outcome, Progress
+from slopecli.batch import Outcome, Progress
 from slopecli.cli.batch_table import batch_table
 from slopecli.cli.progress import ProgressLine
 from slopecli.cli.talk import Talk

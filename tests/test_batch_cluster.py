@@ -15,8 +15,7 @@ from typing import Any
 import pytest
 from batch_factory import make_images, make_pairs, tree
 
-from slopecli.batch import run
-from slopecli.batch.jobs import Keep, Outcome, Pair, Progress
+from slopecli.batch import Keep, Outcome, Pair, Progress, run
 from slopecli.errors import InputError
 from slopecli.options import Options
 

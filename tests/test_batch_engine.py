@@ -12,9 +12,7 @@ from pathlib import Path
 import pytest
 from batch_factory import make_job
 
-from slopecli.batch.engine import run_batch
-from slopecli.batch.jobs import Answer, CameraChoice, Job, Outcome, Pair
-from slopecli.batch.worker import WorkerCrashed, WorkerTimeout
+from slopecli.batch import Answer, CameraChoice, Job, Outcome, Pair, WorkerCrashed, WorkerTimeout, run_batch
 from slopecli.errors import DiskFull, InputError
 
 CAMERA = CameraChoice(fov_deg=60.0)

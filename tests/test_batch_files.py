@@ -7,7 +7,7 @@ import json
 from dataclasses import fields
 from io import StringIO
 
-from slopecli.io.batch_files import results_jsonl, summary_csv
+from slopecli.io import results_jsonl, summary_csv
 from slopecli.orders import Outcome
 
 ANSWERED = Outcome(

@@ -13,11 +13,9 @@ from typing import Any
 import pytest
 from batch_factory import make_job
 
-from slopecli.batch.jobs import CameraChoice, Job, Keep, Outcome, Pair
-from slopecli.batch.ledger import TRANSIENT, failure, fingerprint_of, finished, store
+from slopecli.batch import TRANSIENT, CameraChoice, Job, Keep, Outcome, Pair, failure, fingerprint_of, finished, store
 from slopecli.errors import DiskFull
-from slopecli.io.atomic import remove_temporary, write_atomically
-from slopecli.io.outputs import OUTPUT_NAMES
+from slopecli.io import OUTPUT_NAMES, remove_temporary, write_atomically
 from slopecli.options import Options
 
 CAMERA = CameraChoice(file="camera.json#left")

@@ -15,7 +15,7 @@ from urllib.parse import unquote_to_bytes, urlsplit
 
 import pytest
 
-from slopecli.io.batch_page import index_html
+from slopecli.io import index_html
 from slopecli.orders import Outcome
 
 FILES = ("slopes.json", "labels.png", "overlay.png")

@@ -11,10 +11,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from slopecli.batch.jobs import CameraChoice, Pair
-from slopecli.batch.pairs import FoundPairs, find_pairs, safe_name
+from slopecli.batch import CameraChoice, FoundPairs, Pair, find_pairs, safe_name
 from slopecli.errors import InputError
-from slopecli.io.pair_sources import natural_key
+from slopecli.io import natural_key
 
 SAMPLE = Path(__file__).resolve().parent.parent / "sample_data"
 CAMERA = {"width": 320, "height": 240, "fx": 300, "fy": 300, "cx": 159.5, "cy": 119.5}

@@ -11,10 +11,7 @@ from pathlib import Path
 import pytest
 from batch_factory import make_images, make_job, make_pairs, tree
 
-from slopecli.batch import run
-from slopecli.batch.jobs import Keep, Pair, Progress
-from slopecli.batch.remote import answer_here
-from slopecli.batch.worker import Worker
+from slopecli.batch import Keep, Pair, Progress, Worker, answer_here, run
 from slopecli.errors import InputError
 from slopecli.io import atomic
 from slopecli.options import Options

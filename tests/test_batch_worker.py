@@ -14,7 +14,7 @@ from concurrent.futures import BrokenExecutor, Future
 import numpy as np
 import pytest
 
-from slopecli.batch.worker import Limits, Worker, WorkerCrashed, WorkerTimeout
+from slopecli.batch import Limits, Worker, WorkerCrashed, WorkerTimeout
 from slopecli.errors import DiskFull, InputError, NoAnswer
 
 PATIENCE_S = 60.0

@@ -11,7 +11,7 @@ import pytest
 import solvers
 from documents import write_between
 
-from slopecli.study.scenes import make_scene
+from slopecli.study import make_scene
 
 ROOT = Path(__file__).parents[1]
 

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from slopecli.errors import InputError
-from slopecli.geometry.camera import (
+from slopecli.geometry import (
     OUTSIDE_PX,
     pinhole_of,
     pixels_from_rays,

@@ -10,8 +10,7 @@ import pytest
 import yaml
 
 from slopecli.errors import InputError
-from slopecli.io.cameras.colmap import MODELS
-from slopecli.io.cameras.reading import camera_from_fov, camera_from_intrinsics, fit_camera_to_image, load_camera
+from slopecli.io.cameras import MODELS, camera_from_fov, camera_from_intrinsics, fit_camera_to_image, load_camera
 from slopecli.types import Camera
 
 K = (800.0, 810.0, 511.5, 383.5)

@@ -6,12 +6,16 @@ import numpy as np
 import pytest
 from scenery import make_camera, render, tilted, turn, unit
 
-from slopecli.geometry.camera import pixels_from_rays, rays_from_pixels
-from slopecli.geometry.homography import apply_homography, homography_in_pixels, homography_of_plane
-from slopecli.geometry.metrics import normal_angle
-from slopecli.look.features import shrink
-from slopecli.look.transfer_error import NOISE_GREY, OUTSIDE, TRUNCATED, Comparison
-from slopecli.look.warp import Grid, Pyramid
+from slopecli.geometry import (
+    apply_homography,
+    homography_in_pixels,
+    homography_of_plane,
+    normal_angle,
+    pixels_from_rays,
+    rays_from_pixels,
+)
+from slopecli.look import OUTSIDE, TRUNCATED, Comparison, Grid, Pyramid, shrink
+from slopecli.look.transfer_error import NOISE_GREY
 from slopecli.types import Camera
 
 R, T = turn(0.5, 1.0, 0.3), unit(1.0, 0.2, 0.1)

@@ -8,13 +8,9 @@ import numpy as np
 import pytest
 from scenery import Pair, Surface, make_camera, render, tilted, turn, unit
 
-from slopecli.geometry.camera import rays_from_pixels
-from slopecli.geometry.epipolar import homogeneous
-from slopecli.look.dense import Cells
-from slopecli.look.evidence import gather_evidence
-from slopecli.look.scene import Scene
-from slopecli.look.warp import Pyramid
-from slopecli.patches.windows.contradiction import contradict
+from slopecli.geometry import homogeneous, rays_from_pixels
+from slopecli.look import Cells, Pyramid, Scene, gather_evidence
+from slopecli.patches.windows import contradict
 from slopecli.types import FloatArray
 
 R, T, GROUND = turn(1, -2, 3), unit(0.8, 0.2, 0.4), tilted(0.2, -0.1)

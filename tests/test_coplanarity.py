@@ -7,14 +7,9 @@ import pytest
 from solution_factory import make_match, make_solution, with_second_root
 
 from slopecli.geometry import measure_slopes, solve_planes
-from slopecli.geometry.solver.coplanar import AT, merge_coplanar
-from slopecli.geometry.solver.mismatches import chi2_quantile
-from slopecli.geometry.solver.priors import MotionPrior
-from slopecli.patches.footprint import window_footprint
-from slopecli.patches.join import Matched
-from slopecli.patches.merge_coplanar import merge_patches
-from slopecli.patches.patch_set import Patches
-from slopecli.study.scenes import UP, Scene, make_scene, project
+from slopecli.geometry.solver import AT, MotionPrior, chi2_quantile, merge_coplanar
+from slopecli.patches import Matched, Patches, merge_patches, window_footprint
+from slopecli.study import UP, Scene, make_scene, project
 from slopecli.types import Correspondences, Diagnostic, FloatArray, Solution
 from slopecli.windows import grid_windows
 

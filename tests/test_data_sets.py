@@ -18,11 +18,11 @@ import numpy as np
 import pytest
 
 from slopecli.errors import NoAnswer
-from slopecli.geometry.camera import pinhole_of
-from slopecli.io.images import load_image
+from slopecli.geometry import pinhole_of
+from slopecli.io import load_image
 from slopecli.options import Options
 from slopecli.pipeline import estimate
-from slopecli.products.slopes_json import report_to_json
+from slopecli.products import report_to_json
 from slopecli.types import Camera
 
 DATA = Path(os.environ.get("SLOPEMAP_DATA", "."))

@@ -6,9 +6,14 @@ import numpy as np
 import pytest
 
 from slopecli.errors import DegenerateConfiguration, InputError
-from slopecli.geometry import PlaneMotion, decompose_homography, homography_of_plane
-from slopecli.geometry.decomposition import longuet_higgins
-from slopecli.geometry.epipolar import homogeneous, rotation_from_vector
+from slopecli.geometry import (
+    PlaneMotion,
+    decompose_homography,
+    homogeneous,
+    homography_of_plane,
+    longuet_higgins,
+    rotation_from_vector,
+)
 
 EXACT = 1e-9
 R = rotation_from_vector(np.array([0.05, -0.1, 0.3]))

@@ -6,9 +6,21 @@ import numpy as np
 import pytest
 from scenery import Pair, Surface, make_camera, pixel_grid, render, texture_at, tilted, to_grey, turn, unit
 
-from slopecli.look.dense import Cells, dense_cells, flow, match_exposure
-from slopecli.look.features import Grey, shrink
-from slopecli.look.warp import Grid, Layer, Pyramid, Transfer, block_sum, covered, transfer_map
+from slopecli.look import (
+    Cells,
+    Grey,
+    Grid,
+    Layer,
+    Pyramid,
+    Transfer,
+    block_sum,
+    covered,
+    dense_cells,
+    flow,
+    match_exposure,
+    shrink,
+    transfer_map,
+)
 from slopecli.types import FloatArray
 
 R, T, GROUND = turn(1, -2, 3), unit(0.8, 0.2, 0.4), tilted(0.2, -0.1)

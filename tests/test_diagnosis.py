@@ -12,20 +12,20 @@ from scenery import warped_pair
 from solution_factory import WINDOWS, make_report_of, make_solution, with_second_root
 
 from slopecli.errors import NoAnswer
-from slopecli.findings.answer_checks import diagnose, epipole1_px
-from slopecli.findings.pair_checks import (
+from slopecli.findings import (
     Apart,
     check_parallax,
+    diagnose,
+    epipole1_px,
     parallax_px,
     refuse_identical,
     refuse_mirrored,
     refuse_unmatched,
 )
-from slopecli.geometry.camera import pixels_from_rays
-from slopecli.geometry.epipolar import homogeneous, rotation_from_vector
+from slopecli.geometry import homogeneous, pixels_from_rays, rotation_from_vector
 from slopecli.options import Options
 from slopecli.pipeline import estimate
-from slopecli.study.scenes import project
+from slopecli.study import project
 from slopecli.types import Diagnostic, FloatArray, Image, Report
 
 CAMERA = make_camera()

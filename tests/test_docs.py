@@ -13,13 +13,12 @@ from pathlib import Path
 
 import pytest
 
-from slopecli.batch import run
-from slopecli.batch.ledger import TRANSIENT
+from slopecli.batch import TRANSIENT, run
 from slopecli.cli.parameter_types import Pairing
 from slopecli.findings import answer_checks as findings
 from slopecli.findings import changes
 from slopecli.findings import pair_checks as diagnosis
-from slopecli.io.batch_files import COLUMNS
+from slopecli.io import COLUMNS
 from slopecli.look import gradient_components as segmentation
 from slopecli.orders import Outcome
 from slopecli.patches.regions import region_finder as regions

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from slopecli.geometry.draws import random_samples, uniform_draws
+from slopecli.geometry import random_samples, uniform_draws
 
 
 @pytest.mark.parametrize("n", [4, 5, 7, 1000])

@@ -5,9 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from slopecli.geometry import epipolar
-from slopecli.geometry.metrics import direction_angle, rotation_angle
-from slopecli.study.scenes import Scene, make_scene
+from slopecli.geometry import direction_angle, epipolar, rotation_angle
+from slopecli.study import Scene, make_scene
 
 
 @pytest.fixture

@@ -6,10 +6,8 @@ import numpy as np
 import pytest
 from scenery import Surface, make_camera, render, tilted, turn, unit
 
-from slopecli.geometry.camera import rays_from_pixels
-from slopecli.geometry.epipolar import homogeneous
-from slopecli.geometry.metrics import normal_angle
-from slopecli.look.evidence import Evidence, gather_evidence, scene_planes
+from slopecli.geometry import homogeneous, normal_angle, rays_from_pixels
+from slopecli.look import Evidence, gather_evidence, scene_planes
 from slopecli.types import FloatArray
 
 CAMERA = make_camera()

@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 from scenery import Pair, make_camera, pixel_grid, render, tilted, to_grey, turn, unit
 
-from slopecli.look import features
-from slopecli.look.features import (
+from slopecli.look import (
     EFFORTS,
     FeatureEffort,
     FeatureMemory,
+    features,
     match_descriptors,
     match_sift,
     shrink,

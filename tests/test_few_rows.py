@@ -8,13 +8,12 @@ import numpy as np
 import pytest
 
 from slopecli.errors import DegenerateConfiguration, NoAnswer
-from slopecli.geometry import solve_planes
-from slopecli.geometry.solver.uncertainty import small_sample
-from slopecli.geometry.tilt_interval import tilt_growth
+from slopecli.geometry import solve_planes, tilt_growth
+from slopecli.geometry.solver import small_sample
 from slopecli.options import Options
-from slopecli.patches.given.rows import Given
+from slopecli.patches.given import Given
 from slopecli.pipeline import solve
-from slopecli.study.scenes import Scene, make_scene
+from slopecli.study import Scene, make_scene
 from slopecli.types import IntArray, Report
 
 NOISE_PX = 0.3

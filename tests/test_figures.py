@@ -8,9 +8,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from slopecli.study.figures import draw_figures
-from slopecli.study.parameters import StudyOptions
-from slopecli.study.trials import alignment_spread, camera_of, run_study
+from slopecli.study import StudyOptions, alignment_spread, camera_of, draw_figures, run_study
 
 DRAWN = ("figure4_motion", "figure5_slopes")
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from slopecli.look.foerstner import SEARCH_PX, correlate_windows, foerstner_corners, match_foerstner
+from slopecli.look import SEARCH_PX, correlate_windows, foerstner_corners, match_foerstner
 from slopecli.types import FloatArray
 
 Grey = NDArray[np.uint8]

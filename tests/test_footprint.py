@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from slopecli.patches.footprint import paint_labels, region_footprints, window_footprint
+from slopecli.patches import paint_labels, region_footprints, window_footprint
 
 LABELS = np.zeros((40, 60), np.int32)
 LABELS[5:25, 5:35] = 1

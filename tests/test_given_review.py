@@ -10,9 +10,9 @@ import pytest
 
 from slopecli.errors import NoAnswer
 from slopecli.options import Options
-from slopecli.patches.given.rows import Given
+from slopecli.patches.given import Given
 from slopecli.pipeline import solve
-from slopecli.study.scenes import Scene, make_scene
+from slopecli.study import Scene, make_scene
 from slopecli.types import IntArray, Report
 
 FLIGHTS = (0.0, 45.0, 90.0)

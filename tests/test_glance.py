@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from slopecli.geometry.motion import MotionEstimate, assess_motion
+from slopecli.geometry import MotionEstimate, assess_motion
+from slopecli.look import Matches, Sparse
 from slopecli.look import coarse_pass as glance
-from slopecli.look.sparse import Matches, Sparse
 from slopecli.windows import Window, grid_windows
 
 GREY = np.zeros((1000, 1000), np.uint8)

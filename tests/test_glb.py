@@ -13,9 +13,8 @@ import numpy as np
 import pytest
 from report_factory import make_ambiguity, make_camera, make_image, make_region_labels, make_region_report
 
-from slopecli.geometry.camera import pixels_from_rays
-from slopecli.products.glb import LARGEST_TEXTURE_PX, model_from_camera1, report_to_glb
-from slopecli.products.region_mesh import region_surfaces
+from slopecli.geometry import pixels_from_rays
+from slopecli.products import LARGEST_TEXTURE_PX, model_from_camera1, region_surfaces, report_to_glb
 from slopecli.types import Camera, Image, Report, Scale, Up
 
 DISTORTED = Camera(640, 480, 420.0, 421.0, 318.0, 242.0, "brown", (-0.28, 0.07, 2e-4, -1e-4))

@@ -7,7 +7,7 @@ import pytest
 
 from slopecli.errors import DegenerateConfiguration, InputError
 from slopecli.geometry import apply_homography, fit_homography, homography_in_pixels, homography_of_plane
-from slopecli.study.scenes import make_scene
+from slopecli.study import make_scene
 
 
 def true_homography(seed: int) -> tuple[np.ndarray, np.ndarray, np.ndarray, float]:

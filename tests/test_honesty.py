@@ -6,12 +6,9 @@ import numpy as np
 import pytest
 
 from slopecli.errors import NoAnswer, SlopemapError
-from slopecli.geometry import measure_slopes, solve_planes
-from slopecli.geometry.epipolar import homogeneous
-from slopecli.geometry.metrics import normal_angle
-from slopecli.geometry.slope import probability_below
+from slopecli.geometry import homogeneous, measure_slopes, normal_angle, probability_below, solve_planes
 from slopecli.measure import judge
-from slopecli.study.scenes import Scene, make_scene, project
+from slopecli.study import Scene, make_scene, project
 from slopecli.types import BoolArray, FloatArray, IntArray, Solution
 
 pytestmark = pytest.mark.slow

@@ -12,7 +12,7 @@ import pytest
 from PIL import Image as PillowImage
 
 from slopecli.errors import InputError
-from slopecli.io.images import MAX_PIXELS, load_image
+from slopecli.io import MAX_PIXELS, load_image
 from slopecli.types import Image
 
 COLOUR = np.random.default_rng(3).integers(0, 256, (40, 64, 3), dtype=np.uint8)  # BGR

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from report_factory import make_camera, make_labels, make_plane, make_report, normal_of, rectangle
 
-from slopecli.report.kinds import plane_kinds, plane_shares
+from slopecli.report import plane_kinds, plane_shares
 from slopecli.types import Plane, Report, Up
 
 CAMERA = make_camera()  # 640x480, looks straight down from height 1 where nothing else is said

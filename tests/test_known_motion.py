@@ -12,13 +12,13 @@ import pytest
 from command import slopemap
 
 from slopecli.errors import InputError
-from slopecli.findings.known_motion import motion_prior, rotation_of_quaternion
-from slopecli.geometry.epipolar import rotation_from_vector, rotation_vector
-from slopecli.io.poses import load_pose
+from slopecli.findings import motion_prior, rotation_of_quaternion
+from slopecli.geometry import rotation_from_vector, rotation_vector
+from slopecli.io import load_pose
 from slopecli.options import Options, Pose
-from slopecli.patches.given.rows import Given
+from slopecli.patches.given import Given
 from slopecli.pipeline import solve
-from slopecli.study.scenes import make_scene
+from slopecli.study import make_scene
 
 DESCENT = Path(__file__).resolve().parent.parent / "sample_data" / "descent"
 TRUTH = json.loads((DESCENT / "truth.json").read_text())

@@ -8,13 +8,11 @@ import numpy as np
 import pytest
 from scenery import make_camera, render, tilted, turn, unit
 
-from slopecli.findings.pair_checks import check_lens
-from slopecli.geometry.camera import rays_from_pixels
-from slopecli.geometry.lens_misfit import LensMisfit, find_lens_misfit, fit_lens_misfit
-from slopecli.geometry.motion import refine_motion
+from slopecli.findings import check_lens
+from slopecli.geometry import LensMisfit, find_lens_misfit, fit_lens_misfit, rays_from_pixels, refine_motion
 from slopecli.options import Options
 from slopecli.pipeline import estimate
-from slopecli.study.scenes import Scene, field_of_view_camera, make_scene
+from slopecli.study import Scene, field_of_view_camera, make_scene
 from slopecli.types import Camera, FloatArray, Image
 
 PINHOLE = field_of_view_camera()

@@ -14,8 +14,7 @@ from pathlib import Path
 import pytest
 
 from slopecli.errors import InputError
-from slopecli.io import lock
-from slopecli.io.lock import locked
+from slopecli.io import lock, locked
 
 pytestmark = pytest.mark.skipif(os.name != "posix", reason="signals and descriptors of POSIX")
 

@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from slopecli.geometry.epipolar import rotation_from_vector, rotation_vector
-from slopecli.geometry.metrics import direction_angle, normal_angle, rotation_angle
+from slopecli.geometry import direction_angle, normal_angle, rotation_angle, rotation_from_vector, rotation_vector
 
 AXIS = np.array([0.36, -0.48, 0.8])
 

@@ -6,9 +6,16 @@ import numpy as np
 import pytest
 from scenery import tilted, turn, unit
 
-from slopecli.geometry.epipolar import homogeneous
-from slopecli.geometry.metrics import direction_angle, rotation_angle
-from slopecli.geometry.motion import MotionEstimate, assess_motion, epipolar_residual, inverse_depth, refine_motion
+from slopecli.geometry import (
+    MotionEstimate,
+    assess_motion,
+    direction_angle,
+    epipolar_residual,
+    homogeneous,
+    inverse_depth,
+    refine_motion,
+    rotation_angle,
+)
 from slopecli.types import FloatArray
 
 PX = 1 / 277.0  # of the cameras of these tests, normalised

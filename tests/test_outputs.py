@@ -21,9 +21,8 @@ from report_factory import (
 )
 
 from slopecli.errors import InputError
-from slopecli.io.outputs import OUTPUT_NAMES, check_directory, write_outputs
-from slopecli.products.slopes_json import report_to_json
-from slopecli.products.steps import draw_steps
+from slopecli.io import OUTPUT_NAMES, check_directory, write_outputs
+from slopecli.products import draw_steps, report_to_json
 
 ALL = {"slopes.json", "overlay.png", "patches.ply", "labels.png"}
 STEPS = {"step1_gradient.png", "step2_components.png", "step3_merged.png"}

@@ -21,14 +21,23 @@ from report_factory import (
     rectangle,
 )
 
-from slopecli.geometry.camera import pixels_from_rays, rays_from_pixels
-from slopecli.products.drawing.canvas import LARGEST_PX, SMALLEST_MAP_PX, SMALLEST_PX
-from slopecli.products.drawing.colormap import slope_colours
-from slopecli.products.drawing.lettering import text_width, wrapped
-from slopecli.products.drawing.outlines import Footprint, downhill_px, footprints_of
-from slopecli.products.drawing.placement import Placed, place_labels, slope_text
-from slopecli.products.drawing.region_numbers import place_region_labels
-from slopecli.products.overlay import draw_overlay
+from slopecli.geometry import pixels_from_rays, rays_from_pixels
+from slopecli.products import draw_overlay
+from slopecli.products.drawing import (
+    LARGEST_PX,
+    SMALLEST_MAP_PX,
+    SMALLEST_PX,
+    Footprint,
+    Placed,
+    downhill_px,
+    footprints_of,
+    place_labels,
+    place_region_labels,
+    slope_colours,
+    slope_text,
+    text_width,
+    wrapped,
+)
 from slopecli.types import Camera, Image, Plane, Rejected, Report, Up
 
 EUROC = Camera(752, 480, 458.7, 457.3, 367.2, 248.4, "brown", (-0.283, 0.074, 1.9e-4, 1.8e-5))

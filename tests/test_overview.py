@@ -6,10 +6,7 @@ import numpy as np
 import pytest
 from scenery import Pair, Surface, make_camera, pixel_grid, render, tilted, turn, unit
 
-from slopecli.look.dense import Cells
-from slopecli.look.features import shrink
-from slopecli.look.overview import overview_cells, sparse_transfer
-from slopecli.look.warp import Layer, Pyramid
+from slopecli.look import Cells, Layer, Pyramid, overview_cells, shrink, sparse_transfer
 from slopecli.types import FloatArray
 
 R, T, GROUND = turn(1, -2, 3), unit(0.8, 0.2, 0.4), tilted(0.2, -0.1)

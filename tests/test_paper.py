@@ -11,13 +11,13 @@ import pytest
 from slopecli.geometry import (
     align_homographies,
     decompose_homography,
+    direction_angle,
     homography_of_plane,
     measure_slopes,
+    rotation_angle,
     solve_planes,
 )
-from slopecli.geometry.metrics import direction_angle, rotation_angle
-from slopecli.study.scenes import UP, make_scene, paper_scene
-from slopecli.study.trials import paper_study
+from slopecli.study import UP, make_scene, paper_scene, paper_study
 
 ROOT = Path(__file__).parents[1]
 

@@ -7,23 +7,25 @@ import numpy as np
 import pytest
 from scenery import Pair, Surface, make_camera, render, tilted, turn, unit
 
-from slopecli.geometry.camera import pixels_from_rays, rays_from_pixels
-from slopecli.geometry.metrics import normal_angle
-from slopecli.look.features import shrink
-from slopecli.look.photometric import (
-    NOISE_GREY,
+from slopecli.geometry import normal_angle, pixels_from_rays, rays_from_pixels
+from slopecli.look import (
+    Layer,
     PlaneFit,
+    Pyramid,
     View,
     align_plane,
     cell_shifts,
     correlation,
+    cut,
     detrend,
     gain_between,
     make_view,
     normalise,
+    sample_map,
+    shrink,
     sweep_planes,
 )
-from slopecli.look.warp import Layer, Pyramid, cut, sample_map
+from slopecli.look.photometric import NOISE_GREY
 from slopecli.types import FloatArray
 
 R, T, GROUND = turn(1, -2, 3), unit(0.8, 0.2, 0.4), tilted(0.2, -0.1)

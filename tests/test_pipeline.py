@@ -16,14 +16,19 @@ import numpy as np
 import pytest
 
 from slopecli.errors import InputError, NoAnswer
-from slopecli.geometry.camera import pixels_from_rays, rays_from_pixels
-from slopecli.geometry.epipolar import homogeneous
-from slopecli.geometry.metrics import direction_angle, normal_angle, rotation_angle
-from slopecli.io.cameras.reading import load_camera
-from slopecli.io.images import load_image
+from slopecli.geometry import (
+    direction_angle,
+    homogeneous,
+    normal_angle,
+    pixels_from_rays,
+    rays_from_pixels,
+    rotation_angle,
+)
+from slopecli.io import load_image
+from slopecli.io.cameras import load_camera
 from slopecli.options import Options
 from slopecli.pipeline import estimate
-from slopecli.products.slopes_json import report_to_json
+from slopecli.products import report_to_json
 from slopecli.types import BoolArray, Camera, FloatArray, Image, Report
 from slopecli.windows import Window
 

@@ -12,16 +12,29 @@ import numpy as np
 import pytest
 
 from slopecli.errors import InputError, NoAnswer
-from slopecli.findings.wording import beside
-from slopecli.geometry import cramer_rao_bound, measure_slopes, solve_planes
-from slopecli.geometry.epipolar import homogeneous, rotation_from_vector
-from slopecli.geometry.metrics import normal_angle
-from slopecli.geometry.tilt_growth import lever
-from slopecli.plan import Flight, PlanOptions, forecast, ground_normals, horizontal, make_plan, needed_baseline
+from slopecli.findings import beside
+from slopecli.geometry import (
+    cramer_rao_bound,
+    homogeneous,
+    lever,
+    measure_slopes,
+    normal_angle,
+    rotation_from_vector,
+    solve_planes,
+)
+from slopecli.plan import (
+    Flight,
+    PlanOptions,
+    forecast,
+    ground_normals,
+    horizontal,
+    make_plan,
+    needed_baseline,
+    unseen_tilts,
+)
 from slopecli.plan import baseline as baseline_module
 from slopecli.plan import flight as flight_module
-from slopecli.plan.visibility import unseen_tilts
-from slopecli.study.scenes import UP, field_of_view_camera, project
+from slopecli.study import UP, field_of_view_camera, project
 from slopecli.types import Camera, FloatArray, IntArray, Solution
 from slopecli.windows import grid_windows
 

@@ -16,9 +16,8 @@ import pytest
 from command import slopemap
 
 from slopecli.cli import plan as command
-from slopecli.plan import PlanOptions, make_plan
-from slopecli.plan.plan_map import draw_plan, sigma_colours
-from slopecli.study.scenes import field_of_view_camera
+from slopecli.plan import PlanOptions, draw_plan, make_plan, sigma_colours
+from slopecli.study import field_of_view_camera
 from slopecli.windows import grid_windows
 
 ROOT = Path(__file__).resolve().parent.parent

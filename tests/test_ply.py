@@ -19,10 +19,9 @@ from report_factory import (
     rectangle,
 )
 
-from slopecli.geometry.camera import pixels_from_rays
-from slopecli.products.drawing.colormap import slope_colours
-from slopecli.products.ply import plane_mesh, report_to_ply, triangulate
-from slopecli.products.region_mesh import region_surfaces
+from slopecli.geometry import pixels_from_rays
+from slopecli.products import plane_mesh, region_surfaces, report_to_ply, triangulate
+from slopecli.products.drawing import slope_colours
 from slopecli.types import Camera, Image, Motion, Report, Scale
 
 DISTORTED = Camera(640, 480, 420.0, 421.0, 318.0, 242.0, "brown", (-0.28, 0.07, 2e-4, -1e-4))

@@ -6,12 +6,9 @@ import numpy as np
 import pytest
 
 from slopecli.errors import InputError
-from slopecli.geometry import solve_planes
-from slopecli.geometry.epipolar import rotation_from_vector, rotation_vector
-from slopecli.geometry.metrics import normal_angle, rotation_angle
-from slopecli.geometry.solver.priors import MotionPrior
-from slopecli.geometry.solver.uncertainty import cramer_rao_bound
-from slopecli.study.scenes import Scene, make_scene
+from slopecli.geometry import normal_angle, rotation_angle, rotation_from_vector, rotation_vector, solve_planes
+from slopecli.geometry.solver import MotionPrior, cramer_rao_bound
+from slopecli.study import Scene, make_scene
 from slopecli.types import FloatArray, Solution
 
 DEG = np.pi / 180

@@ -7,7 +7,7 @@ from statistics import NormalDist
 import numpy as np
 import pytest
 
-from slopecli.geometry.statistics import median, normal_quantile, quantile, student_quantile
+from slopecli.geometry import median, normal_quantile, quantile, student_quantile
 
 
 @pytest.mark.parametrize("n", [1, 2, 3, 10, 101])

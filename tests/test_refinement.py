@@ -5,11 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from slopecli.geometry import solve_planes
-from slopecli.geometry.epipolar import rotation_from_vector
-from slopecli.geometry.solver.observations import linearise, observe, predict
-from slopecli.geometry.solver.refinement import State, normal_equations, optimal_normals, step
-from slopecli.study.scenes import Scene, make_scene
+from slopecli.geometry import rotation_from_vector, solve_planes
+from slopecli.geometry.solver import State, linearise, normal_equations, observe, optimal_normals, predict, step
+from slopecli.study import Scene, make_scene
 
 
 def perturbed(state: State, w: np.ndarray, dT: np.ndarray, dN: np.ndarray) -> State:

@@ -7,7 +7,7 @@ from itertools import product
 import numpy as np
 import pytest
 
-from slopecli.patches.regions.block_labels import BORDER, BORDER_AT_EDGE, BorderCost, cheapest_labels, enlarged
+from slopecli.patches.regions import BORDER, BORDER_AT_EDGE, BorderCost, cheapest_labels, enlarged
 
 
 def energy(cost: np.ndarray, labels: np.ndarray, borders: BorderCost) -> float:

@@ -8,13 +8,9 @@ import numpy as np
 import pytest
 from scenery import Pair, Surface, make_camera, pixel_grid, render, tilted, turn, unit
 
-from slopecli.look.scene import Scene
-from slopecli.look.sparse import find_motions
-from slopecli.look.whole_image import survey
-from slopecli.patches.footprint import region_footprints
-from slopecli.patches.match import WindowMatch
-from slopecli.patches.regions.cell_planes import region_cells
-from slopecli.patches.regions.region_match import CELL, match_labelled, match_regions
+from slopecli.look import Scene, find_motions, survey
+from slopecli.patches import WindowMatch, region_footprints
+from slopecli.patches.regions import CELL, match_labelled, match_regions, region_cells
 from slopecli.pipeline import FEATURE_MATCHERS
 from slopecli.types import FloatArray
 

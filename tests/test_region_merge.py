@@ -8,11 +8,9 @@ import numpy as np
 import pytest
 from scenery import Surface, make_camera, pixel_grid, render, tilted, turn, unit
 
-from slopecli.geometry.camera import pixels_from_rays, rays_from_pixels
-from slopecli.geometry.metrics import normal_angle
-from slopecli.look.transfer_error import Comparison
-from slopecli.look.warp import Grid, Pyramid
-from slopecli.patches.regions.merging import Labelled, merged, refitted
+from slopecli.geometry import normal_angle, pixels_from_rays, rays_from_pixels
+from slopecli.look import Comparison, Grid, Pyramid
+from slopecli.patches.regions import Labelled, merged, refitted
 from slopecli.types import FloatArray
 
 R, T = turn(0.5, 1.0, 0.3), unit(1.0, 0.15, 0.05)

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from report_factory import make_camera, make_plane, make_region_labels, make_region_report, normal_of, rectangle
 
-from slopecli.geometry.camera import pixels_from_rays
-from slopecli.products.region_mesh import MOST_TRIANGLES, region_grid, region_surfaces
+from slopecli.geometry import pixels_from_rays
+from slopecli.products import MOST_TRIANGLES, region_grid, region_surfaces
 from slopecli.types import Camera
 
 DISTORTED = Camera(640, 480, 420.0, 421.0, 318.0, 242.0, "brown", (-0.28, 0.07, 2e-4, -1e-4))

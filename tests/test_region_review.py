@@ -5,10 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from slopecli.geometry.epipolar import homogeneous
-from slopecli.look.gradient_components import Labels
-from slopecli.patches.regions.cell_planes import RegionCells
-from slopecli.patches.regions.review import reviewed
+from slopecli.geometry import homogeneous
+from slopecli.look import Labels
+from slopecli.patches.regions import RegionCells, reviewed
 
 SHAPE, CELL, FOCAL = (240, 360), 6, 300.0
 SIGMA_PX = 0.08  # of a match

@@ -12,13 +12,13 @@ import pytest
 from scenery import Pair, Surface, make_camera, pixel_grid, render, tilted, turn, unit
 
 from slopecli.errors import InputError, NoAnswer
-from slopecli.geometry.metrics import normal_angle
-from slopecli.io.cameras.reading import load_camera
-from slopecli.io.images import load_image
+from slopecli.geometry import normal_angle
+from slopecli.io import load_image
+from slopecli.io.cameras import load_camera
 from slopecli.options import Options
 from slopecli.patches import PLANE_FINDERS
 from slopecli.pipeline import estimate
-from slopecli.products.slopes_json import report_to_json
+from slopecli.products import report_to_json
 from slopecli.types import Image, Plane, Report
 
 URBAN = Path(__file__).resolve().parent.parent / "sample_data" / "urban"

@@ -20,11 +20,8 @@ from solution_factory import (
 
 from slopecli.errors import InputError, NoAnswer
 from slopecli.options import Options
-from slopecli.patches.footprint import Footprint, window_footprint
-from slopecli.patches.join import join_patches
-from slopecli.patches.match import no_match
-from slopecli.patches.patch_set import Patches
-from slopecli.products.slopes_json import report_to_json
+from slopecli.patches import Footprint, Patches, join_patches, no_match, window_footprint
+from slopecli.products import report_to_json
 from slopecli.types import Plane, Report, Source
 
 BORROWED = {"origin": "borrowed", "reason": "too little texture inside: this is the plane around it"}

@@ -13,8 +13,8 @@ from jsonschema import Draft202012Validator, ValidationError
 from report_factory import make_ambiguity, make_camera, make_report
 
 from slopecli import __version__
-from slopecli.io.schema import load_schema
-from slopecli.products.slopes_json import report_to_json
+from slopecli.io import load_schema
+from slopecli.products import report_to_json
 from slopecli.types import Report
 
 TOP_LEVEL = (

@@ -8,9 +8,7 @@ import numpy as np
 import pytest
 from scenery import tilted
 
-from slopecli.geometry.epipolar import homogeneous
-from slopecli.geometry.metrics import normal_angle
-from slopecli.geometry.plane_fit import RobustPlane, robust_plane
+from slopecli.geometry import RobustPlane, homogeneous, normal_angle, robust_plane
 from slopecli.types import FloatArray
 
 PX = 1 / 277.0

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from slopecli.look.noise import MAX_GAIN, correlation_gain, sample_grey, thin
+from slopecli.look import MAX_GAIN, correlation_gain, sample_grey, thin
 from slopecli.types import FloatArray, IntArray
 
 SIDE = 40  # cells of a window

@@ -9,8 +9,8 @@ import pytest
 from solution_factory import make_report_of, make_solution, with_second_root
 from test_priors import DEG, flat_descent, measured, solved
 
-from slopecli.geometry.solver.priors import MotionPrior
-from slopecli.report.second_root import deciding_sigma, margin, what_decides
+from slopecli.geometry.solver import MotionPrior
+from slopecli.report import deciding_sigma, margin, what_decides
 from slopecli.types import AmbiguityReport
 
 

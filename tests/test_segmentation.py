@@ -4,13 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from slopecli.look.gradient_components import (
-    adaptive_threshold,
-    connected_components,
-    grown,
-    smooth_gradient,
-    without_small_pieces,
-)
+from slopecli.look import adaptive_threshold, connected_components, grown, smooth_gradient, without_small_pieces
 
 GREY = np.full((120, 160), 60, np.uint8)
 GREY[:, 100:] = 180

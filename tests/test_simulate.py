@@ -8,14 +8,8 @@ import numpy as np
 import pytest
 
 from slopecli.errors import InputError
-from slopecli.geometry import apply_homography, homography_of_plane, solve_planes
-from slopecli.geometry.camera import rays_from_pixels
-from slopecli.study.scenes import (
-    field_of_view_camera,
-    make_scene,
-    make_sequence,
-    paper_scene,
-)
+from slopecli.geometry import apply_homography, homography_of_plane, rays_from_pixels, solve_planes
+from slopecli.study import field_of_view_camera, make_scene, make_sequence, paper_scene
 
 
 def test_paper_scene_is_the_papers() -> None:

@@ -13,7 +13,7 @@ import pytest
 
 from slopecli.cli.app import slopemap
 from slopecli.cli.boundary import run as run_command
-from slopecli.io.study_files import FIGURES, STUDY_NAMES, TIMED
+from slopecli.io import FIGURES, STUDY_NAMES, TIMED
 
 ROOT = Path(__file__).resolve().parent.parent
 QUICK = ["--terrains", "2", "--noise", "0,0.3", "--solvers", "mle,ha", "--most-windows", "0"]

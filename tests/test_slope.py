@@ -11,9 +11,8 @@ import numpy as np
 import pytest
 
 from slopecli.errors import InputError
-from slopecli.geometry import measure_slopes, probability_below, slope_interval, solve_planes
-from slopecli.geometry.slope import disc_probability
-from slopecli.study.scenes import UP, make_scene
+from slopecli.geometry import disc_probability, measure_slopes, probability_below, slope_interval, solve_planes
+from slopecli.study import UP, make_scene
 from slopecli.types import FloatArray, Slopes, Solution
 
 

@@ -18,9 +18,8 @@ from jsonschema import Draft202012Validator
 
 from slopecli.cli.app import slopemap
 from slopecli.cli.boundary import run
-from slopecli.io.correspondences import read_correspondences
-from slopecli.io.schema import load_schema
-from slopecli.study.scenes import Scene, make_scene
+from slopecli.io import load_schema, read_correspondences
+from slopecli.study import Scene, make_scene
 
 Ask = Callable[..., tuple[int, str, str]]
 

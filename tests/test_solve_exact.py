@@ -6,12 +6,16 @@ import numpy as np
 import pytest
 
 from slopecli.errors import DegenerateConfiguration, InputError, NoAnswer
-from slopecli.geometry import solve_planes
-from slopecli.geometry.epipolar import homogeneous, rotation_from_vector
-from slopecli.geometry.metrics import direction_angle, normal_angle, rotation_angle
-from slopecli.geometry.solver.observations import observe
-from slopecli.geometry.solver.starts import starting_states
-from slopecli.study.scenes import Scene, make_scene
+from slopecli.geometry import (
+    direction_angle,
+    homogeneous,
+    normal_angle,
+    rotation_angle,
+    rotation_from_vector,
+    solve_planes,
+)
+from slopecli.geometry.solver import observe, starting_states
+from slopecli.study import Scene, make_scene
 from slopecli.types import Solution
 
 EXACT = 1e-9

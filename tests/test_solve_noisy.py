@@ -10,11 +10,11 @@ from slopecli.geometry import (
     measure_slopes,
     normal_angle,
     rotation_angle,
+    rotation_vector,
     slope_interval,
     solve_planes,
 )
-from slopecli.geometry.epipolar import rotation_vector
-from slopecli.study.scenes import UP, Scene, make_scene, paper_scene
+from slopecli.study import UP, Scene, make_scene, paper_scene
 from slopecli.types import Solution
 
 

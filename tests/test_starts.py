@@ -6,11 +6,15 @@ import numpy as np
 import pytest
 from scenery import make_camera, tilted, turn, unit
 
-from slopecli.geometry.decomposition import decompose_homography
-from slopecli.geometry.epipolar import homogeneous
-from slopecli.geometry.metrics import direction_angle, rotation_angle
-from slopecli.geometry.motion import MotionEstimate, epipolar_residual
-from slopecli.look.motions import distinct_motions, inliers_of, rank_motions, starting_motions
+from slopecli.geometry import (
+    MotionEstimate,
+    decompose_homography,
+    direction_angle,
+    epipolar_residual,
+    homogeneous,
+    rotation_angle,
+)
+from slopecli.look import distinct_motions, inliers_of, rank_motions, starting_motions
 from slopecli.types import FloatArray
 
 CAMERA = make_camera()

@@ -16,8 +16,8 @@ from report_factory import (
     make_segmentation,
 )
 
-from slopecli.products.drawing.map_colours import NO_REGION, map_colours
-from slopecli.products.steps import draw_steps
+from slopecli.products import draw_steps
+from slopecli.products.drawing import NO_REGION, map_colours
 from slopecli.segmentation import Segmentation
 from slopecli.types import Image, Report
 

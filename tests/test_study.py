@@ -9,21 +9,29 @@ import numpy as np
 import pytest
 
 from slopecli.errors import InputError
-from slopecli.study.claims import Claim, bound_ratios, judge_spread, judge_study, judge_times, mean, time_exponent
-from slopecli.study.parameters import StudyOptions
-from slopecli.study.sampling import chance_of_ratios, jackknifed
-from slopecli.study.scenes import make_scene
-from slopecli.study.timing import Timing, measure_times
-from slopecli.study.trials import (
+from slopecli.study import (
     QUANTITIES,
+    Claim,
     Study,
+    StudyOptions,
+    Timing,
     alignment_spread,
+    bound_ratios,
     camera_of,
+    chance_of_ratios,
+    jackknifed,
+    judge_spread,
+    judge_study,
+    judge_times,
     least_errors,
+    make_scene,
+    mean,
     mean_length,
+    measure_times,
     paper_study,
     run_study,
     study_scene,
+    time_exponent,
 )
 
 SMALL = StudyOptions(noises_px=(0.0, 0.3), terrains=3)

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 import cv2
 import pytest
 
-from slopecli.look.threads import single_threaded
+from slopecli.look import single_threaded
 
 
 @pytest.fixture(autouse=True)

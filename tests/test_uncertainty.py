@@ -8,12 +8,18 @@ import numpy as np
 import pytest
 
 from slopecli.errors import InputError
-from slopecli.geometry import cramer_rao_bound, solve_planes
-from slopecli.geometry.epipolar import rotation_from_vector
-from slopecli.geometry.metrics import direction_angle, normal_angle, rotation_angle
-from slopecli.geometry.slope import measure_slopes, slope_interval
-from slopecli.geometry.solver.uncertainty import Covariance
-from slopecli.study.scenes import UP, Scene, make_scene, paper_scene, project
+from slopecli.geometry import (
+    cramer_rao_bound,
+    direction_angle,
+    measure_slopes,
+    normal_angle,
+    rotation_angle,
+    rotation_from_vector,
+    slope_interval,
+    solve_planes,
+)
+from slopecli.geometry.solver import Covariance
+from slopecli.study import UP, Scene, make_scene, paper_scene, project
 
 
 def bound(scene: Scene) -> Covariance:

@@ -5,9 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from slopecli.look.evidence import Evidence
-from slopecli.patches.windows.coverage import gaps_of
-from slopecli.patches.windows.unmatched_parts import bend_rad, beside_rad, stepped_rad, unseen_rad
+from slopecli.look import Evidence
+from slopecli.patches.windows import bend_rad, beside_rad, gaps_of, stepped_rad, unseen_rad
 from slopecli.types import FloatArray
 
 WINDOW = (100, 80, 160, 160)

@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 from scenery import Pair, make_camera, render, tilted, to_grey, turn, unit
 
-from slopecli.look.features import shrink
-from slopecli.look.warp import (
+from slopecli.look import (
     Grid,
     Layer,
     Pyramid,
@@ -17,6 +16,7 @@ from slopecli.look.warp import (
     magnification,
     resample,
     sample_map,
+    shrink,
     transfer_map,
 )
 from slopecli.types import FloatArray

@@ -10,21 +10,23 @@ import pytest
 from scenery import Pair, Surface, make_camera, pixel_grid, render, tilted, turn, unit
 
 from slopecli.errors import InputError
-from slopecli.geometry.camera import rays_from_pixels
-from slopecli.geometry.epipolar import homogeneous
-from slopecli.geometry.metrics import normal_angle
-from slopecli.geometry.motion import inverse_depth
-from slopecli.look.dense import Cells
-from slopecli.look.evidence import Evidence, gather_evidence, scene_planes
-from slopecli.look.features import shrink
-from slopecli.look.noise import sample_grey
-from slopecli.look.overview import overview_cells
-from slopecli.look.scene import Scene, epipolar_axes
-from slopecli.look.warp import Layer, Pyramid
+from slopecli.geometry import homogeneous, inverse_depth, normal_angle, rays_from_pixels
+from slopecli.look import (
+    Cells,
+    Evidence,
+    Layer,
+    Pyramid,
+    Scene,
+    epipolar_axes,
+    gather_evidence,
+    overview_cells,
+    sample_grey,
+    scene_planes,
+    shrink,
+)
 from slopecli.options import Options
-from slopecli.patches.footprint import paint_labels, window_footprint
-from slopecli.patches.match import WindowMatch, no_match, overdispersion
-from slopecli.patches.windows.matching import match_window
+from slopecli.patches import WindowMatch, no_match, overdispersion, paint_labels, window_footprint
+from slopecli.patches.windows import match_window
 from slopecli.types import FloatArray
 from slopecli.windows import Window, check_windows, grid_windows, window_polygon
 

@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections import Counter, deque
 from collections.abc import Callable, Sequence
 from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, CancelledError, Executor, Future, wait
+from dataclasses import dataclass
 
 from slopecli.batch.jobs import Answer, Job, Outcome
 from slopecli.batch.ledger import failure
 from slopecli.batch.worker import WorkerCrashed, WorkerFailed
 from slopecli.errors import DiskFull, InputError
-from slopecli.records import dataclass
 
 AnswerJobs = Callable[[list[Job]], list[Answer]]
 OnAnswer = Callable[[int, Answer], None]

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 from slopecli.options import Options
 from slopecli.orders import CameraChoice, Keep, Outcome
-from slopecli.records import dataclass
 
 __all__ = ["Answer", "CameraChoice", "Job", "Keep", "Outcome", "Pair", "Progress", "Shipped"]
 

@@ -6,13 +6,13 @@ import hashlib
 import os
 import re
 from collections.abc import Iterable
+from dataclasses import dataclass
 from pathlib import PurePath
 from typing import NamedTuple
 
 from slopecli.batch.jobs import CameraChoice, Pair
 from slopecli.batch.pair_cameras import Cameras, CameraSearch, check_camera_file
 from slopecli.errors import InputError
-from slopecli.records import dataclass
 
 MAX_NAME_BYTES = 120  # half of what file systems take
 UNSAFE = re.compile(r'[\x00-\x1f\x7f\ud800-\udfff/\\:*?"<>|]+')

@@ -13,10 +13,10 @@ import threading
 from collections.abc import Callable, Sequence
 from concurrent.futures import BrokenExecutor, Executor, Future
 from contextlib import suppress
+from dataclasses import dataclass
 from typing import IO, Any, ParamSpec, TypeVar
 
 from slopecli.errors import InputError
-from slopecli.records import dataclass
 
 P = ParamSpec("P")
 T = TypeVar("T")

@@ -6,6 +6,7 @@ for in cells over all of image 1, and areas below `LEAST_AREA` are left to the r
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Literal
 
 import cv2
@@ -20,7 +21,6 @@ from slopecli.look.scene import Scene
 from slopecli.look.sparse import pair_rays
 from slopecli.look.warp import FloatImage, Grid, covered, cut, resample, transfer_map
 from slopecli.look.whole_image import MIN_INFORMATION
-from slopecli.records import dataclass
 from slopecli.types import BoolArray, FloatArray
 
 LEAST_AREA = 0.01  # of image 1: what is not one plane, or mirrors light, makes areas of up to 0.7 %

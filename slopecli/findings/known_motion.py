@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -11,7 +12,6 @@ from slopecli.errors import InputError
 from slopecli.geometry.solver.priors import MotionPrior
 from slopecli.options import Options
 from slopecli.patches.join import SYSTEMATIC_PX, excess_px
-from slopecli.records import dataclass
 from slopecli.types import Diagnostic, FloatArray, Solution
 
 # chi-square at 0.999 by the number of directions a prior fixes

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from slopecli.errors import NoAnswer
 from slopecli.geometry.epipolar import fit_rotation, homogeneous
 from slopecli.geometry.lens_misfit import LensMisfit
 from slopecli.geometry.statistics import median, quantile
-from slopecli.records import dataclass
 from slopecli.types import Camera, Diagnostic, FloatArray, Image
 
 MIN_INLIERS = 20  # matches consistent with one motion below which chance explains them

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from slopecli.geometry.epipolar import homogeneous, rotation_from_vector, skew, tangent_basis
 from slopecli.geometry.statistics import median
-from slopecli.records import dataclass
 from slopecli.types import FloatArray
 
 GATE_SIGMAS = 2.5  # robust sigmas at which a match has lost most of its weight

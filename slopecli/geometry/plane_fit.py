@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from slopecli.geometry.draws import random_samples, uniform_draws
 from slopecli.geometry.epipolar import homogeneous
 from slopecli.geometry.metrics import normal_angle
 from slopecli.geometry.statistics import median, quantile
-from slopecli.records import dataclass
 from slopecli.types import BoolArray, FloatArray, IntArray
 
 HYPOTHESES = 300

@@ -1,1 +1,20 @@
 """The only code that opens files: images, cameras, and everything that is written."""
+
+from slopecli.face import lazy_names
+
+__getattr__, __dir__ = lazy_names(
+    __name__,
+    {
+        "atomic": "remove_temporary write_atomically",
+        "batch_files": "COLUMNS results_jsonl summary_csv",
+        "batch_page": "index_html",
+        "correspondences": "read_correspondences",
+        "images": "MAX_PIXELS load_image",
+        "lock": "locked",
+        "outputs": "OUTPUT_NAMES check_directory write_outputs",
+        "pair_sources": "natural_key",
+        "poses": "load_pose",
+        "schema": "load_schema",
+        "study_files": "FIGURES STUDY_NAMES TIMED",
+    },
+)

@@ -9,9 +9,9 @@ from __future__ import annotations
 
 import struct
 import zlib
+from dataclasses import dataclass
 
 from slopecli.errors import InputError
-from slopecli.records import dataclass
 
 PNG_SIGNATURE = b"\x89PNG\r\n\x1a\n"
 JPEG_SIGNATURE = b"\xff\xd8\xff"

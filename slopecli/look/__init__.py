@@ -1,1 +1,26 @@
 """Pixels to correspondences: detection, matching, dense flow guided by what is already known. No files."""
+
+from slopecli.face import lazy_names
+
+__getattr__, __dir__ = lazy_names(
+    __name__,
+    {
+        "dense": "Cells dense_cells flow match_exposure",
+        "evidence": "Evidence gather_evidence scene_planes",
+        "features": "EFFORTS FeatureEffort FeatureMemory Grey match_descriptors match_sift shrink to_full",
+        "foerstner": "SEARCH_PX correlate_windows foerstner_corners match_foerstner",
+        "gradient_components": "Labels adaptive_threshold connected_components grown smooth_gradient "
+        "without_small_pieces",
+        "motions": "distinct_motions inliers_of rank_motions starting_motions",
+        "noise": "MAX_GAIN correlation_gain sample_grey thin",
+        "overview": "overview_cells sparse_transfer",
+        "photometric": "PlaneFit View align_plane cell_shifts correlation detrend gain_between make_view normalise "
+        "sweep_planes",
+        "scene": "Scene epipolar_axes",
+        "sparse": "Matches Sparse find_motions",
+        "threads": "single_threaded",
+        "transfer_error": "Comparison OUTSIDE TRUNCATED",
+        "warp": "Grid Layer Pyramid Transfer block_sum covered cut magnification resample sample_map transfer_map",
+        "whole_image": "survey",
+    },
+)

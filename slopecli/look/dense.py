@@ -6,6 +6,7 @@ its ground, and picking corners picks ridges.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from functools import lru_cache
 from threading import get_ident
 from typing import Any
@@ -17,7 +18,6 @@ from numpy.typing import NDArray
 from slopecli.geometry.statistics import quantile
 from slopecli.look.features import Grey
 from slopecli.look.warp import FloatImage, Grid, Pyramid, block_sum, covered, image_gradient, resample
-from slopecli.records import dataclass
 from slopecli.types import FloatArray
 
 FORWARD_BACKWARD_PX = 0.6  # flow there and back must close within this, px of the grid

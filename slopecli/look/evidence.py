@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from slopecli.geometry.epipolar import homogeneous
 from slopecli.geometry.motion import epipolar_residual, inverse_depth
 from slopecli.geometry.plane_fit import robust_plane
 from slopecli.geometry.statistics import median
-from slopecli.records import dataclass
 from slopecli.types import BoolArray, FloatArray, IntArray
 from slopecli.windows import Window
 

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import hashlib
+from dataclasses import dataclass
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from slopecli.records import dataclass
 from slopecli.types import FloatArray, IntArray
 
 Grey = NDArray[np.uint8]

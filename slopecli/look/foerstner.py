@@ -8,13 +8,13 @@ compositional form of Baker and Matthews, "Lucas-Kanade 20 years on", IJCV 56(3)
 from __future__ import annotations
 
 from collections.abc import Iterable
+from dataclasses import dataclass
 
 import cv2
 import numpy as np
 
 from slopecli.look.features import Grey, match_descriptors, shrink, to_full
 from slopecli.look.warp import FloatImage, Layer, image_gradient
-from slopecli.records import dataclass
 from slopecli.types import BoolArray, FloatArray, IntArray
 
 GradientProducts = tuple[FloatImage, FloatImage, FloatImage]  # gx gx, gx gy, gy gy, (h, w) each, grey^2/px^2

@@ -6,12 +6,13 @@ give every window a first idea of its plane.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import cv2
 import numpy as np
 
 from slopecli.look.dense import SMOOTHINGS, Cells, dense_cells
 from slopecli.look.warp import Grid, Layer, Pyramid, Transfer, transfer_map
-from slopecli.records import dataclass
 from slopecli.types import FloatArray
 
 CELL = 8  # px of the working grid

@@ -5,6 +5,7 @@ The motion is held; the plane has three parameters, so even faint texture spread
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import cv2
@@ -25,7 +26,6 @@ from slopecli.look.warp import (
     sample_layer,
     transfer_map,
 )
-from slopecli.records import dataclass
 from slopecli.types import FloatArray
 
 NOISE_GREY = 2.0  # grey levels below which contrast is sensor noise, not texture

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
@@ -14,7 +15,6 @@ from slopecli.look.evidence import Evidence
 from slopecli.look.features import shrink
 from slopecli.look.photometric import View, make_view
 from slopecli.look.warp import Grid, Pyramid, cut
-from slopecli.records import dataclass
 from slopecli.types import Camera, FloatArray
 from slopecli.windows import Window
 

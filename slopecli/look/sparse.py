@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -10,7 +11,6 @@ from slopecli.geometry.camera import rays_from_pixels
 from slopecli.geometry.motion import MotionEstimate, epipolar_residual
 from slopecli.look.features import Grey
 from slopecli.look.motions import inliers_of, rank_motions, starting_motions
-from slopecli.records import dataclass
 from slopecli.types import BoolArray, Camera, FloatArray
 
 # two grey images -> matches uv1, uv2 (n, 2) px and how many features each image has

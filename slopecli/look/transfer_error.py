@@ -5,6 +5,8 @@ The motion is held. What does not depend on the plane is computed once, since hu
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import cv2
 import numpy as np
 
@@ -22,7 +24,6 @@ from slopecli.look.warp import (
     node_shape,
     spread_table,
 )
-from slopecli.records import dataclass
 from slopecli.types import FloatArray, IntArray
 
 SHADING_PX = 8.0  # working px over which brightness is taken for exposure and shading, not texture

@@ -7,6 +7,7 @@ turn a residual flow back into pixels of image 2, so its own interpolation error
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 
 import cv2
 import numpy as np
@@ -14,7 +15,6 @@ from numpy.typing import NDArray
 
 from slopecli.geometry.statistics import median
 from slopecli.look.features import Grey
-from slopecli.records import dataclass
 from slopecli.types import FloatArray
 
 FloatImage = NDArray[np.float32]

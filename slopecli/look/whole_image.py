@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
@@ -17,7 +17,6 @@ from slopecli.look.overview import WHOLE, OverviewEffort, overview_cells
 from slopecli.look.scene import Scene
 from slopecli.look.sparse import Matches, Sparse
 from slopecli.look.warp import Layer, Pyramid
-from slopecli.records import dataclass
 from slopecli.types import Camera, FloatArray
 
 MIN_INFORMATION = 100.0  # grey^2/px^2 over a cell of the overview: weaker texture moves with the noise

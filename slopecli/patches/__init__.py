@@ -7,16 +7,11 @@ pair of small images to solve.
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Any
 
+from slopecli.face import lazy_names
 from slopecli.look.scene import Scene
 from slopecli.options import Options
 from slopecli.patches.patch_set import Patches
-
-if TYPE_CHECKING:
-    from slopecli.patches.labelling.label_planes import label_planes
-
-__all__ = ["PLANE_FINDERS", "label_planes"]
 
 PlaneFinder = Callable[[Scene, Options], Patches]
 
@@ -43,9 +38,14 @@ def _regions(scene: Scene, options: Options) -> Patches:
 PLANE_FINDERS: dict[str, PlaneFinder] = {"windows": _windows, "ransac": _feature_planes, "regions": _regions}
 
 
-def __getattr__(name: str) -> Any:
-    if name == "label_planes":
-        from slopecli.patches.labelling.label_planes import label_planes
-
-        return label_planes
-    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+__getattr__, __dir__ = lazy_names(
+    __name__,
+    {
+        "labelling.without_motion": "label_planes",
+        "footprint": "Footprint paint_labels region_footprints window_footprint",
+        "join": "Matched join_patches",
+        "match": "WindowMatch no_match overdispersion",
+        "merge_coplanar": "merge_patches",
+        "patch_set": "Patches",
+    },
+)

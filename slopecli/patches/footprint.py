@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from slopecli.look.gradient_components import Labels, resized
-from slopecli.records import dataclass
 from slopecli.types import BoolArray, FloatArray
 from slopecli.windows import Window, window_polygon
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
@@ -19,7 +19,6 @@ from slopecli.look.scene import Scene
 from slopecli.patches.footprint import Footprint
 from slopecli.patches.match import WindowMatch
 from slopecli.patches.patch_set import Patches
-from slopecli.records import dataclass
 from slopecli.types import Correspondences, FloatArray, IntArray, Solution
 
 OUTSIDE_POINTS = 1500  # matches outside the windows that join the solution: more add time, not accuracy

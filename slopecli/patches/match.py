@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
 
 from slopecli.geometry.statistics import median
-from slopecli.records import dataclass
 from slopecli.types import FloatArray, IntArray
 
 CHI2_MEDIAN = 0.4549  # of chi-square with one degree of freedom

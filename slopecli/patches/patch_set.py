@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 from slopecli.patches.footprint import Footprint
 from slopecli.patches.match import WindowMatch
-from slopecli.records import dataclass
 from slopecli.segmentation import Segmentation
 from slopecli.types import NOUNS, Source
 

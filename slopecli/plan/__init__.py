@@ -23,3 +23,13 @@ __all__ = [
     "needed_baseline",
     "sigma_text",
 ]
+
+from slopecli.face import lazy_names
+
+__getattr__, __dir__ = lazy_names(
+    __name__,
+    {
+        "plan_map": "draw_plan sigma_colours",
+        "visibility": "unseen_tilts",
+    },
+)

@@ -6,6 +6,7 @@ Lengths are in heights of camera 1 above the ground; camera 2 keeps the attitude
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from functools import cached_property
 from typing import NamedTuple
 
@@ -15,7 +16,6 @@ from slopecli.errors import InputError, NoAnswer
 from slopecli.geometry.camera import pixels_from_rays, rays_from_pixels
 from slopecli.geometry.epipolar import homogeneous, unit_vector
 from slopecli.geometry.solver.observations import Prediction, observe, predict
-from slopecli.records import dataclass
 from slopecli.types import BoolArray, Camera, FloatArray, IntArray
 
 Window = tuple[int, int, int, int]  # x, y, width, height in px of image 1

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Literal, NamedTuple
 
 import numpy as np
@@ -17,7 +17,6 @@ from slopecli.geometry.solver.solve import solve_planes
 from slopecli.geometry.solver.uncertainty import covariance_of
 from slopecli.plan.flight import Flight, Seen, refuse_sky, see
 from slopecli.plan.visibility import unseen_tilts
-from slopecli.records import dataclass
 from slopecli.types import Diagnostic, FloatArray, Solution
 
 UNKNOWN_DEG = 60.0  # sigma beyond which slopes are anything, and a covariance says nothing

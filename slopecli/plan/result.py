@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
@@ -25,7 +26,6 @@ from slopecli.plan.flight import (
     horizontal,
 )
 from slopecli.plan.prediction import TRIALS, Forecast, forecast
-from slopecli.records import dataclass
 from slopecli.types import Camera, Diagnostic, FloatArray, Up
 
 CAMERA_UP = (0.0, 0.0, -1.0)  # the camera looks straight down

@@ -11,6 +11,7 @@ import json
 import math
 import struct
 from collections.abc import Sequence
+from dataclasses import dataclass, field
 from typing import Any
 
 import cv2
@@ -19,7 +20,6 @@ from numpy.typing import NDArray
 
 from slopecli import __version__
 from slopecli.products.surface import Surface
-from slopecli.records import dataclass, field
 from slopecli.types import AlternativePlane, FloatArray, Image, Plane, Report
 
 LARGEST_TEXTURE_PX = 2048  # what every device can show

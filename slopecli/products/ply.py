@@ -11,6 +11,7 @@ faces), scalars named `scalar_...` for CloudCompare and one `quality` for MeshLa
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from functools import lru_cache
 
 import cv2
@@ -22,7 +23,6 @@ from slopecli.geometry.statistics import median
 from slopecli.products.drawing.colormap import slope_colours
 from slopecli.products.drawing.marks import NO_ANSWER
 from slopecli.products.surface import Surface, lay_on_plane
-from slopecli.records import dataclass
 from slopecli.types import Camera, FloatArray, Image, IntArray, Plane, Report
 
 SUBDIVISIONS = 2  # of every edge by two: enough to follow the curve that a lens makes of a straight border

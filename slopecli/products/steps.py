@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from slopecli.products.drawing import marks
 from slopecli.products.drawing.canvas import converted, drawing_scale, resized, text_size
 from slopecli.products.drawing.lettering import LEADING, Text, text_width, wrapped, write
-from slopecli.products.drawing.map_colours import map_colours
+from slopecli.products.drawing.map_palette import map_colours
 from slopecli.products.drawing.marks import Picture
 from slopecli.products.drawing.outlines import Footprint, footprints_of
 from slopecli.products.drawing.region_numbers import place_numbers

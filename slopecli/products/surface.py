@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from slopecli.geometry.camera import points_on_plane
-from slopecli.records import dataclass
 from slopecli.types import BoolArray, Camera, FloatArray, IntArray, Plane
 
 

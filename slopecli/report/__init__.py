@@ -1,1 +1,12 @@
 """From a solution to a Report, the mirror of slopes.json."""
+
+from slopecli.face import lazy_names
+
+__getattr__, __dir__ = lazy_names(
+    __name__,
+    {
+        "build": "build_report",
+        "kinds": "plane_kinds plane_shares",
+        "second_root": "deciding_sigma margin what_decides",
+    },
+)

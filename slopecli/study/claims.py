@@ -8,11 +8,11 @@ paper calls normal: up to 0.3 px. In a study smaller than the paper's, what chan
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
 
-from slopecli.records import dataclass
 from slopecli.study.sampling import chance_of_ratios, counted, is_large, jackknifed
 from slopecli.study.timing import Timing
 from slopecli.study.trials import QUANTITIES, Spread, Study

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from slopecli.records import dataclass
+from dataclasses import dataclass
 
 FEWEST_ALONE = 4  # points that fix a homography by itself, as ha and lh need; three do once the motion is known
 

@@ -9,7 +9,7 @@ where in its window a point lies (uniform in the image). The nominal camera look
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -18,7 +18,6 @@ from slopecli.errors import InputError
 from slopecli.geometry.camera import pixels_from_rays, rays_from_pixels
 from slopecli.geometry.epipolar import homogeneous, rotation_from_vector
 from slopecli.geometry.metrics import normal_angle
-from slopecli.records import dataclass
 from slopecli.types import BoolArray, Camera, FloatArray, IntArray
 
 UP = np.array([0.0, 0.0, -1.0])

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Executor, Future, wait
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -13,7 +14,6 @@ from slopecli.geometry.homography import apply_homography, fit_homography, homog
 from slopecli.geometry.metrics import direction_angle, normal_angle, rotation_angle
 from slopecli.geometry.solver.solve import solve_planes
 from slopecli.geometry.solver.uncertainty import cramer_rao_bound
-from slopecli.records import dataclass
 from slopecli.study.parameters import FEWEST_ALONE, StudyOptions
 from slopecli.study.scenes import Scene, field_of_view_camera, make_scene
 from slopecli.types import Camera, FloatArray

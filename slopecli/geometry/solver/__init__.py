@@ -1,1 +1,16 @@
 """The joint solution: one motion and one normal per patch, with covariance and every root."""
+
+from slopecli.face import lazy_names
+
+__getattr__, __dir__ = lazy_names(
+    __name__,
+    {
+        "coplanar": "AT merge_coplanar",
+        "mismatches": "chi2_quantile",
+        "observations": "linearise observe predict",
+        "priors": "MotionPrior",
+        "refinement": "State normal_equations optimal_normals step",
+        "starts": "starting_states",
+        "uncertainty": "Covariance cramer_rao_bound small_sample",
+    },
+)

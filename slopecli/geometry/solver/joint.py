@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -12,7 +13,6 @@ from slopecli.geometry.solver.priors import MotionPrior
 from slopecli.geometry.solver.refinement import GRACE, Refined, State, System, levenberg_marquardt, optimal_normals
 from slopecli.geometry.solver.relief import Relief, estimate_relief
 from slopecli.geometry.solver.starts import COARSE_STEPS, scattered_motions, starting_states
-from slopecli.records import dataclass
 from slopecli.types import BoolArray, FloatArray
 
 Motion = tuple[FloatArray, FloatArray]

@@ -6,12 +6,12 @@ iteration does not depend on how many points there are.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 
 from slopecli.errors import DegenerateConfiguration, InputError
-from slopecli.records import dataclass
 from slopecli.types import BoolArray, FloatArray, IntArray
 
 # a patch narrower than this fraction of its length (squared) fixes no plane in double precision or in practice

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from slopecli.errors import InputError
 from slopecli.geometry.epipolar import rotation_vector, skew, unit_vector
-from slopecli.records import dataclass
 from slopecli.types import FloatArray, Solution
 
 # rad; what is known better than this is known exactly, and more would only cost digits

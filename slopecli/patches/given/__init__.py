@@ -1,1 +1,10 @@
 """Correspondences that a user brings, as patches."""
+
+from slopecli.face import lazy_names
+
+__getattr__, __dir__ = lazy_names(
+    __name__,
+    {
+        "rows": "Given",
+    },
+)

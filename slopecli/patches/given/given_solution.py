@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
@@ -11,7 +12,6 @@ from slopecli.geometry.solver.priors import MotionPrior
 from slopecli.geometry.solver.solve import solve_planes
 from slopecli.patches.given.rows import FEWEST
 from slopecli.patches.join import Matched
-from slopecli.records import dataclass
 from slopecli.types import BoolArray, Solution
 
 MOST_LEFT_OUT = 0.25  # share of a patch's rows off its plane beyond which it is not one plane

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import cv2
 import numpy as np
 
@@ -12,7 +14,6 @@ from slopecli.patches.footprint import Footprint
 from slopecli.patches.join import Matched
 from slopecli.patches.match import WindowMatch, no_match
 from slopecli.patches.patch_set import Patches
-from slopecli.records import dataclass
 from slopecli.types import BoolArray, Camera, Correspondences, FloatArray, IntArray
 
 WIDEST_RAY = 5.0  # tangent

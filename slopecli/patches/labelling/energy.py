@@ -9,12 +9,12 @@ all at once, and are then settled one by one; a cut of the graph is not needed w
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from slopecli.records import dataclass
 from slopecli.types import BoolArray, FloatArray, IntArray
 
 TEMPERATURES = (4.0, 2.0, 1.0, 0.5)  # nats: neighbours first lean on each other, then decide

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from slopecli.geometry.epipolar import homogeneous
 from slopecli.patches.labelling.residual_cost import weight_of
-from slopecli.records import dataclass
 from slopecli.types import BoolArray, FloatArray, IntArray
 
 LEAST_DEPTH = 1e-3  # of the depth ratio at the points' centre: beyond lies the line that H sends to infinity

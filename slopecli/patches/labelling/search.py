@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Protocol
 
 import numpy as np
 
 from slopecli.patches.labelling.energy import Energy, cover, in_use
 from slopecli.patches.labelling.residual_cost import cost_of, scale_of
-from slopecli.records import dataclass
 from slopecli.types import BoolArray, FloatArray, IntArray
 
 ROUNDS = 6  # of proposing anew: the energy rarely falls after three

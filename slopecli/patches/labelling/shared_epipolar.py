@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from slopecli.geometry.epipolar import homogeneous, skew
 from slopecli.patches.labelling.residual_cost import cost_of, scale_of, weight_of
-from slopecli.records import dataclass
 from slopecli.types import BoolArray, FloatArray, IntArray
 
 PLANES, PAIRS = 3, 150  # planes from which an epipole is sought, and pairs of other points tried with each

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import cv2
 import numpy as np
@@ -10,7 +11,6 @@ import numpy as np
 from slopecli.look.gradient_components import Labels
 from slopecli.look.transfer_error import OUTSIDE, Box, Comparison
 from slopecli.look.warp import NODE_STEP, FloatImage
-from slopecli.records import dataclass
 from slopecli.types import FloatArray
 
 UNEXPLAINED = 3.5  # cost of a pixel on no plane, variances: a plane explains it if it is off by less than 1.9 sigmas

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from slopecli.geometry.epipolar import homogeneous
@@ -12,7 +14,6 @@ from slopecli.look.scene import Scene, axis_variance
 from slopecli.look.sparse import pair_rays
 from slopecli.look.warp import Grid
 from slopecli.patches.labelling.energy import cover
-from slopecli.records import dataclass
 from slopecli.types import FloatArray, IntArray
 
 FLOOR_PX, NOISE_GREY = 0.08, 2.5  # of a cell, px and grey levels of the overview's grid: see axis_variance

@@ -5,12 +5,13 @@ Source: Cheng, experiment 3, step 6, on pixels in place of features.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import cv2
 import numpy as np
 
 from slopecli.look.gradient_components import Labels
 from slopecli.look.transfer_error import OUTSIDE, Comparison, Points
-from slopecli.records import dataclass
 from slopecli.types import FloatArray, IntArray
 
 FIT_PIXELS = 1500  # of a region that its plane is fitted to

@@ -1,1 +1,13 @@
 """The finder of planes that is told where they are: rectangles of image 1, each matched by itself."""
+
+from slopecli.face import lazy_names
+
+__getattr__, __dir__ = lazy_names(
+    __name__,
+    {
+        "contradiction": "contradict",
+        "coverage": "gaps_of",
+        "matching": "match_window",
+        "unmatched_parts": "bend_rad beside_rad stepped_rad unseen_rad",
+    },
+)

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
-from slopecli.records import dataclass
 from slopecli.types import BoolArray, FloatArray, IntArray
 from slopecli.windows import Window
 

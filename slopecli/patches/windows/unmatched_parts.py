@@ -11,7 +11,7 @@ import numpy as np
 from slopecli.geometry.epipolar import homogeneous
 from slopecli.geometry.motion import inverse_depth
 from slopecli.geometry.plane_fit import plane_products, planes_of_sums
-from slopecli.geometry.tilt_growth import BEND_RAD, lever
+from slopecli.geometry.unmatched_tilt import BEND_RAD, lever
 from slopecli.look.evidence import Evidence
 from slopecli.look.scene import Scene
 from slopecli.patches.match import WindowMatch

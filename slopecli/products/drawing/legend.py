@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass, field
 from functools import partial
 
 import numpy as np
@@ -12,7 +13,6 @@ from slopecli.products.drawing import marks
 from slopecli.products.drawing.colormap import SLOPE_RANGE_DEG, slope_colours
 from slopecli.products.drawing.lettering import LEADING, Text, text_width, wrapped, write
 from slopecli.products.drawing.marks import Picture
-from slopecli.records import dataclass, field
 from slopecli.report.second_root import margin
 from slopecli.types import Report
 

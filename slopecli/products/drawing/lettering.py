@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from typing import Any
 
@@ -12,7 +13,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from slopecli.products.drawing.marks import INK, PAPER, Colour, Picture
-from slopecli.records import dataclass
 from slopecli.types import FloatArray
 
 LEADING = 1.22  # row height over font size

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
 from functools import cached_property
 from typing import TypeVar
 
@@ -14,7 +15,6 @@ from numpy.typing import NDArray
 from slopecli.geometry.camera import rays_from_pixels
 from slopecli.products.drawing import marks
 from slopecli.products.drawing.label_map import Mask, boxes_of, inner_distance, largest_piece, mask_of, outlines_of
-from slopecli.records import dataclass
 from slopecli.types import AlternativePlane, BoolArray, Camera, FloatArray, Plane, Rejected, Report
 
 Pixel = TypeVar("Pixel", bound=np.generic)

@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from slopecli.products.drawing.lettering import Box, Label, box_around, find_room
 from slopecli.products.drawing.outlines import Footprint
-from slopecli.records import dataclass
 from slopecli.types import AlternativePlane, FloatArray, Plane, Rejected
 
 LARGE, SMALL, TINY = 1.4, 0.8, 0.62  # text sizes over that of the overlay

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from slopecli.errors import InputError
@@ -18,7 +20,6 @@ from slopecli.patches.labelling.proposals import (
 )
 from slopecli.patches.labelling.search import State, make_pool, search, settled
 from slopecli.patches.labelling.shared_epipolar import Epipolar, along_lines, find_epipolar, refit_epipolar
-from slopecli.records import dataclass
 from slopecli.types import BoolArray, FloatArray, IntArray
 
 LEAST_POINTS = 5  # four fix a homography and leave nothing to check it
