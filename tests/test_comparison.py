@@ -15,7 +15,7 @@ from slopecli.geometry import (
     rays_from_pixels,
 )
 from slopecli.look import OUTSIDE, TRUNCATED, Comparison, Grid, Pyramid, shrink
-from slopecli.look.transfer_error import NOISE_GREY
+from slopecli.look.noise import DIFFERENCE_GREY
 from slopecli.types import Camera
 
 R, T = turn(0.5, 1.0, 0.3), unit(1.0, 0.2, 0.1)
@@ -94,7 +94,7 @@ def displaced(px: float) -> np.ndarray:
 
 
 def test_noise_costs_about_its_variance_and_a_plane_two_pixels_off_several_times_as_much() -> None:
-    noisy = comparison_of(noise=NOISE_GREY / np.sqrt(2))
+    noisy = comparison_of(noise=DIFFERENCE_GREY / np.sqrt(2))
     assert noisy.cost_at(POINTS, TRUE).mean() < 1.0
     assert noisy.cost_at(POINTS, displaced(2.0)).mean() > 4.0
 

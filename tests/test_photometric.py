@@ -25,7 +25,7 @@ from slopecli.look import (
     shrink,
     sweep_planes,
 )
-from slopecli.look.photometric import NOISE_GREY
+from slopecli.look.noise import NOISE_GREY
 from slopecli.types import FloatArray
 
 R, T, GROUND = turn(1, -2, 3), unit(0.8, 0.2, 0.4), tilted(0.2, -0.1)

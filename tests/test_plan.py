@@ -356,14 +356,11 @@ def test_windows_that_estimate_would_not_tell_are_poor() -> None:
 
 
 def test_limits_are_those_of_estimate() -> None:
-    from slopecli.patches import join as joint
     from slopecli.patches.windows import matching
-    from slopecli.plan import prediction
     from slopecli.report import build as report
 
     assert baseline_module.HALF_SEEN == report.LEAST_SEEN
     assert flight_module.LEAST_SHARE == matching.MIN_SHARE
-    assert prediction.SYSTEMATIC_PX == joint.SYSTEMATIC_PX
 
 
 # ---- ground, motion, options ----

@@ -14,11 +14,11 @@ import numpy as np
 
 from slopecli.geometry.motion import epipolar_residual, inverse_depth
 from slopecli.geometry.statistics import median
-from slopecli.look.noise import thin
+from slopecli.look.noise import NOISE_GREY
 from slopecli.look.overview import CELL, sparse_transfer
 from slopecli.look.photometric import detrend
 from slopecli.look.scene import Scene
-from slopecli.look.sparse import pair_rays
+from slopecli.look.sparse import pair_rays, thin
 from slopecli.look.warp import FloatImage, Grid, covered, cut, resample, transfer_map
 from slopecli.look.whole_image import MIN_INFORMATION
 from slopecli.types import BoolArray, FloatArray
@@ -33,7 +33,6 @@ WHOLLY_SEEN = 0.99  # share of a cell that image 2 must show
 DARKER, DARKER_SIGMAS = 0.25, 4.0  # change of log brightness that counts, and in sigmas; a shadow's is 0.4 and more
 SCATTER = (0.03, 0.1)  # 1-sigma of the log brightness of unchanged ground, between these
 FIT_ROUNDS, GATE_SIGMAS = 10, 2.5
-LEAST_GREY = 4.0  # grey levels below which brightness is noise
 # things that moved
 DEFYING_PX = 3.0  # a match this far off its epipolar line, or behind the camera by this, is of something that moved
 SAME_THING = 0.5  # photometric correlation of a match that is no mismatch
@@ -110,7 +109,7 @@ def _log_change(ours: FloatImage, theirs: FloatImage, known: BoolArray) -> Float
     change = np.zeros(known.shape)
     if known.sum() < FIT_ROUNDS:
         return change
-    log1, log2 = np.log(np.maximum(ours, LEAST_GREY)), np.log(np.maximum(theirs, LEAST_GREY))
+    log1, log2 = np.log(np.maximum(ours, 2 * NOISE_GREY)), np.log(np.maximum(theirs, 2 * NOISE_GREY))
     v, u = np.indices(known.shape) / np.reshape(known.shape, (2, 1, 1)) - 0.5
     design = np.stack([np.ones(known.shape), u, v, log1 - median(log1)], -1)[known]
     target = (log2 - log1)[known].astype(float)

@@ -10,8 +10,9 @@ import numpy as np
 
 from slopecli.errors import InputError
 from slopecli.geometry.solver.priors import MotionPrior
+from slopecli.look.noise import SYSTEMATIC_PX
 from slopecli.options import Options
-from slopecli.patches.join import SYSTEMATIC_PX, excess_px
+from slopecli.patches.join import excess_px
 from slopecli.types import Diagnostic, FloatArray, Solution
 
 # chi-square at 0.999 by the number of directions a prior fixes

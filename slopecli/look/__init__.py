@@ -12,15 +12,17 @@ __getattr__, __dir__ = lazy_names(
         "gradient_components": "Labels adaptive_threshold connected_components grown smooth_gradient "
         "without_small_pieces",
         "motions": "distinct_motions inliers_of rank_motions starting_motions",
-        "noise": "MAX_GAIN correlation_gain sample_grey thin",
+        "noise": "DIFFERENCE_GREY LEAST_MATCH_PX MAX_GAIN NOISE_GREY OVERVIEW_CELL_PX ROUNDING_GREY SYSTEMATIC_PX "
+        "WORST_MATCH_PX correlation_gain",
         "overview": "overview_cells sparse_transfer",
         "photometric": "PlaneFit View align_plane cell_shifts correlation detrend gain_between make_view normalise "
         "sweep_planes",
         "scene": "Scene epipolar_axes",
-        "sparse": "Matches Sparse find_motions",
+        "sparse": "Matches Sparse find_motions thin",
         "threads": "single_threaded",
         "transfer_error": "Comparison OUTSIDE TRUNCATED",
-        "warp": "Grid Layer Pyramid Transfer block_sum covered cut magnification resample sample_map transfer_map",
+        "warp": "Grid Layer Pyramid Transfer block_sum covered cut magnification resample sample_grey "
+        "sample_map transfer_map",
         "whole_image": "survey",
     },
 )

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from slopecli.geometry.statistics import quantile
 from slopecli.look.features import Grey
+from slopecli.look.noise import ROUNDING_GREY
 from slopecli.look.warp import FloatImage, Grid, Pyramid, block_sum, covered, image_gradient, resample
 from slopecli.types import FloatArray
 
@@ -25,7 +26,6 @@ SMOOTHINGS = 5  # rounds of variational refinement of the flow at every scale
 KEPT_PIXELS = 0.2e6  # largest image whose flow keeps its memory, some 20 MB
 CLEAR_SHARE, CLEAR_AGREEMENT = 0.97, 0.9  # of pixels that close, and of all cells but the worst tenth
 MIN_SHARE = 1 / 3  # of a cell's pixels that must pass the checks
-MIN_VARIANCE = 0.25  # grey^2: what rounding to whole grey levels leaves even of a blank cell
 
 
 @dataclass(frozen=True, eq=False)
@@ -179,6 +179,6 @@ def _correlation(
     mean1: FloatArray, mean2: FloatArray, square1: FloatArray, square2: FloatArray, product: FloatArray
 ) -> FloatArray:
     """(n,) correlation from the means of two values, of their squares and of their product."""
-    variance1 = np.maximum(square1 - mean1**2, MIN_VARIANCE)
-    variance2 = np.maximum(square2 - mean2**2, MIN_VARIANCE)
+    variance1 = np.maximum(square1 - mean1**2, ROUNDING_GREY**2)
+    variance2 = np.maximum(square2 - mean2**2, ROUNDING_GREY**2)
     return np.asarray((product - mean1 * mean2) / np.sqrt(variance1 * variance2))

@@ -10,11 +10,11 @@ from slopecli.geometry.epipolar import homogeneous
 from slopecli.geometry.motion import epipolar_residual, inverse_depth
 from slopecli.geometry.plane_fit import robust_plane
 from slopecli.geometry.statistics import median
+from slopecli.look.noise import LEAST_MATCH_PX
 from slopecli.types import BoolArray, FloatArray, IntArray
 from slopecli.windows import Window
 
 TOLERANCE_PX = 1.5  # epipolar residual of matches that count
-FLOOR_PX = 0.05  # smallest sigma of a match that is believed, px of image 2
 MIN_ON_PLANE = 6  # matches: through fewer than this a plane is chance
 MAX_PLANES = 8
 PLANE_TOLERANCE_PX = 1.0  # distance in image 2 from a plane's prediction of matches that are on it
@@ -53,7 +53,7 @@ class Evidence:
         """Scaled normal (3,) of the robust plane through the chosen matches; None when they are too few."""
         if which.sum() < MIN_ON_PLANE:
             return None
-        floor = FLOOR_PX / self.focal_px
+        floor = LEAST_MATCH_PX / self.focal_px
         return robust_plane(self.x1[which], self.w[which], self.leverage[which], floor).normal
 
     def misfit_px(self, normal: FloatArray) -> FloatArray:

@@ -14,6 +14,7 @@ import cv2
 import numpy as np
 
 from slopecli.look.features import Grey, match_descriptors, shrink, to_full
+from slopecli.look.noise import NOISE_GREY
 from slopecli.look.warp import FloatImage, Layer, image_gradient
 from slopecli.types import BoolArray, FloatArray, IntArray
 
@@ -25,8 +26,7 @@ WINDOW_SIGMA_PX = 1.5  # of the structure tensor: what one corner is made of
 WINDOW_RADIUS_PX = 6  # where that Gaussian has faded
 CORNER_ITERATIONS, MAX_OFFSET_PX = 4, 2.5  # from the maximum of w to where the edges meet, inside the window
 MIN_ROUNDNESS = 0.3  # 0 is a straight edge, along which nothing can be located; 1 is alike in all directions
-MIN_PRECISION_PX = 0.5  # a corner that sensor noise moves by more than this is no corner
-NOISE_GREY = 1.5  # grey levels of that noise
+MIN_PRECISION_PX = 2 / 3  # a corner that noise of the grey values moves by more than this is no corner
 QUOTA_CELLS = 8  # the image is divided in 8 x 8, and each cell has its share of the corners first
 
 # Matching, on shrunken images

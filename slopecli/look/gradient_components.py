@@ -10,11 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from slopecli.look.features import Grey
+from slopecli.look.noise import NOISE_GREY
 from slopecli.look.warp import FloatImage, image_gradient
 
 SMOOTH_PX = 1.5  # sigma: the grain of asphalt and brick is smoothed away, borders of surfaces are not
 INTERIOR_SHARE = 0.6  # of all pixels lie inside surfaces where no threshold is given
-FLATTEST = 0.5  # grey levels per px: sensor noise alone reaches this
 
 Labels = NDArray[np.int32]
 
@@ -28,7 +28,7 @@ def smooth_gradient(grey: Grey) -> FloatImage:
 
 def adaptive_threshold(gradient: FloatImage) -> float:
     """Gradient, grey levels per px, below which a pixel is inside a surface: that of `INTERIOR_SHARE` of the image."""
-    return max(float(np.quantile(gradient, INTERIOR_SHARE)), FLATTEST)
+    return max(float(np.quantile(gradient, INTERIOR_SHARE)), NOISE_GREY / 4)  # noise alone reaches this
 
 
 def connected_components(gradient: FloatImage, threshold: float, least_px: float) -> Labels:

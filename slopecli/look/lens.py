@@ -5,13 +5,12 @@ from __future__ import annotations
 import numpy as np
 
 from slopecli.geometry.lens_misfit import LensMisfit, find_lens_misfit
-from slopecli.look.noise import thin
+from slopecli.look.noise import SYSTEMATIC_PX
 from slopecli.look.scene import Scene
-from slopecli.look.sparse import pair_rays
+from slopecli.look.sparse import pair_rays, thin
 from slopecli.look.whole_image import MIN_INFORMATION
 
 MATCHES = 1200  # spread over the image: more add time, not certainty
-FLOOR_PX = 0.02  # residuals below this are interpolation
 WIDEST = 1.5  # normalised coordinate beyond which one radial term is no model of a lens
 
 
@@ -22,4 +21,4 @@ def lens_misfit(scene: Scene) -> LensMisfit | None:
     some = thin(cells.uv1, sharp, MATCHES)
     x1, x2, imaged = pair_rays(scene.camera1, scene.camera2, cells.uv1[some], cells.uv2[some])
     near = imaged & (np.linalg.norm(x1, axis=1) < WIDEST) & (np.linalg.norm(x2, axis=1) < WIDEST)
-    return find_lens_misfit(scene.R, scene.T, x1[near], x2[near], FLOOR_PX / focal_px)
+    return find_lens_misfit(scene.R, scene.T, x1[near], x2[near], SYSTEMATIC_PX / focal_px)

@@ -6,11 +6,11 @@ import cv2
 import numpy as np
 
 from slopecli.geometry.motion import MotionEstimate, assess_motion, refine_motion
+from slopecli.look.noise import LEAST_MATCH_PX, WORST_MATCH_PX
 from slopecli.types import BoolArray, FloatArray
 
 Motion = tuple[FloatArray, FloatArray]
 
-SIGMA_PX = (0.05, 0.7)  # the noise of sparse matches lies between these; more is mismatch
 SCORE_PX = 0.5  # motions compete on squared residuals truncated at four of these
 MIN_MATCHES = 8  # for a motion at all
 HALVES = 16  # random halves of the matches that are searched when most may be wrong
@@ -31,7 +31,7 @@ def starting_motions(
     if len(x1) < MIN_MATCHES:
         return []
     candidates = _essential_motions(x1, x2, focal_px, thorough, seed) + _homography_motions(x1, x2, focal_px)
-    bounds = (SIGMA_PX[0] / focal_px, SIGMA_PX[1] / focal_px)
+    bounds = (LEAST_MATCH_PX / focal_px, WORST_MATCH_PX / focal_px)
     refined = [refine_motion(R, T, x1, x2, bounds) for R, T in _without_opposites(candidates)]
     return rank_motions(refined, x1, x2, focal_px)
 

@@ -1,49 +1,28 @@
-"""Small measurements on matches: brightness under them, an even choice among them, how far their errors are shared."""
+"""Noise of images and matches: the physical constants of the package, and the correlation of errors between cells.
+
+Every constant is a 1-sigma. Values in px hold for the image that was matched, which may be a shrunken one.
+"""
 
 from __future__ import annotations
 
-import cv2
 import numpy as np
 
 from slopecli.geometry.statistics import median
-from slopecli.look.features import Grey
 from slopecli.types import FloatArray, IntArray
+
+NOISE_GREY = 2.0  # of a grey value of one image: sensor noise and compression, as measured in photographs
+DIFFERENCE_GREY = 2.5  # of the difference of two aligned images of one surface: noise of both, one of them interpolated
+ROUNDING_GREY = 0.5  # of that difference without any noise: grey values are rounded to whole levels in both images
+SYSTEMATIC_PX = 0.02  # RMS misfit that lens models, interpolation and shading leave in the best of pairs
+LEAST_MATCH_PX = 0.05  # smallest sigma of a single match, sparse or of the overview, that is believed
+WORST_MATCH_PX = 0.7  # largest: residuals beyond a few of these are mismatches
+OVERVIEW_CELL_PX = 0.1  # of a match of the overview, px of its working grid
 
 LAGS = ((0, 1), (1, 0), (1, 1), (1, -1), (0, 2), (2, 0), (0, 3), (3, 0))  # rows, columns between two cells
 REACH = 3  # the largest of them, rows or columns
 MAX_GAIN = 4.0  # errors shared by more cells than this stands for are no noise
 MIN_GROUP = 8  # cells of a window that say anything of correlation
 CLIP_SIGMAS = 3.0  # robust sigmas residuals are clipped at: one mismatch is no correlation
-
-
-def sample_grey(grey: Grey, uv: FloatArray) -> FloatArray:
-    """(n,) bilinear brightness of an image at pixels (n, 2)."""
-    if len(uv) == 0:
-        return np.empty(0)
-    at = uv.astype(np.float32)[:, None]  # a column: OpenCV bears no more than 32767 points in a row
-    return np.asarray(
-        cv2.remap(grey, at[..., 0], at[..., 1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)[:, 0], float
-    )
-
-
-def thin(uv: FloatArray, index: IntArray, limit: int) -> IntArray:
-    """At most `limit` of the points `index`, spread evenly over the image: one a bin, round after round."""
-    if len(index) <= limit:
-        return index
-    points = uv[index]
-    low, extent = points.min(0), np.maximum(np.ptp(points, axis=0), 1.0)
-    side = np.sqrt(extent.prod() / limit)
-    bins = np.floor((points - low) / side).astype(np.int64)
-    code = bins[:, 0] * (bins[:, 1].max() + 1) + bins[:, 1]
-    order = np.argsort(code, kind="stable")
-    starts = np.flatnonzero(np.r_[True, np.diff(code[order]) > 0])
-    rank = np.arange(len(order)) - np.repeat(starts, np.diff(np.r_[starts, len(order)]))
-    by_rank = np.argsort(rank, kind="stable")
-    whole = by_rank[: np.searchsorted(rank[by_rank], rank[by_rank[limit]])]  # rounds that fit in full
-    last = by_rank[rank[by_rank] == rank[by_rank[limit]]]
-    evenly = last[np.linspace(0, len(last) - 1, limit - len(whole)).round().astype(int)]
-    chosen = order[np.concatenate([whole, evenly])]
-    return np.sort(index[chosen])
 
 
 def correlation_gain(groups: list[tuple[IntArray, FloatArray]]) -> float:

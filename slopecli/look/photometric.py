@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from slopecli.geometry.epipolar import homogeneous
 from slopecli.geometry.statistics import median, quantile
+from slopecli.look.noise import NOISE_GREY, ROUNDING_GREY
 from slopecli.look.warp import (
     FloatImage,
     Grid,
@@ -28,9 +29,7 @@ from slopecli.look.warp import (
 )
 from slopecli.types import FloatArray
 
-NOISE_GREY = 2.0  # grey levels below which contrast is sensor noise, not texture
 MAX_STEP_PX = 1.0  # a Gauss-Newton step moves no more of the window than this: the image is linear no further
-LEAST_GREY = 0.5  # no image pair agrees better than this, grey levels
 GATE_SIGMAS = 2.5  # robust sigmas of the photometric residual at which a pixel has lost most of its weight
 CELL_PRIOR_PX = 0.5  # a cell's displacement from the aligned plane is within this; decides where texture does not
 # shares of a window image 2 must show for its plane to be aligned, to be scored in a sweep, and of a cell to count
@@ -209,7 +208,7 @@ def _linearise(view: View, normal: FloatArray, ours: FloatImage, radius: float) 
 
 def _robust_weight(residual: FloatImage, valid: NDArray[np.bool_]) -> tuple[FloatImage, float]:
     """Geman-McClure weights (h, w), 0 where not valid, and the robust sigma they refer to, grey levels."""
-    sigma = max(1.4826 * median(np.abs(residual[valid])), LEAST_GREY) if valid.any() else LEAST_GREY
+    sigma = max(1.4826 * median(np.abs(residual[valid])), ROUNDING_GREY) if valid.any() else ROUNDING_GREY
     return np.where(valid, 1 / (1 + (residual / (GATE_SIGMAS * sigma)) ** 2) ** 2, np.float32(0)), sigma
 
 

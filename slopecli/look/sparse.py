@@ -11,7 +11,7 @@ from slopecli.geometry.camera import rays_from_pixels
 from slopecli.geometry.motion import MotionEstimate, epipolar_residual
 from slopecli.look.features import Grey
 from slopecli.look.motions import inliers_of, rank_motions, starting_motions
-from slopecli.types import BoolArray, Camera, FloatArray
+from slopecli.types import BoolArray, Camera, FloatArray, IntArray
 
 # two grey images -> matches uv1, uv2 (n, 2) px and how many features each image has
 FeatureMatcher = Callable[[Grey, Grey], tuple[FloatArray, FloatArray, tuple[int, int]]]
@@ -29,6 +29,26 @@ def pair_rays(
     """
     x1, x2 = rays_from_pixels(camera1, uv1), rays_from_pixels(camera2, uv2)
     return x1, x2, np.asarray(np.isfinite(x1).all(1) & np.isfinite(x2).all(1))
+
+
+def thin(uv: FloatArray, index: IntArray, limit: int) -> IntArray:
+    """At most `limit` of the points `index`, spread evenly over the image: one a bin, round after round."""
+    if len(index) <= limit:
+        return index
+    points = uv[index]
+    low, extent = points.min(0), np.maximum(np.ptp(points, axis=0), 1.0)
+    side = np.sqrt(extent.prod() / limit)
+    bins = np.floor((points - low) / side).astype(np.int64)
+    code = bins[:, 0] * (bins[:, 1].max() + 1) + bins[:, 1]
+    order = np.argsort(code, kind="stable")
+    starts = np.flatnonzero(np.r_[True, np.diff(code[order]) > 0])
+    rank = np.arange(len(order)) - np.repeat(starts, np.diff(np.r_[starts, len(order)]))
+    by_rank = np.argsort(rank, kind="stable")
+    whole = by_rank[: np.searchsorted(rank[by_rank], rank[by_rank[limit]])]  # rounds that fit in full
+    last = by_rank[rank[by_rank] == rank[by_rank[limit]]]
+    evenly = last[np.linspace(0, len(last) - 1, limit - len(whole)).round().astype(int)]
+    chosen = order[np.concatenate([whole, evenly])]
+    return np.sort(index[chosen])
 
 
 @dataclass(frozen=True, eq=False)

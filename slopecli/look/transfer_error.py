@@ -11,6 +11,7 @@ import cv2
 import numpy as np
 
 from slopecli.geometry.epipolar import homogeneous
+from slopecli.look.noise import DIFFERENCE_GREY
 from slopecli.look.photometric import detrend, grid_rays
 from slopecli.look.warp import (
     NODE_STEP,
@@ -27,7 +28,6 @@ from slopecli.look.warp import (
 from slopecli.types import FloatArray, IntArray
 
 SHADING_PX = 8.0  # working px over which brightness is taken for exposure and shading, not texture
-NOISE_GREY = 2.5  # 1-sigma of the difference of two images of one surface, grey levels
 MISPLACED_PX = 0.45  # working px by which a surface may be off its plane (relief, lens, interpolation): 1-sigma
 TRUNCATED = 9.0  # cost of a pixel that is off by three sigmas or by any more
 OUTSIDE = 2 * TRUNCATED  # cost of a pixel the plane sends outside image 2
@@ -98,7 +98,7 @@ class Comparison:
         self.everywhere: Box = slice(0, self.shape[0]), slice(0, self.shape[1])
         ours = grid.grey.astype(np.float32)
         self._ours = detrend(ours, SHADING_PX)
-        self._certainty = (1 / (NOISE_GREY**2 + MISPLACED_PX**2 * _squared_gradient(ours))).astype(np.float32)
+        self._certainty = (1 / (DIFFERENCE_GREY**2 + MISPLACED_PX**2 * _squared_gradient(ours))).astype(np.float32)
         layer = pyramid2.at(1.0 / self._working_per_px2)
         self._scale2 = layer.scale
         shading_px = SHADING_PX * float(layer.scale.mean()) / self._working_per_px2

@@ -178,6 +178,16 @@ def block_sum(layer: FloatImage, cell: int) -> FloatArray:
     return np.asarray(lines.reshape(rows, columns, cell).sum(2))
 
 
+def sample_grey(grey: Grey, uv: FloatArray) -> FloatArray:
+    """(n,) bilinear brightness of an image at pixels (n, 2)."""
+    if len(uv) == 0:
+        return np.empty(0)
+    at = uv.astype(np.float32)[:, None]  # a column: OpenCV bears no more than 32767 points in a row
+    return np.asarray(
+        cv2.remap(grey, at[..., 0], at[..., 1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)[:, 0], float
+    )
+
+
 def sample_map(mapping: FloatImage, points: FloatArray) -> FloatArray:
     """Values (n, 2) of a map at points (n, 2) of its grid, bilinear in double precision."""
     height, width = mapping.shape[:2]

@@ -12,17 +12,16 @@ from slopecli.look.dense import Cells
 from slopecli.look.evidence import gather_evidence, scene_planes
 from slopecli.look.features import Grey, shrink
 from slopecli.look.motions import distinct_motions
-from slopecli.look.noise import sample_grey
+from slopecli.look.noise import SYSTEMATIC_PX, WORST_MATCH_PX
 from slopecli.look.overview import WHOLE, OverviewEffort, overview_cells
 from slopecli.look.scene import Scene
 from slopecli.look.sparse import Matches, Sparse
-from slopecli.look.warp import Layer, Pyramid
+from slopecli.look.warp import Layer, Pyramid, sample_grey
 from slopecli.types import Camera, FloatArray
 
 MIN_INFORMATION = 100.0  # grey^2/px^2 over a cell of the overview: weaker texture moves with the noise
 ENOUGH_CELLS = 500  # of the overview: then the coarser sparse matches, mismatches among them, are left out
 CONSISTENT_PX = 0.7  # epipolar residual of a dense match that a motion explains
-DENSE_SIGMA_PX = (0.02, 0.7)  # the noise of dense matches lies between these; more is mismatch
 SCORE_PX = 0.5  # motions compete on squared residuals truncated at four of these, or of the noise where it is larger
 
 
@@ -95,7 +94,7 @@ def _read(
 
 
 def _refined(motions: list[MotionEstimate], x1: FloatArray, x2: FloatArray, focal_px: float) -> list[MotionEstimate]:
-    bounds = (DENSE_SIGMA_PX[0] / focal_px, DENSE_SIGMA_PX[1] / focal_px)
+    bounds = (SYSTEMATIC_PX / focal_px, WORST_MATCH_PX / focal_px)
     refined = [refine_motion(m.R, m.T, x1, x2, bounds) for m in motions]
     common = max(SCORE_PX / focal_px, min(m.scale for m in refined))
     scored = [replace(assess_motion(m.R, m.T, x1, x2, common), scale=m.scale) for m in refined]

@@ -14,17 +14,16 @@ from slopecli.geometry.solver.ambiguity import rules_out
 from slopecli.geometry.solver.priors import MotionPrior
 from slopecli.geometry.solver.solve import solve_planes
 from slopecli.look.evidence import Evidence
-from slopecli.look.noise import correlation_gain, thin
+from slopecli.look.noise import OVERVIEW_CELL_PX, SYSTEMATIC_PX, correlation_gain
 from slopecli.look.scene import Scene
+from slopecli.look.sparse import thin
 from slopecli.patches.footprint import Footprint
 from slopecli.patches.match import WindowMatch
 from slopecli.patches.patch_set import Patches
 from slopecli.types import Correspondences, FloatArray, IntArray, Solution
 
 OUTSIDE_POINTS = 1500  # matches outside the windows that join the solution: more add time, not accuracy
-OUTSIDE_SIGMA_PX = 0.10  # of a cell of the overview, px of its working grid
 REFERENCE_PX = 0.05  # weights are relative to a match this good
-SYSTEMATIC_PX = 0.02  # RMS misfit that lens models, interpolation and shading leave in the best of pairs
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,7 +74,7 @@ def join_patches(patches: Patches, scene: Scene) -> Matched:
         x2=np.vstack([*(p.x2 for p in parts), evidence.x2[outside]]),
         patch=np.repeat([*range(len(parts)), -1], [*(len(p.x1) for p in parts), len(outside)]),
     )
-    outside_sigma = OUTSIDE_SIGMA_PX / float(scene.pyramid1.overview_scale.mean())
+    outside_sigma = OVERVIEW_CELL_PX / float(scene.pyramid1.overview_scale.mean())
     variance = np.concatenate([*(p.variance_px[:, 0] for p in parts), np.full(len(outside), outside_sigma**2)])
     return Matched(patches, answered, correspondences, REFERENCE_PX**2 / variance)
 

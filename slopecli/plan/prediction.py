@@ -15,13 +15,13 @@ from slopecli.geometry.solver.observations import linearise, observe
 from slopecli.geometry.solver.refinement import State, normal_equations
 from slopecli.geometry.solver.solve import solve_planes
 from slopecli.geometry.solver.uncertainty import covariance_of
+from slopecli.look.noise import SYSTEMATIC_PX
 from slopecli.plan.flight import Flight, Seen, refuse_sky, see
 from slopecli.plan.visibility import unseen_tilts
 from slopecli.types import Diagnostic, FloatArray, Solution
 
 UNKNOWN_DEG = 60.0  # sigma beyond which slopes are anything, and a covariance says nothing
 TRIALS = 20  # simulated pairs that show whether there are two answers
-SYSTEMATIC_PX = 0.02  # misfit that lens models and interpolation feign: a root must fit worse by more to be ruled out
 SHARING = 4  # matches that share their errors, for which one point stands
 JOINED = 0.5  # error of simulated pairs over the predicted one below which the roots limit each other
 

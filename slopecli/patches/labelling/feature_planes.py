@@ -11,6 +11,7 @@ import numpy as np
 from slopecli.errors import NoAnswer
 from slopecli.geometry.camera import pixels_from_rays
 from slopecli.look.gradient_components import Labels
+from slopecli.look.noise import OVERVIEW_CELL_PX
 from slopecli.look.overview import CELL
 from slopecli.look.scene import Scene
 from slopecli.options import Options
@@ -20,7 +21,6 @@ from slopecli.patches.match import WindowMatch
 from slopecli.patches.patch_set import Patches
 from slopecli.types import FloatArray, IntArray
 
-SIGMA_PX = 0.1  # of a cell of the overview, px of its grid
 LEAST_MATCHES = 12  # through fewer a plane is hardly more than chance
 
 
@@ -72,7 +72,7 @@ def _painted(members: list[IntArray], scene: Scene) -> Labels:
 
 def _match(which: IntArray, footprint: Footprint, scene: Scene) -> WindowMatch:
     e = scene.evidence
-    sigma = SIGMA_PX / float(scene.pyramid1.overview_scale.mean())
+    sigma = OVERVIEW_CELL_PX / float(scene.pyramid1.overview_scale.mean())
     index = np.floor((e.uv1[which, ::-1] + 0.5) / np.sqrt(_cell_area(scene))).astype(np.int64)
     share = min(1.0, len(which) * _cell_area(scene) / max(footprint.area_px, 1))
     uv2: FloatArray = pixels_from_rays(scene.camera2, e.x2[which])

@@ -10,13 +10,14 @@ from slopecli.geometry.epipolar import homogeneous
 from slopecli.geometry.motion import epipolar_residual, inverse_depth
 from slopecli.look.dense import Cells
 from slopecli.look.gradient_components import Labels, grown
+from slopecli.look.noise import DIFFERENCE_GREY
 from slopecli.look.scene import Scene, axis_variance
 from slopecli.look.sparse import pair_rays
 from slopecli.look.warp import Grid
 from slopecli.patches.labelling.energy import cover
 from slopecli.types import FloatArray, IntArray
 
-FLOOR_PX, NOISE_GREY = 0.08, 2.5  # of a cell, px and grey levels of the overview's grid: see axis_variance
+FLOOR_PX = 0.08  # of a cell, px of the overview's grid: see axis_variance
 MAX_SIGMA_PX = 1.0  # cells known worse along the epipolar line say nothing of a plane
 EPIPOLAR_PX, EPIPOLAR_SIGMAS, MOST_EPIPOLAR_PX = 1.0, 3.0, 2.0  # by which a cell may miss its epipolar line
 SEEDS = 600  # neighbourhoods that propose a plane
@@ -58,7 +59,7 @@ class RegionCells:
 def region_cells(cells: Cells, scene: Scene) -> tuple[RegionCells, IntArray]:
     """Cells that obey the motion, those of faint texture with the sigma that goes with it, and which (m,) they are."""
     focal = scene.camera1.focal_px  # flow errs in px of the grid over image 1, however many image 2 has
-    variance = axis_variance(cells.information, cells.uv1, scene, FLOOR_PX, NOISE_GREY) / cells.pixel_scale**2
+    variance = axis_variance(cells.information, cells.uv1, scene, FLOOR_PX, DIFFERENCE_GREY) / cells.pixel_scale**2
     x1, x2, seen = pair_rays(scene.camera1, scene.camera2, cells.uv1, cells.uv2)
     residual = np.abs(epipolar_residual(scene.R, scene.T, x1, x2)) * focal
     allowed = np.minimum(np.maximum(EPIPOLAR_PX, EPIPOLAR_SIGMAS * np.sqrt(variance[:, 1])), MOST_EPIPOLAR_PX)

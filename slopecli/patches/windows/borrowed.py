@@ -6,8 +6,8 @@ import numpy as np
 
 from slopecli.geometry.camera import pixels_from_rays
 from slopecli.geometry.statistics import median
-from slopecli.look.noise import thin
 from slopecli.look.scene import Scene, view_of
+from slopecli.look.sparse import thin
 from slopecli.look.warp import covered
 from slopecli.patches.match import WindowMatch, no_match
 from slopecli.types import FloatArray, IntArray

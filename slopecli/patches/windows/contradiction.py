@@ -6,7 +6,7 @@ import numpy as np
 
 from slopecli.geometry.epipolar import homogeneous
 from slopecli.geometry.statistics import median
-from slopecli.look.photometric import NOISE_GREY
+from slopecli.look.noise import NOISE_GREY
 from slopecli.look.scene import Scene
 from slopecli.look.warp import FloatImage, covered, sample_layer
 from slopecli.types import BoolArray, FloatArray

@@ -9,6 +9,7 @@ import numpy as np
 from slopecli.geometry.epipolar import homogeneous
 from slopecli.geometry.motion import inverse_depth
 from slopecli.geometry.statistics import median
+from slopecli.look.noise import SYSTEMATIC_PX
 from slopecli.look.photometric import PlaneFit, View, align_plane, cell_shifts
 from slopecli.look.scene import FINE_PX, Scene, axis_variance, view_of
 from slopecli.look.sparse import pair_rays
@@ -22,7 +23,6 @@ PLANAR_RATIO = 5.0  # misfit to the plane over the predicted variance of the mat
 MIN_SCORE, MAX_LOSS = 0.5, 0.2  # correlation an alignment must reach, and may lose against the flow's
 MIN_CELLS, MIN_KEPT = 8, 0.3  # polished cells that can stand for the flow's matches, and their number over those
 MAX_SHIFT_PX = 1.0  # px of the grid: a cell that wants to move further was not aligned
-POLISH_FLOOR_PX = 0.02  # px of the grid: what interpolation leaves
 FAINTEST_PX = 1.0  # cells known worse than this add nothing
 FAINT_SCORE, FAINT_PIXELS = 0.85, 100 * 100  # below both, other planes of the scene are tried as starts
 SHIFT_SIGMAS = 2.0  # cells share noise with their neighbours through interpolation and normalisation
@@ -65,7 +65,7 @@ def _shifted_cells(match: WindowMatch, view: View, fit: PlaneFit, scene: Scene, 
     shifts = cell_shifts(view, fit.normal, cell)
     uv1 = view.grid.full(shifts.centre)
     uv2 = sample_map(view.mapping(fit.normal), shifts.centre + shifts.shift)
-    variance = axis_variance(shifts.information, uv1, scene, POLISH_FLOOR_PX, SHIFT_SIGMAS)
+    variance = axis_variance(shifts.information, uv1, scene, SYSTEMATIC_PX, SHIFT_SIGMAS)
     x1, x2, seen = pair_rays(scene.camera1, scene.camera2, uv1, uv2)
     good = seen & (np.abs(shifts.shift).max(1) < MAX_SHIFT_PX) & (variance[:, 0] < FAINTEST_PX**2)
     if good.sum() < max(MIN_CELLS, MIN_KEPT * len(match.uv1)):

@@ -12,8 +12,9 @@ from slopecli.geometry.plane_fit import robust_plane
 from slopecli.geometry.statistics import median
 from slopecli.look.dense import Cells, dense_cells
 from slopecli.look.evidence import Evidence
+from slopecli.look.noise import NOISE_GREY
 from slopecli.look.overview import CELL
-from slopecli.look.photometric import NOISE_GREY, PlaneFit, align_plane, plane_map, sweep_planes
+from slopecli.look.photometric import PlaneFit, align_plane, plane_map, sweep_planes
 from slopecli.look.scene import FINE_PX, Scene, axis_variance, view_of, window_grid
 from slopecli.look.sparse import pair_rays
 from slopecli.patches.match import WindowMatch, no_match, overdispersion
