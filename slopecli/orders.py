@@ -20,16 +20,6 @@ class CameraChoice:
 
 
 @dataclass(frozen=True)
-class Keep:
-    """Which files are written beside slopes.json and labels.png."""
-
-    overlay: bool = True
-    ply: bool = True
-    glb: bool = True
-    debug_images: bool = False
-
-
-@dataclass(frozen=True)
 class Outcome:
     """What one pair of a batch came to; as JSON it is one line of results.jsonl.
 

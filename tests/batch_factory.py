@@ -42,7 +42,7 @@ def make_pair(first: Path, second: Path, choice: CameraChoice) -> Pair:
     return Pair(f"{first.stem}-{second.stem}", str(first), str(second), choice, choice)
 
 
-def make_job(pair: Pair, folder: Path, options: Options = Options(), keep: Keep = Keep()) -> Job:
+def make_job(pair: Pair, folder: Path, options: Options = Options(), keep: frozenset[str] = Keep()) -> Job:
     return Job(pair, options, keep, str(folder / pair.name))
 
 

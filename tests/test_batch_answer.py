@@ -5,7 +5,7 @@ from __future__ import annotations
 import errno
 import os
 from collections.abc import Callable
-from dataclasses import asdict, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -48,12 +48,12 @@ def without_record(folder: str) -> dict[str, bytes]:
     return {name: content for name, content in tree(Path(folder)).items() if name != "pair.json"}
 
 
-def as_the_command_does(pair: Pair, folder: Path, options: Options, keep: Keep) -> dict[str, bytes]:
+def as_the_command_does(pair: Pair, folder: Path, options: Options, keep: frozenset[str]) -> dict[str, bytes]:
     images = load_image(pair.image1), load_image(pair.image2)
     assert pair.camera1 is not None
     cameras = [camera_for(image, pair.camera1)[0] for image in images]
     report = estimate(*images, *cameras, options)
-    write_outputs(report, images[0], folder, **asdict(keep))
+    write_outputs(report, images[0], folder, keep)
     return tree(folder)
 
 
@@ -66,7 +66,9 @@ def as_the_command_does(pair: Pair, folder: Path, options: Options, keep: Keep) 
     ],
     ids=["windows", "few files", "regions"],
 )
-def test_the_files_are_those_of_the_command(pairs: list[Pair], tmp_path: Path, options: Options, keep: Keep) -> None:
+def test_the_files_are_those_of_the_command(
+    pairs: list[Pair], tmp_path: Path, options: Options, keep: frozenset[str]
+) -> None:
     job = make_job(pairs[0], tmp_path / "batch", options, keep)
     outcome = answer(job).outcome
     assert outcome.exit_status == 0

@@ -15,8 +15,9 @@ from batch_factory import make_job
 
 from slopecli.batch import TRANSIENT, CameraChoice, Job, Keep, Outcome, Pair, failure, fingerprint_of, finished, store
 from slopecli.errors import DiskFull
-from slopecli.io import OUTPUT_NAMES, remove_temporary, write_atomically
+from slopecli.io import remove_temporary, write_atomically
 from slopecli.options import Options
+from slopecli.products import OUTPUT_NAMES
 
 CAMERA = CameraChoice(file="camera.json#left")
 PAIR = Pair("one-two", "one.png", "two.png", CAMERA, CAMERA)

@@ -21,8 +21,15 @@ from report_factory import (
 )
 
 from slopecli.errors import InputError
-from slopecli.io import OUTPUT_NAMES, check_directory, write_outputs
-from slopecli.products import draw_steps, report_to_json
+from slopecli.io import check_directory, write_outputs
+from slopecli.products import (
+    OUTPUT_NAMES,
+    PRODUCTS,
+    draw_merged,
+    keep_files,
+    kept_choices,
+    report_to_json,
+)
 
 ALL = {"slopes.json", "overlay.png", "patches.ply", "labels.png"}
 STEPS = {"step1_gradient.png", "step2_components.png", "step3_merged.png"}
@@ -30,6 +37,31 @@ REPORT, IMAGE = make_report(), make_image()
 SMALL_IMAGE = make_image(320, 240, colour=True)
 SMALL_LABELS = make_region_labels(320, 240)
 REGIONS = make_region_report(make_camera(320, 240), SMALL_LABELS, segmentation=make_segmentation(SMALL_LABELS, 160))
+
+
+def test_every_file_has_a_row_and_the_result_completes_them() -> None:
+    assert len(set(OUTPUT_NAMES)) == len(PRODUCTS)
+    assert OUTPUT_NAMES[-1] == "slopes.json"
+    assert all(product.what and product.encode(REGIONS, SMALL_IMAGE) for product in PRODUCTS)
+
+
+def test_flags_decline_or_ask_for_files() -> None:
+    flags = {product.parameter: product.flag for product in PRODUCTS if product.choice}
+    assert flags == {
+        "no_overlay": "--no-overlay",
+        "no_ply": "--no-ply",
+        "no_glb": "--no-glb",
+        "debug_images": "--debug-images",
+    }
+    assert kept_choices(dict.fromkeys(flags, False)) == keep_files() == {"overlay", "ply", "glb"}
+    assert kept_choices(dict.fromkeys(flags, True)) == keep_files(
+        overlay=False, ply=False, glb=False, debug_images=True
+    )
+
+
+def test_there_is_no_other_choice() -> None:
+    with pytest.raises(TypeError, match="overlays"):
+        keep_files(overlays=False)
 
 
 def contents(folder: Path) -> dict[str, bytes]:
@@ -92,7 +124,7 @@ def test_replaces_an_earlier_answer_and_nothing_else(earlier: Path) -> None:
 
 
 def test_files_left_out_do_not_stay_from_an_earlier_run(earlier: Path) -> None:
-    written = write_outputs(REPORT, IMAGE, earlier, overlay=False, ply=False)
+    written = write_outputs(REPORT, IMAGE, earlier, keep_files(overlay=False, ply=False))
     assert {path.name for path in written} == {"slopes.json", "labels.png"}
     assert set(contents(earlier)) == {"slopes.json", "labels.png", "notes.txt"}
 
@@ -104,7 +136,7 @@ def test_files_left_out_do_not_stay_from_an_earlier_run(earlier: Path) -> None:
 )
 def test_regions_come_with_a_textured_model(earlier: Path, declined: set[str]) -> None:
     files = {"overlay": "overlay.png", "ply": "patches.ply", "glb": "patches.glb"}
-    written = write_outputs(REGIONS, SMALL_IMAGE, earlier, **dict.fromkeys(declined, False))
+    written = write_outputs(REGIONS, SMALL_IMAGE, earlier, keep_files(**dict.fromkeys(declined, False)))
     expected = {"slopes.json", "labels.png", *files.values()} - {files[name] for name in declined}
     assert {path.name for path in written} == expected
     assert set(contents(earlier)) == expected | {"notes.txt"}
@@ -112,19 +144,19 @@ def test_regions_come_with_a_textured_model(earlier: Path, declined: set[str]) -
 
 
 def test_steps_are_written_when_asked_for_and_there_are_any(tmp_path: Path) -> None:
-    write_outputs(REGIONS, SMALL_IMAGE, tmp_path, debug_images=True)
+    write_outputs(REGIONS, SMALL_IMAGE, tmp_path, keep_files(debug_images=True))
     assert set(contents(tmp_path)) == ALL | STEPS | {"patches.glb"}
-    for name, picture in zip(sorted(STEPS), draw_steps(REGIONS, SMALL_IMAGE).values(), strict=True):
-        assert np.array_equal(cv2.imread(str(tmp_path / name)), picture)
-    write_outputs(make_region_report(make_camera(320, 240)), SMALL_IMAGE, tmp_path, debug_images=True)
+    merged = cv2.imread(str(tmp_path / "step3_merged.png"))
+    assert np.array_equal(merged, draw_merged(REGIONS, SMALL_IMAGE))
+    write_outputs(make_region_report(make_camera(320, 240)), SMALL_IMAGE, tmp_path, keep_files(debug_images=True))
     assert set(contents(tmp_path)) == ALL | {"patches.glb"}  # found without a segmentation
-    write_outputs(REPORT, IMAGE, tmp_path, debug_images=True)
+    write_outputs(REPORT, IMAGE, tmp_path, keep_files(debug_images=True))
     assert set(contents(tmp_path)) == ALL
 
 
 def test_same_regions_give_same_bytes(tmp_path: Path) -> None:
     for name in ("one", "two"):
-        write_outputs(REGIONS, SMALL_IMAGE, tmp_path / name, debug_images=True)
+        write_outputs(REGIONS, SMALL_IMAGE, tmp_path / name, keep_files(debug_images=True))
     assert contents(tmp_path / "one") == contents(tmp_path / "two")
 
 

@@ -12,11 +12,10 @@ from report_factory import (
     make_image,
     make_region_labels,
     make_region_report,
-    make_report,
     make_segmentation,
 )
 
-from slopecli.products import draw_steps
+from slopecli.products import draw_components, draw_gradient, draw_merged
 from slopecli.products.drawing import NO_REGION, map_colours
 from slopecli.segmentation import Segmentation
 from slopecli.types import Image, Report
@@ -30,12 +29,12 @@ def segmented_report(width: int = 640) -> Report:
     return make_region_report(make_camera(SIZE[1], SIZE[0]), labels, segmentation=make_segmentation(labels, width))
 
 
+DRAW = {"gradient": draw_gradient, "components": draw_components, "merged": draw_merged}
 REPORT = segmented_report()
-STEPS = draw_steps(REPORT, IMAGE)
+STEPS = {name: draw(REPORT, IMAGE) for name, draw in DRAW.items()}
 
 
 def test_three_pictures_as_large_as_the_overlay_with_a_caption() -> None:
-    assert list(STEPS) == ["gradient", "components", "merged"]
     for picture in STEPS.values():
         assert picture.dtype == np.uint8
         assert picture.shape[1:] == (SIZE[1], 3)
@@ -43,9 +42,10 @@ def test_three_pictures_as_large_as_the_overlay_with_a_caption() -> None:
         assert (picture[SIZE[0] :] == 250).mean() > 0.5
 
 
-def test_no_segmentation_no_pictures() -> None:
-    assert draw_steps(make_region_report(), make_image()) == {}
-    assert draw_steps(make_report(), make_image()) == {}
+@pytest.mark.parametrize("name", DRAW)
+def test_without_a_segmentation_there_is_nothing_to_draw(name: str) -> None:
+    with pytest.raises(ValueError, match="segmentation"):
+        DRAW[name](make_region_report(), make_image())
 
 
 def test_gradient_is_blue_below_the_threshold_and_warm_above() -> None:
@@ -63,14 +63,14 @@ def test_gradient_says_its_threshold() -> None:
     """The mark on the colour bar moves with the threshold."""
     assert REPORT.segmentation is not None
     other = replace(REPORT, segmentation=replace(REPORT.segmentation, threshold=1.3))
-    assert not np.array_equal(draw_steps(other, IMAGE)["gradient"][SIZE[0] :], STEPS["gradient"][SIZE[0] :])
+    assert not np.array_equal(draw_gradient(other, IMAGE)[SIZE[0] :], STEPS["gradient"][SIZE[0] :])
 
 
 def test_flat_image_has_a_picture_too() -> None:
     nothing = np.zeros((48, 64), np.int32)
     flat = Segmentation(np.zeros((48, 64), np.float32), 0.0, nothing, nothing)
-    for picture in draw_steps(replace(REPORT, segmentation=flat), IMAGE).values():
-        assert picture.shape[1] == SIZE[1]
+    for draw in DRAW.values():
+        assert draw(replace(REPORT, segmentation=flat), IMAGE).shape[1] == SIZE[1]
 
 
 @pytest.mark.parametrize("name", ["components", "merged"])
@@ -90,7 +90,7 @@ def test_regions_are_told_apart_and_what_is_none_is_dark(name: str) -> None:
 
 
 def test_merged_regions_bear_the_ids_of_their_planes() -> None:
-    plain = draw_steps(replace(REPORT, planes=()), Image(cv2.resize(IMAGE.grey, (1280, 960))))["merged"]
+    plain = draw_merged(replace(REPORT, planes=()), IMAGE)
     changed = (STEPS["merged"][: SIZE[0]] != plain[: SIZE[0]]).any(axis=2)
     for plane in REPORT.planes:
         assert changed[REPORT.labels == plane.id].any()
@@ -98,8 +98,8 @@ def test_merged_regions_bear_the_ids_of_their_planes() -> None:
 
 
 def test_pictures_are_the_same_every_time() -> None:
-    again = draw_steps(segmented_report(), IMAGE)
-    assert all(np.array_equal(again[name], STEPS[name]) for name in STEPS)
+    again = segmented_report()
+    assert all(np.array_equal(draw(again, IMAGE), STEPS[name]) for name, draw in DRAW.items())
 
 
 # ---- colours ----

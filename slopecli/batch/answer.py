@@ -6,7 +6,7 @@ import hashlib
 import math
 import threading
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, replace
+from dataclasses import replace
 from pathlib import PurePath
 
 from slopecli.batch.jobs import Answer, CameraChoice, Job, Outcome, Shipped
@@ -14,9 +14,9 @@ from slopecli.batch.ledger import camera_file, failure, fingerprint_of, finished
 from slopecli.errors import InputError, NoAnswer, SlopemapError
 from slopecli.io.cameras.reading import camera_for, read_camera_file
 from slopecli.io.images import decode_image, read_image_file
-from slopecli.io.outputs import encode_outputs
 from slopecli.look.features import FeatureMemory
 from slopecli.pipeline import estimate
+from slopecli.products import encode_products
 from slopecli.types import Camera, Image, Plane, Report
 
 N_IMAGES = 2  # remembered: neighbours share one, and the other is the next pair's
@@ -137,7 +137,7 @@ def _estimate(job: Job, inputs: Shipped) -> tuple[Outcome, dict[str, bytes]]:
     except InputError:
         raise InputError("; ".join(_complaints(job, inputs.files))) from None
     report = estimate(image1, image2, camera1, camera2, job.options, memory=_memory().features)
-    contents = encode_outputs(report, image1, **asdict(job.keep))
+    contents = encode_products(report, image1, job.keep)
     return _outcome_of(job, report, inputs.fingerprint, tuple(contents)), contents
 
 

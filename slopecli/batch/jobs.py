@@ -5,9 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from slopecli.options import Options
-from slopecli.orders import CameraChoice, Keep, Outcome
+from slopecli.orders import CameraChoice, Outcome
+from slopecli.products import keep_files
 
 __all__ = ["Answer", "CameraChoice", "Job", "Keep", "Outcome", "Pair", "Progress", "Shipped"]
+
+Keep = keep_files  # as programs that call `run` know it
 
 
 @dataclass(frozen=True)
@@ -42,13 +45,14 @@ class Shipped:
 class Job:
     """One pair with everything a worker needs; can be pickled.
 
+    keep : the user's choices of files, of `slopecli.products.CHOICES`.
     folder : where the files go, absolute.  base : folder that relative paths of the pair start from.
     shipped : None where the worker reads and writes files itself.
     """
 
     pair: Pair
     options: Options
-    keep: Keep
+    keep: frozenset[str]
     folder: str
     base: str = ""
     shipped: Shipped | None = None

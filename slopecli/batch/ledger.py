@@ -11,6 +11,7 @@ from pathlib import Path
 from slopecli import __version__
 from slopecli.batch.jobs import CameraChoice, Job, Outcome
 from slopecli.errors import DiskFull
+from slopecli.products import CHOICES
 
 # failures that the same bytes need not give again: the next run tries these pairs once more
 TRANSIENT = frozenset({"crashed", "timeout", "memory", "unexpected", "unreadable", "output"})
@@ -36,7 +37,7 @@ def fingerprint_of(job: Job, digests: Mapping[str, str]) -> str:
     document = {
         "version": __version__,
         "options": asdict(job.options),
-        "keep": asdict(job.keep),
+        "keep": {choice: choice in job.keep for choice in CHOICES},
         "images": [digests[pair.image1], digests[pair.image2]],
         "cameras": [_camera_print(choice, job.base, digests) for choice in (pair.camera1, pair.camera2)],
     }

@@ -11,7 +11,7 @@ from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
-from slopecli.batch.jobs import Answer, Job, Keep, Outcome, Pair, Progress
+from slopecli.batch.jobs import Answer, Job, Outcome, Pair, Progress
 from slopecli.batch.worker import Limits, Worker
 from slopecli.errors import DiskFull, InputError, SlopemapError
 from slopecli.options import Options
@@ -35,7 +35,7 @@ OnProgress = Callable[[Progress], None]
 def run(
     pairs: Sequence[Pair],
     options: Options,
-    keep: Keep,
+    keep: frozenset[str],
     directory: str | Path,
     *,
     jobs: int | None = None,
@@ -53,6 +53,7 @@ def run(
 
     Parameters
     ----------
+    keep : the user's choices of files, of `slopecli.products.CHOICES`.
     jobs : worker processes on this machine; None: one a core.
     timeout_s : the longest a pair may take.  memory_gb : the most memory a worker may ask for, 1e9 bytes (Linux).
     cluster : address of the scheduler of a Dask cluster that answers instead of this machine.

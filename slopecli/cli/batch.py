@@ -27,7 +27,7 @@ from slopecli.cli.shared_options import (
     window_options,
 )
 from slopecli.cli.talk import Talk, print_result
-from slopecli.orders import CameraChoice, Keep
+from slopecli.orders import CameraChoice
 
 if TYPE_CHECKING:
     from slopecli.batch.jobs import Outcome
@@ -167,11 +167,9 @@ def _cameras(parameters: dict[str, Any]) -> tuple[CameraChoice, CameraChoice] | 
 
 def _run(found: FoundPairs, parameters: dict[str, Any], talk: Talk) -> list[Outcome]:
     from slopecli.batch import run
+    from slopecli.products import kept_choices
 
-    keep = Keep(
-        **{name: not parameters[f"no_{name}"] for name in ("overlay", "ply", "glb")},
-        debug_images=parameters["debug_images"],
-    )
+    keep = kept_choices(parameters)
     how = {name: parameters[name] for name in ("jobs", "timeout_s", "memory_gb", "cluster", "ship")}
     progress = ProgressLine(talk)
     try:

@@ -100,14 +100,13 @@ def _solve(
 
 def _deliver(report: Report, image1: Image, parameters: dict[str, Any], talk: Talk) -> None:
     from slopecli.io.outputs import write_outputs
+    from slopecli.products import kept_choices
     from slopecli.products.slopes_json import report_to_json
 
     written: list[Path] = []
     if parameters["output"]:
         with talk.timed("write"):
-            keep = {name: not parameters[f"no_{name}"] for name in ("overlay", "ply", "glb")}
-            keep["debug_images"] = parameters["debug_images"]
-            written = write_outputs(report, image1, parameters["output"], **keep)
+            written = write_outputs(report, image1, parameters["output"], kept_choices(parameters))
     print_result(report_to_json(report) if parameters["as_json"] else result_table(report))
     for line in talk_lines(report):
         talk.say(line)

@@ -115,7 +115,8 @@ def _cameras(parameters: dict[str, Any]) -> tuple[Camera, Camera] | None:
 
 
 def _deliver(report: Report, parameters: dict[str, Any], talk: Talk) -> None:
-    from slopecli.io.outputs import RESULT, store_outputs
+    from slopecli.io.outputs import store_outputs
+    from slopecli.products import RESULT
     from slopecli.products.slopes_json import report_to_json
 
     text = report_to_json(report)

@@ -11,7 +11,7 @@ __getattr__, __dir__ = lazy_names(
         "correspondences": "read_correspondences",
         "images": "MAX_PIXELS load_image",
         "lock": "locked",
-        "outputs": "OUTPUT_NAMES check_directory write_outputs",
+        "outputs": "check_directory write_outputs",
         "pair_sources": "natural_key",
         "poses": "load_pose",
         "schema": "load_schema",

@@ -10,8 +10,8 @@ from urllib.parse import quote
 
 from slopecli import __version__
 from slopecli.io.batch_files import RESULTS, SUMMARY, encode_text
-from slopecli.io.outputs import OVERLAY
 from slopecli.orders import Outcome
+from slopecli.products import OVERLAY
 
 PAGE = "index.html"
 THUMBNAIL = (160, 120)  # px; the box is there before its picture is, so that the page does not jump while scrolling

@@ -4,40 +4,27 @@ from __future__ import annotations
 
 import os
 import tempfile
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from contextlib import suppress
 from pathlib import Path
 
 from slopecli.errors import DiskFull, InputError
 from slopecli.io.atomic import DISK_FULL, TEMPORARY, write_through
+from slopecli.products import BY_DEFAULT, OUTPUT_NAMES, encode_products
 from slopecli.types import Image, Report
-
-RESULT, OVERLAY, PLY, GLB, LABELS = "slopes.json", "overlay.png", "patches.ply", "patches.glb", "labels.png"
-# of the pictures that `draw_steps` gives
-STEPS = {"gradient": "step1_gradient.png", "components": "step2_components.png", "merged": "step3_merged.png"}
-# the result comes last: where it is, the others are
-OUTPUT_NAMES = (*STEPS.values(), OVERLAY, PLY, GLB, LABELS, RESULT)
 
 
 def write_outputs(
-    report: Report,
-    image: Image,
-    directory: str | Path,
-    *,
-    overlay: bool = True,
-    ply: bool = True,
-    glb: bool = True,
-    debug_images: bool = False,
+    report: Report, image: Image, directory: str | Path, keep: Collection[str] = BY_DEFAULT
 ) -> list[Path]:
-    """Write slopes.json, labels.png and, unless declined, overlay.png, patches.ply and patches.glb.
-
-    What `encode_outputs` gives, stored by `store_outputs`.
+    """Write the files of a report to a folder: what `encode_products` gives, stored by `store_outputs`.
 
     Parameters
     ----------
     report : the finished answer.
-    image : image 1, drawn under the overlay.
+    image : image 1.
     directory : folder to write to; made if missing.
+    keep : the user's choices among `slopecli.products.CHOICES`.
 
     Returns
     -------
@@ -48,32 +35,7 @@ def write_outputs(
     InputError : the folder cannot be made or written to.
     DiskFull : there is no space left.
     """
-    contents = encode_outputs(report, image, overlay=overlay, ply=ply, glb=glb, debug_images=debug_images)
-    return store_outputs(contents, directory)
-
-
-def encode_outputs(
-    report: Report,
-    image: Image,
-    *,
-    overlay: bool = True,
-    ply: bool = True,
-    glb: bool = True,
-    debug_images: bool = False,
-) -> dict[str, bytes]:
-    """The files of a report by name, slopes.json first; nothing is written.
-
-    patches.glb is made where planes were found as regions; the pictures of the segmentation's steps, where there was
-    one and if they are asked for.
-    """
-    from slopecli.look.threads import single_threaded
-    from slopecli.products.png import encode_labels
-    from slopecli.products.slopes_json import report_to_json
-
-    with single_threaded():
-        contents = {RESULT: (report_to_json(report) + "\n").encode("ascii"), LABELS: encode_labels(report)}
-        contents |= _encode_pictures(report, image, overlay, debug_images) | _encode_meshes(report, image, ply, glb)
-    return {name: contents[name] for name in reversed(OUTPUT_NAMES) if name in contents}
+    return store_outputs(encode_products(report, image, keep), directory)
 
 
 def store_outputs(contents: dict[str, bytes], directory: str | Path, names: Sequence[str] = OUTPUT_NAMES) -> list[Path]:
@@ -125,33 +87,6 @@ def check_directory(directory: str | Path, names: Sequence[str] = OUTPUT_NAMES) 
 
 def _complaint(folder: Path, reason: str) -> str:
     return f"cannot write results to {folder}: {reason}; choose another folder with -o"
-
-
-def _encode_pictures(report: Report, image: Image, overlay: bool, steps: bool) -> dict[str, bytes]:
-    from slopecli.products.overlay import draw_overlay
-    from slopecli.products.png import encode_picture
-
-    pictures = {OVERLAY: draw_overlay(report, image)} if overlay else {}
-    if steps:
-        from slopecli.products.steps import draw_steps
-
-        pictures |= {STEPS[step]: picture for step, picture in draw_steps(report, image).items()}
-    return {name: encode_picture(picture) for name, picture in pictures.items()}
-
-
-def _encode_meshes(report: Report, image: Image, ply: bool, glb: bool) -> dict[str, bytes]:
-    from slopecli.products.ply import report_to_ply
-
-    if not report.found:
-        return {PLY: report_to_ply(report, image)} if ply else {}
-    from slopecli.products.glb import report_to_glb
-    from slopecli.products.region_mesh import region_surfaces
-
-    surfaces = region_surfaces(report) if ply or glb else []
-    contents = {PLY: report_to_ply(report, image, surfaces)} if ply else {}
-    if glb:
-        contents[GLB] = report_to_glb(report, image, surfaces)
-    return contents
 
 
 def _store(contents: dict[str, bytes], folder: Path, names: Sequence[str]) -> None:

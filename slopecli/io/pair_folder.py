@@ -12,7 +12,7 @@ from collections.abc import Mapping
 from pathlib import Path
 
 from slopecli.io.atomic import TEMPORARY, sync_folder, write_through
-from slopecli.io.outputs import OUTPUT_NAMES
+from slopecli.products import OUTPUT_NAMES
 
 RECORD = "pair.json"
 

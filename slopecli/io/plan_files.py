@@ -39,7 +39,7 @@ def write_plan(plan: Plan, directory: str | Path) -> list[Path]:
     DiskFull : there is no space left.
     """
     from slopecli.plan.plan_map import draw_plan
-    from slopecli.products.png import encode_picture
+    from slopecli.products.drawing.png import encode_picture
 
     contents = {PLAN: (plan_to_json(plan) + "\n").encode("ascii"), MAP: encode_picture(draw_plan(plan))}
     return store_outputs(contents, directory, NAMES)

@@ -1,6 +1,133 @@
-"""From a Report to the bytes of each output file; one file a format."""
+"""The output files: one row of `PRODUCTS` a file, one module a format, from a Report to bytes. Light to import."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass
+from importlib import import_module
+from typing import TYPE_CHECKING, Any, Literal
 
 from slopecli.face import lazy_names
+
+if TYPE_CHECKING:
+    from slopecli.types import Image, Report
+
+RESULT, OVERLAY = "slopes.json", "overlay.png"
+
+
+@dataclass(frozen=True)
+class Product:
+    """One output file.
+
+    Attributes
+    ----------
+    file : its name in the output folder.
+    what : what it is, as part of a sentence; for help texts and docs/output.md.
+    encoder : "module:function" of this package, (Report, Image 1) -> bytes; imported when it is called.
+    choice : name of the user's choice to have it, "" if it is always made; several files may share one.
+    by_default : whether it is made unless declined.
+    requires : attribute of a report without which there is no such file: planes found in the image, or a segmentation.
+    """
+
+    file: str
+    what: str
+    encoder: str
+    choice: str = ""
+    by_default: bool = True
+    requires: Literal["", "found", "segmentation"] = ""
+
+    @property
+    def parameter(self) -> str:
+        """Name of the command line's parameter: "no_overlay" declines a file, "debug_images" asks for one."""
+        return f"no_{self.choice}" if self.by_default else self.choice
+
+    @property
+    def flag(self) -> str:
+        """The same as users write it: --no-overlay, --debug-images."""
+        return "--" + self.parameter.replace("_", "-")
+
+    def is_made(self, report: Report, keep: Collection[str]) -> bool:
+        """Whether a report gives this file if the user wants those of the choices `keep`."""
+        wanted = not self.choice or self.choice in keep
+        return wanted and (not self.requires or bool(getattr(report, self.requires)))
+
+    def encode(self, report: Report, image: Image) -> bytes:
+        """Return the content of the file; `image` is image 1."""
+        module, function = self.encoder.split(":")
+        content: bytes = getattr(import_module(f"{__name__}.{module}"), function)(report, image)
+        return content
+
+
+# in the order in which they appear in the folder; the last one completes an answer
+PRODUCTS = (
+    Product(
+        "step1_gradient.png",
+        "the gradient of image 1",
+        "steps:encode_gradient",
+        "debug_images",
+        by_default=False,
+        requires="segmentation",
+    ),
+    Product(
+        "step2_components.png",
+        "the connected regions below its threshold",
+        "steps:encode_components",
+        "debug_images",
+        by_default=False,
+        requires="segmentation",
+    ),
+    Product(
+        "step3_merged.png",
+        "the regions after merging, with the ids of the planes",
+        "steps:encode_merged",
+        "debug_images",
+        by_default=False,
+        requires="segmentation",
+    ),
+    Product(OVERLAY, "image 1 with slopes, sigmas and verdicts", "overlay:encode", "overlay"),
+    Product("patches.ply", "the planes and both cameras in space", "ply:encode", "ply"),
+    Product(
+        "patches.glb",
+        "planes that were found, not windows, with image 1 as texture",
+        "glb:encode",
+        "glb",
+        requires="found",
+    ),
+    Product("labels.png", "the id of the plane of every pixel", "labels:encode"),
+    Product(RESULT, "the answer, complete", "slopes_json:encode"),
+)
+OUTPUT_NAMES = tuple(product.file for product in PRODUCTS)
+CHOICES = tuple(dict.fromkeys(product.choice for product in PRODUCTS if product.choice))
+BY_DEFAULT = frozenset(product.choice for product in PRODUCTS if product.choice and product.by_default)
+
+
+def keep_files(**choices: bool) -> frozenset[str]:
+    """Return which of `CHOICES` a user wants: the defaults but for those given, as in `keep_files(overlay=False)`."""
+    unknown = sorted(set(choices) - set(CHOICES))
+    if unknown:
+        raise TypeError(f"there is no choice {unknown[0]!r} of files; choose among {', '.join(CHOICES)}")
+    return frozenset(choice for choice in CHOICES if choices.get(choice, choice in BY_DEFAULT))
+
+
+def kept_choices(parameters: Mapping[str, Any]) -> frozenset[str]:
+    """Return which of `CHOICES` a command's parameters leave or add: `Product.parameter` -> whether its flag is set."""
+    return frozenset(p.choice for p in PRODUCTS if p.choice and bool(parameters[p.parameter]) != p.by_default)
+
+
+def encode_products(report: Report, image: Image, keep: Collection[str] = BY_DEFAULT) -> dict[str, bytes]:
+    """Return the files of a report by name, slopes.json first.
+
+    Parameters
+    ----------
+    image : image 1.
+    keep : which of `CHOICES` the user wants.
+    """
+    from slopecli.look.threads import single_threaded
+
+    with single_threaded():
+        made = (product for product in reversed(PRODUCTS) if product.is_made(report, keep))
+        return {product.file: product.encode(report, image) for product in made}
+
 
 __getattr__, __dir__ = lazy_names(
     __name__,
@@ -10,6 +137,6 @@ __getattr__, __dir__ = lazy_names(
         "ply": "plane_mesh report_to_ply triangulate",
         "region_mesh": "MOST_TRIANGLES region_grid region_surfaces",
         "slopes_json": "report_to_json",
-        "steps": "draw_steps",
+        "steps": "draw_components draw_gradient draw_merged",
     },
 )

@@ -19,6 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from slopecli import __version__
+from slopecli.products.region_mesh import surfaces_of
 from slopecli.products.surface import Surface
 from slopecli.types import AlternativePlane, FloatArray, Image, Plane, Report
 
@@ -30,6 +31,11 @@ _ARRAY, _INDICES = 34962, 34963  # targets of buffer views
 _FLOAT, _UINT16, _UINT32 = 5126, 5123, 5125  # types of components
 _CLAMP = 33071  # of a texture at its borders
 _ALIGNMENT = 4
+
+
+def encode(report: Report, image: Image) -> bytes:
+    """Return the content of patches.glb."""
+    return report_to_glb(report, image, surfaces_of(report))
 
 
 def report_to_glb(report: Report, image: Image, surfaces: Sequence[Surface]) -> bytes:

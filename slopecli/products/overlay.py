@@ -16,10 +16,16 @@ from slopecli.products.drawing.lettering import Text, badge_centre, box_around, 
 from slopecli.products.drawing.marks import Picture
 from slopecli.products.drawing.outlines import Footprint, footprints_of
 from slopecli.products.drawing.placement import Placed, place_labels
+from slopecli.products.drawing.png import encode_picture
 from slopecli.products.drawing.region_numbers import place_region_labels
 from slopecli.types import FloatArray, Image, Report
 
 TINT = 0.6  # share of the slope's colour; the rest keeps the ground recognisable
+
+
+def encode(report: Report, image: Image) -> bytes:
+    """Return the content of overlay.png."""
+    return encode_picture(draw_overlay(report, image))
 
 
 def draw_overlay(report: Report, image: Image) -> NDArray[np.uint8]:

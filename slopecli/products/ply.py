@@ -22,6 +22,7 @@ from slopecli import __version__
 from slopecli.geometry.statistics import median
 from slopecli.products.drawing.colormap import slope_colours
 from slopecli.products.drawing.marks import NO_ANSWER
+from slopecli.products.region_mesh import surfaces_of
 from slopecli.products.surface import Surface, lay_on_plane
 from slopecli.types import Camera, FloatArray, Image, IntArray, Plane, Report
 
@@ -45,6 +46,11 @@ class Mesh:
 
     vertices: NDArray[np.void]
     triangles: IntArray
+
+
+def encode(report: Report, image: Image) -> bytes:
+    """Return the content of patches.ply."""
+    return report_to_ply(report, image, surfaces_of(report))
 
 
 def report_to_ply(report: Report, image: Image | None = None, surfaces: Sequence[Surface] = ()) -> bytes:

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from itertools import pairwise
+from weakref import WeakKeyDictionary
 
 import cv2
 import numpy as np
@@ -22,6 +23,18 @@ CELLS_DEEP = 4  # between the border of a narrow region and its middle: its grid
 FARTHEST = 20.0  # times the scene's distance; beyond it lies what a plane's last rays before its horizon hit
 BORDER_BLUR_PX = 1.0  # takes the staircase out of a slanting border, which a plane seen at an angle would enlarge
 LEAST_CUT = 0.05  # of a cell's side, that a border keeps from a node: no triangle is without an area
+
+
+_SURFACES: WeakKeyDictionary[Report, list[Surface]] = WeakKeyDictionary()
+
+
+def surfaces_of(report: Report) -> list[Surface]:
+    """Return the meshes of `region_surfaces`, none of a report of windows; made once for all files of a report."""
+    if not report.found:
+        return []
+    if report not in _SURFACES:
+        _SURFACES[report] = region_surfaces(report)
+    return _SURFACES[report]
 
 
 def region_surfaces(report: Report) -> list[Surface]:

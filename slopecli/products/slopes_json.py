@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from slopecli import __version__
-from slopecli.types import Report
+from slopecli.types import Image, Report
 
 SCHEMA_VERSION = "1.0"
 SIGNIFICANT_DIGITS = 9  # 1e-9 of a rotation is 6e-8 deg; more digits would only record the processor's rounding
@@ -21,6 +21,11 @@ LINE_LENGTH = 110
 # written as labels.png, drawn on overlay.png and the steps; what follows from other keys
 _NOT_IN_JSON = {"labels", "epipole1_px", "segmentation", "slope_known"}
 _LEFT_OUT_IF_NONE = {"rms_mrad", "noise_mrad"}  # only of correspondences without a camera
+
+
+def encode(report: Report, image: Image) -> bytes:
+    """Return the content of slopes.json."""
+    return (report_to_json(report) + "\n").encode("ascii")
 
 
 def report_to_json(report: Report) -> str:

@@ -16,7 +16,8 @@ from slopecli.products.drawing.canvas import converted, drawing_scale, resized, 
 from slopecli.products.drawing.lettering import LEADING, Text, text_width, wrapped, write
 from slopecli.products.drawing.map_palette import map_colours
 from slopecli.products.drawing.marks import Picture
-from slopecli.products.drawing.outlines import Footprint, footprints_of
+from slopecli.products.drawing.outlines import footprints_of
+from slopecli.products.drawing.png import encode_picture
 from slopecli.products.drawing.region_numbers import place_numbers
 from slopecli.products.overlay import draw_labels
 from slopecli.segmentation import Segmentation
@@ -31,44 +32,78 @@ TINY = 1e-6  # grey levels per px: stands for a threshold of 0 in a quotient
 _TONES = 128
 
 
-def draw_steps(report: Report, image: Image) -> dict[str, NDArray[np.uint8]]:
-    """Draw the steps of the segmentation.
+def encode_gradient(report: Report, image: Image) -> bytes:
+    """Return the content of step1_gradient.png."""
+    return encode_picture(draw_gradient(report, image))
+
+
+def encode_components(report: Report, image: Image) -> bytes:
+    """Return the content of step2_components.png."""
+    return encode_picture(draw_components(report, image))
+
+
+def encode_merged(report: Report, image: Image) -> bytes:
+    """Return the content of step3_merged.png."""
+    return encode_picture(draw_merged(report, image))
+
+
+def draw_gradient(report: Report, image: Image) -> NDArray[np.uint8]:
+    """Draw the gradient magnitude of image 1, cool below the threshold and warm above it.
 
     Parameters
     ----------
-    report : the finished answer; one without `segmentation` has no steps.
+    report : an answer with a `segmentation`.
     image : image 1.
 
     Returns
     -------
-    (h, w, 3) uint8 BGR, each with a caption below: "gradient", "components" and "merged".
+    (h, w, 3) uint8 BGR, as large as the overlay, with a caption below.
     """
-    if report.segmentation is None:
-        return {}
-    steps, scale = report.segmentation, drawing_scale(report, image)
-    grey = converted(resized(image.grey, scale), cv2.COLOR_GRAY2RGB)
-    text_px = text_size(grey)
-    footprints = footprints_of(report, scale, (grey.shape[0], grey.shape[1]), text_px)
-    drawn = {
-        "gradient": _draw_gradient(steps, grey, text_px),
-        "components": _draw_components(steps, grey, text_px),
-        "merged": _draw_merged(steps, grey, [one for one in footprints if one.pieces is not None], text_px),
-    }
-    return {name: converted(pixels, cv2.COLOR_RGB2BGR) for name, pixels in drawn.items()}
-
-
-def _draw_gradient(segmentation: Segmentation, grey: Picture, text_px: int) -> Picture:
-    """Gradient magnitude, cool below the threshold and warm above it."""
-    threshold = segmentation.threshold
-    most = max(2.0 * threshold, float(np.percentile(segmentation.gradient, BRIGHTEST)))
-    enlarged = cv2.resize(segmentation.gradient, grey.shape[1::-1], interpolation=cv2.INTER_LINEAR)
+    steps, grey, text_px = _ground(report, image)
+    threshold = steps.threshold
+    most = max(2.0 * threshold, float(np.percentile(steps.gradient, BRIGHTEST)))
+    enlarged = cv2.resize(steps.gradient, grey.shape[1::-1], interpolation=cv2.INTER_LINEAR)
     picture = _gradient_colours(np.asarray(enlarged, np.float32), threshold, most)
     bar = _bar(grey.shape[1], text_px, threshold, most)
     sentence = (
         "Gradient of image 1, grey levels per px. Blue, below the threshold: inside a surface. "
         "Red to yellow, above it: a border between surfaces."
     )
-    return np.vstack([picture, bar, _caption(grey.shape[1], text_px, sentence)])
+    return _finished([picture, bar], text_px, sentence)
+
+
+def draw_components(report: Report, image: Image) -> NDArray[np.uint8]:
+    """Draw the connected regions below the threshold of the gradient; arguments and result as of `draw_gradient`."""
+    steps, grey, text_px = _ground(report, image)
+    count = steps.components.max(initial=0)
+    sentence = f"Connected regions below the threshold of the gradient: {count}. Dark: none."
+    return _finished([_tinted(steps.components, grey)], text_px, sentence)
+
+
+def draw_merged(report: Report, image: Image) -> NDArray[np.uint8]:
+    """Draw the merged regions with the ids of the planes; arguments and result as of `draw_gradient`."""
+    steps, grey, text_px = _ground(report, image)
+    shape = grey.shape[0], grey.shape[1]
+    footprints = footprints_of(report, drawing_scale(report, image), shape, text_px)
+    numbers = place_numbers([one for one in footprints if one.pieces is not None], shape, text_px)
+    picture = draw_labels(_tinted(steps.merged, grey), numbers, text_px)
+    count = f"Regions after merging: {steps.merged.max(initial=0)}"
+    sentence = f"{count}. Numbers: the ids of the {len(numbers)} planes of the answer. Dark: no region."
+    return _finished([picture], text_px, sentence)
+
+
+def _ground(report: Report, image: Image) -> tuple[Segmentation, Picture, int]:
+    """The segmentation, image 1 in grey at the size of the drawing (h, w, 3) RGB, and the size of text on it, px."""
+    if report.segmentation is None:
+        raise ValueError("the planes of this report were not found by segmentation, so it has no steps")
+    grey = converted(resized(image.grey, drawing_scale(report, image)), cv2.COLOR_GRAY2RGB)
+    return report.segmentation, grey, text_size(grey)
+
+
+def _finished(sheets: Sequence[Picture], text_px: int, sentence: str) -> NDArray[np.uint8]:
+    """(h, w, 3) uint8 BGR of RGB sheets, one below the other, and a caption."""
+    sheets = [*sheets, _caption(sheets[0].shape[1], text_px, sentence)]
+    return converted(np.vstack(sheets), cv2.COLOR_RGB2BGR)
 
 
 def _gradient_colours(gradient: NDArray[np.float32], threshold: float, most: float) -> Picture:
@@ -99,22 +134,6 @@ def _bar(width: int, text_px: int, threshold: float, most: float) -> Picture:
     middle = 0.5 * text_width(notes[0][2], text_px)
     placed = [(float(np.clip(at, middle if i == 0 else 0.0, width)), v, text) for i, (at, v, text) in enumerate(notes)]
     return write(sheet, [Text((at, v), text, text_px, "mm", marks.INK, None) for at, v, text in placed])
-
-
-def _draw_components(segmentation: Segmentation, grey: Picture, text_px: int) -> Picture:
-    regions = segmentation.components
-    sentence = f"Connected regions below the threshold of the gradient: {regions.max(initial=0)}. Dark: none."
-    return np.vstack([_tinted(regions, grey), _caption(grey.shape[1], text_px, sentence)])
-
-
-def _draw_merged(segmentation: Segmentation, grey: Picture, footprints: Sequence[Footprint], text_px: int) -> Picture:
-    """Merged regions, with the ids of the planes that were answered."""
-    regions = segmentation.merged
-    numbers = place_numbers(footprints, (grey.shape[0], grey.shape[1]), text_px)
-    picture = draw_labels(_tinted(regions, grey), numbers, text_px)
-    count = f"Regions after merging: {regions.max(initial=0)}"
-    sentence = f"{count}. Numbers: the ids of the {len(numbers)} planes of the answer. Dark: no region."
-    return np.vstack([picture, _caption(grey.shape[1], text_px, sentence)])
 
 
 def _tinted(regions: NDArray[np.int32], grey: Picture) -> Picture:

@@ -1,4 +1,4 @@
-"""Encoding of the PNG files: labels.png, the overlay and other pictures."""
+"""Encoding of pictures and label maps as PNG."""
 
 from __future__ import annotations
 
@@ -7,13 +7,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from slopecli.errors import InputError
-from slopecli.types import Report
 
 
-def encode_labels(report: Report) -> bytes:
-    """Encode the plane id of every pixel of image 1 as a 16-bit PNG; 0 where there is no plane."""
+def encode_labels(labels: NDArray[np.uint16]) -> bytes:
+    """Encode a label map (h, w) as a 16-bit PNG."""
     # run lengths alone suit areas of one value: a third of the size, at the least effort
-    return _encode_png(report.labels, [cv2.IMWRITE_PNG_STRATEGY, cv2.IMWRITE_PNG_STRATEGY_RLE])
+    return _encode_png(labels, [cv2.IMWRITE_PNG_STRATEGY, cv2.IMWRITE_PNG_STRATEGY_RLE])
 
 
 def encode_picture(pixels: NDArray[np.uint8]) -> bytes:
