@@ -1,4 +1,4 @@
-"""Write what the documents quote: docs/cli.md, the examples and the pictures. `make docs` runs it.
+"""Write what the documents quote: docs/cli.md, tables of rows, the examples and the pictures. `make docs` runs it.
 
 The tests call the same functions and compare, so that neither can drift from what the program does.
 """
@@ -16,11 +16,13 @@ from pathlib import Path
 import click
 
 from slopecli.cli.app import slopemap
+from slopecli.io.cameras import CAMERA_FORMATS
 
 ROOT = Path(__file__).resolve().parent.parent
 README = ROOT / "README.md"
 REFERENCE = ROOT / "docs" / "cli.md"
 SEGMENT = ROOT / "docs" / "segment.md"
+CAMERAS = ROOT / "docs" / "cameras.md"
 BATCH = ROOT / "docs" / "batch.md"
 PLAN = ROOT / "docs" / "plan.md"
 SOLVE = ROOT / "docs" / "solve.md"
@@ -42,6 +44,23 @@ def cli_reference() -> str:
     """docs/cli.md: the help of every command."""
     sections = [f"## {path}\n\n```text\n{text}\n```\n" for path, text in commands(slopemap)]
     return "# Command line reference\n\nMade from `--help` by `make docs`.\n\n" + "\n".join(sections)
+
+
+def camera_formats_table() -> str:
+    """The table of docs/cameras.md: a row a format."""
+    rows = [
+        ("format", "files", "recognised by", "lenses", "what is converted"),
+        ("---",) * 5,
+        *((f.name, f.files, f.recognised_by, f.lenses, f.converted) for f in CAMERA_FORMATS),
+    ]
+    return "".join(f"| {' | '.join(row)} |\n" for row in rows).replace("|  |", "| |")
+
+
+def rewrite_table(document: Path, table: str) -> None:
+    """Replace the table of a document that has the same header."""
+    header = re.escape(table.splitlines()[0])
+    text = document.read_text(encoding="utf-8")
+    document.write_text(re.sub(rf"^{header}\n(\|.*\n)*", lambda _: table, text, flags=re.MULTILINE), encoding="utf-8")
 
 
 def run_example(command: str, folder: Path) -> str:
@@ -76,6 +95,7 @@ def main() -> None:
     from pictures import make_pictures  # beside this script; the tests run the rest of it without that
     from study_figures import make_study_figures
 
+    rewrite_table(CAMERAS, camera_formats_table())
     REFERENCE.write_text(cli_reference(), encoding="utf-8")
     IMAGES.mkdir(exist_ok=True)
     for document in (README, SEGMENT, BATCH, PLAN, SOLVE):

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from slopecli.errors import InputError
+from slopecli.io.cameras.formats import CAMERA_FORMATS
 from slopecli.io.images import RAW_SUFFIXES
 
 IMAGE_SUFFIXES = frozenset(
@@ -17,9 +18,9 @@ IMAGE_SUFFIXES = frozenset(
 )
 UNREAD_SUFFIXES = RAW_SUFFIXES | {".heic", ".heif", ".avif", ".mp4", ".mov", ".avi", ".mkv"}
 CAMERA_SUFFIXES = frozenset((".json", ".yaml", ".yml", ".xml", ".txt", ".bin", ".npz"))
-# names that camera files have; a name of the second kind counts where there is none of the first
+# Stems of camera files, lower case; the second is used if none matches the first.
 CAMERA_STEMS = (
-    re.compile(r"cameras?|cam|camera_?models?|camera_?info|calib|calibration|intrinsics?|camchain|transforms|sensor"),
+    re.compile("|".join(form.stems.replace(" ", "|") for form in CAMERA_FORMATS)),
     re.compile(r".*(camera|calib|intrinsic|camchain).*"),
 )
 MAX_LIST_BYTES = 64_000_000

@@ -1,6 +1,6 @@
-"""Cameras of a COLMAP model: cameras.txt and cameras.bin.
+"""Cameras of a COLMAP model: cameras.txt and cameras.bin; pixel centres at (0.5, 0.5).
 
-Source: COLMAP, "Output Format" and "Camera Models". COLMAP's pixel centres lie at (0.5, 0.5).
+Source: COLMAP's documentation, "Output Format" and "Camera Models".
 """
 
 from __future__ import annotations
@@ -10,10 +10,11 @@ import struct
 from typing import Any, NamedTuple
 
 from slopecli.errors import InputError
+from slopecli.io.cameras.content import CameraFileContent
 from slopecli.io.cameras.values import Size, lens_model, make_camera, named_coefficients, number, size_of
 from slopecli.types import Camera
 
-# In the order of the model ids of cameras.bin. Models we do not have keep their number of parameters only.
+# Names of the parameters, in the order of the model ids of cameras.bin; only their number for models not supported.
 MODELS: dict[str, str | int] = {
     "SIMPLE_PINHOLE": "f cx cy",
     "PINHOLE": "fx fy cx cy",
@@ -32,14 +33,20 @@ LINE = re.compile(r"\s*\d+\s+[A-Z][A-Z0-9_]+\s+\d+\s+\d+(\s+\S+)+\s*")
 
 
 class ColmapCamera(NamedTuple):
+    """One camera as the file has it, its numbers not yet checked."""
+
     model: str
     width: Any
     height: Any
     parameters: list[Any]
 
 
-def find_in_text(text: str) -> dict[str, ColmapCamera]:
-    """Cameras of a cameras.txt by their id, {} when the text is something else."""
+def find_colmap(content: CameraFileContent) -> dict[str, ColmapCamera]:
+    """Cameras by their id; {} for another format."""
+    return _find_in_binary(content.data) if content.is_binary else _find_in_text(content.text)
+
+
+def _find_in_text(text: str) -> dict[str, ColmapCamera]:
     lines = [line for line in text.splitlines() if line.strip() and not line.lstrip().startswith("#")]
     if not lines or not all(LINE.fullmatch(line) for line in lines):
         return {}
@@ -47,8 +54,7 @@ def find_in_text(text: str) -> dict[str, ColmapCamera]:
     return {w[0]: ColmapCamera(w[1], w[2], w[3], list(w[4:])) for w in words}
 
 
-def find_in_binary(data: bytes) -> dict[str, ColmapCamera]:
-    """Cameras of a cameras.bin by their id, {} when the bytes are something else."""
+def _find_in_binary(data: bytes) -> dict[str, ColmapCamera]:
     cameras: dict[str, ColmapCamera] = {}
     names = list(MODELS)
     try:
@@ -66,6 +72,7 @@ def find_in_binary(data: bytes) -> dict[str, ColmapCamera]:
 
 
 def read_colmap(camera: ColmapCamera, _size: Size | None) -> Camera:
+    """The principal point is shifted by half a pixel."""
     names = MODELS.get(camera.model)
     if not isinstance(names, str):
         raise InputError(f"COLMAP model {camera.model} is not supported; undistort the images with COLMAP first")

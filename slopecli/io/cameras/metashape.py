@@ -1,7 +1,7 @@
-"""Cameras of an Agisoft Metashape (PhotoScan) XML: an exported calibration, or the sensors of a project.
+"""Agisoft Metashape (PhotoScan) XML: an exported calibration, or the sensors of a project.
 
-Source: Metashape user manual, appendix "Camera models": u = w/2 + cx + x' f + x' b1 + y' b2, v = h/2 + cy + y' f,
-with pixel centres at (0.5, 0.5) and P1, P2 exchanged against OpenCV.
+Source: Metashape user manual, appendix "Camera models": u = w/2 + cx + x' f + x' b1 + y' b2, v = h/2 + cy + y' f.
+Pixel centres are at (0.5, 0.5), and P1 and P2 are exchanged compared with OpenCV.
 """
 
 from __future__ import annotations
@@ -9,6 +9,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 from slopecli.errors import InputError
+from slopecli.io.cameras.content import CameraFileContent
 from slopecli.io.cameras.values import (
     Intrinsics,
     Size,
@@ -25,8 +26,11 @@ if TYPE_CHECKING:
     from xml.etree.ElementTree import Element
 
 
-def find_metashape(root: Element) -> dict[str, Element]:
-    """Calibrations by the label (or id) of their sensor; "" for an exported calibration."""
+def find_metashape(content: CameraFileContent) -> dict[str, Element]:
+    """Calibrations by the label (or id) of their sensor, "" for an exported calibration; {} for another format."""
+    root = content.xml
+    if root is None:
+        return {}
     if root.tag == "calibration":
         return {"": root}
     found: dict[str, Element] = {}
@@ -36,12 +40,13 @@ def find_metashape(root: Element) -> dict[str, Element]:
             continue
         label = sensor.get("label") or sensor.get("id") or str(len(found))
         name = label if label not in found else f"{label} {sensor.get('id')}"
-        # what the bundle adjustment found comes before what it started from
+        # the result of the bundle adjustment is preferred to its initial value
         found[name] = next((c for c in calibrations if c.get("class") == "adjusted"), calibrations[0])
     return found
 
 
 def read_metashape(calibration: Element, size: Size | None) -> Camera:
+    """Frame cameras only, without b2, k4, p3 and p4, for which OpenCV's lens model has no term."""
     values: dict[str, Any] = {child.tag: (child.text or "").strip() for child in calibration}
     kind = calibration.get("type") or values.get("projection") or "frame"
     if kind != "frame":

@@ -1,35 +1,25 @@
-"""Cameras from files of many formats (told apart by content), from four numbers, or from a field of view."""
+"""Read the camera of an image: from a file of any format, from four numbers, or from a field of view."""
 
 from __future__ import annotations
 
-import json
 import math
 import os
-import re
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from os import PathLike
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import Any, Literal
 
 from slopecli.errors import InputError
 from slopecli.geometry.camera import scale_camera
-from slopecli.io.cameras.colmap import find_in_binary, find_in_text, read_colmap
-from slopecli.io.cameras.metashape import find_metashape, read_metashape
-from slopecli.io.cameras.trees import FORMATS, find_opencv, read_opencv
+from slopecli.io.cameras.content import CameraFileContent, UnknownContent
+from slopecli.io.cameras.formats import CAMERA_FORMATS, CameraFormat
 from slopecli.io.cameras.values import Size, make_camera
 from slopecli.orders import CameraChoice
 from slopecli.types import Camera, Image
 
-if TYPE_CHECKING:
-    from xml.etree.ElementTree import Element
-
 MAX_BYTES = 64_000_000
-MAX_YAML_CHARACTERS = 4_000_000  # YAML is read at about 1 MB a second
-MAX_MESSAGE = 400  # characters
-MAX_NAMES = 8  # listed in a message
-UNDERSTOOD = "the native JSON, OpenCV, ROS camera_info, Kalibr, COLMAP, OpenSfM, nerfstudio or Metashape"
-
-Reader = Callable[[Any, Size | None], Camera]
+MAX_NAMES = 8  # of cameras, listed in a message
+NEEDED = f"needed a camera file of one of these formats: {', '.join(form.name for form in CAMERA_FORMATS)}"
 
 
 def load_camera(path: str | PathLike[str], name: str | None = None, size: Size | None = None) -> Camera:
@@ -63,40 +53,40 @@ def split_name(path: str | PathLike[str], base: str | PathLike[str] = "") -> tup
 
 
 def read_camera_file(file: str | PathLike[str], base: str | PathLike[str] = "") -> bytes:
-    """The bytes of a camera file, whose path is relative to `base`; InputError where there are none to read."""
+    """The bytes of a camera file, whose path is relative to `base`; raises InputError if it cannot be read."""
     try:
-        _refuse_non_files(Path(file), place := Path(base, file))
+        _check_is_file(Path(file), place := Path(base, file))
         data = place.read_bytes()
     except OSError as error:
         raise InputError(f"{file}: cannot be read ({error.strerror}); check the path and its permissions") from None
     if not data.strip():
-        raise InputError(f"{file}: is empty; needed {UNDERSTOOD} camera file")
+        raise InputError(f"{file}: is empty; {NEEDED}")
     return data
 
 
 def decode_camera(data: bytes, file: str | PathLike[str], name: str | None = None, size: Size | None = None) -> Camera:
-    """What `load_camera` makes of the bytes of a file; `file` says where they are from and is not opened."""
+    """As `load_camera`, from the bytes of the file; `file` is for messages and is not opened."""
     try:
-        read, cameras = _cameras_in(data)
-        return read(_pick(cameras, name, Path(file).name), size)
+        form, cameras = _find_cameras(data)
+        return form.read(_pick(cameras, name, Path(file).name), size)
     except InputError as error:
-        # what a damaged file holds is quoted in messages, and may be of any length
-        raise InputError(f"{file}: {' '.join(str(error).split())[:MAX_MESSAGE]}") from None
+        # messages quote the file, and a damaged file may hold text of any length
+        raise InputError(f"{file}: {' '.join(str(error).split())[:400]}") from None
 
 
 def camera_for(
     image: Image, choice: CameraChoice, files: Mapping[str, bytes] | None = None
 ) -> tuple[Camera, str | None]:
-    """The camera of an image, made to fit its size, and what a user should know about that (None: nothing).
+    """The camera of an image, scaled to its size if need be, and a message for the user about that, or None.
 
     Parameters
     ----------
     choice : a camera file, four numbers or a field of view.
-    files : bytes of camera files by path, where they are at hand; otherwise the file is read.
+    files : bytes of camera files by path, if they have been read already.
 
     Raises
     ------
-    InputError : the file is not a camera, or not the camera of this image.
+    InputError : the file holds no camera, or not the camera of this image.
     """
     size = (image.width, image.height)
     if choice.file is not None:
@@ -139,12 +129,12 @@ def camera_from_fov(deg: float, width: int, height: int, which: Literal["h", "v"
 
 
 def fit_camera_to_image(camera: Camera, width: int, height: int) -> tuple[Camera, str | None]:
-    """Make a camera fit an image of width x height pixels, if the image is the same view, at most resized.
+    """Scale a camera to an image of width x height pixels that shows the same view, resized or not.
 
     Returns
     -------
-    camera : unchanged for the same size, scaled when both sides shrank or grew alike (to within a pixel's rounding).
-    message : what was done, None when nothing was.
+    camera : unchanged for the same size, scaled if both sides have the same scale (to within the rounding of a pixel).
+    message : what was done, None if nothing.
 
     Raises
     ------
@@ -168,10 +158,7 @@ def _is_rescale(width: int, height: int, new_width: int, new_height: int) -> boo
     return abs(new_height - height * across) < 1 or abs(new_width - width * down) < 1
 
 
-# ---- from bytes to cameras by name ----
-
-
-def _refuse_non_files(file: Path, place: Path) -> None:
+def _check_is_file(file: Path, place: Path) -> None:
     if place.is_dir():
         raise InputError(f"{file}: is a folder, needed a camera file")
     if not place.exists():
@@ -180,6 +167,25 @@ def _refuse_non_files(file: Path, place: Path) -> None:
         raise InputError(f"{file}: is not a regular file; save the camera to disk first")
     if place.stat().st_size > MAX_BYTES:
         raise InputError(f"{file}: is {place.stat().st_size / 1e6:.0f} MB, too large for a camera file")
+
+
+def _find_cameras(data: bytes) -> tuple[CameraFormat, Mapping[str, Any]]:
+    """The format of a file and its cameras by name."""
+    content = CameraFileContent(data)
+    try:
+        for form in CAMERA_FORMATS:
+            if cameras := form.find(content):
+                return form, cameras
+    except UnknownContent as error:
+        raise InputError(f"{error}; {NEEDED}") from None
+    kind = (
+        "is binary data without a"
+        if content.is_binary
+        else "is XML without a"
+        if content.xml is not None
+        else "holds no"
+    )
+    raise InputError(f"{kind} camera that is understood; {NEEDED}")
 
 
 def _pick(cameras: Mapping[str, Any], name: str | None, file: str) -> Any:
@@ -193,125 +199,3 @@ def _pick(cameras: Mapping[str, Any], name: str | None, file: str) -> Any:
         held = f"holds {names}" if any(cameras) else "holds one camera without a name; leave the name out"
         raise InputError(f"has no camera {name!r}; it {held}")
     return cameras[name]
-
-
-def _cameras_in(data: bytes) -> tuple[Reader, Mapping[str, Any]]:
-    """The cameras of a file by name, and what reads one of them."""
-    if b"\0" in data[:64]:
-        return _cameras_in_binary(data)
-    text = _text(data)
-    if text.lstrip().startswith("<"):
-        return _cameras_in_xml(text)
-    if colmap := find_in_text(text):
-        return read_colmap, colmap
-    tree = _tree(text)
-    if isinstance(tree, Mapping):
-        for form in FORMATS:
-            if cameras := form.find(tree):
-                return form.read, cameras
-    raise InputError(f"holds no camera that is understood; needed {UNDERSTOOD} camera file")
-
-
-def _cameras_in_binary(data: bytes) -> tuple[Reader, Mapping[str, Any]]:
-    if data.startswith(b"PK"):
-        if cameras := find_opencv(_numpy_arrays(data)):
-            return read_opencv, cameras
-    elif colmap := find_in_binary(data):
-        return read_colmap, colmap
-    raise InputError(f"is binary and neither a COLMAP cameras.bin nor a NumPy .npz with a camera; needed {UNDERSTOOD}")
-
-
-def _numpy_arrays(data: bytes) -> dict[str, Any]:
-    """The arrays of a .npz; a pickled object stays unread, which only matters where coefficients are needed."""
-    from io import BytesIO
-
-    import numpy as np
-
-    arrays: dict[str, Any] = {}
-    try:
-        with np.load(BytesIO(data), allow_pickle=False) as archive:
-            for key in archive.files:
-                try:
-                    arrays[key] = archive[key].tolist()
-                except ValueError:
-                    arrays[key] = "a pickled object"
-    except Exception:  # zipfile and NumPy raise a dozen kinds on damaged bytes
-        raise InputError("is a damaged zip or NumPy archive") from None
-    return arrays
-
-
-def _text(data: bytes) -> str:
-    try:
-        return data.decode("utf-8-sig")
-    except UnicodeDecodeError:
-        raise InputError(f"is neither text nor a COLMAP cameras.bin; needed {UNDERSTOOD} camera file") from None
-
-
-def _cameras_in_xml(text: str) -> tuple[Reader, Mapping[str, Any]]:
-    from xml.etree import ElementTree
-
-    try:
-        root = ElementTree.fromstring(text)
-    except (ElementTree.ParseError, ValueError) as error:
-        raise InputError(f"is damaged XML ({error})") from None
-    if root.tag == "opencv_storage":
-        if cameras := find_opencv({child.tag: _opencv_xml_value(child) for child in root}):
-            return read_opencv, cameras
-    elif calibrations := find_metashape(root):
-        return read_metashape, calibrations
-    raise InputError("is XML without a camera; needed an OpenCV or a calibrated Metashape file")
-
-
-def _opencv_xml_value(element: Element) -> Any:
-    if len(element) and all(child.tag == "_" for child in element):
-        return [_opencv_xml_value(child) for child in element]
-    if len(element) or element.get("type_id"):
-        return {child.tag: _opencv_xml_value(child) for child in element}
-    words = (element.text or "").split()
-    return words[0] if len(words) == 1 and element.tag != "data" else words
-
-
-def _tree(text: str) -> Any:
-    if text.lstrip()[0] not in "{[":
-        return _yaml_tree(text)
-    try:
-        return json.loads(text)
-    except RecursionError:
-        raise InputError("is JSON nested too deeply for a camera file") from None
-    except json.JSONDecodeError as error:
-        try:
-            return _yaml_tree(text)  # OpenCV's JSON has numbers like "1.", which only YAML reads
-        except InputError:
-            raise InputError(f"is damaged JSON ({error})") from None
-
-
-def _yaml_tree(text: str) -> Any:
-    import yaml
-
-    if len(text) > MAX_YAML_CHARACTERS:
-        raise InputError(f"is {len(text) / 1e6:.0f} MB of text that is not JSON, too large for a camera file")
-    # OpenCV writes a version directive no YAML reader accepts
-    text = re.sub(r"\A%YAML[^\n]*\n", "", text)
-    try:
-        documents = yaml.load_all(text, Loader=_yaml_loader())
-        return next((tree for tree in documents if tree is not None), None)
-    except (yaml.YAMLError, RecursionError, ValueError) as error:
-        problem = getattr(error, "problem", None) or type(error).__name__
-        mark = getattr(error, "problem_mark", None)
-        where = f" at line {mark.line + 1}" if mark is not None else ""
-        raise InputError(f"is neither JSON nor YAML ({problem}{where}); needed {UNDERSTOOD} camera file") from None
-
-
-def _yaml_loader() -> Any:
-    """A safe loader that also knows OpenCV's matrices and Python's tuples."""
-    import yaml
-
-    base = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
-    loader: Any = type("CameraLoader", (base,), {})
-    loader.add_multi_constructor(
-        "tag:yaml.org,2002:opencv-", lambda loader, _, node: loader.construct_mapping(node, deep=True)
-    )
-    loader.add_constructor(
-        "tag:yaml.org,2002:python/tuple", lambda loader, node: loader.construct_sequence(node, deep=True)
-    )
-    return loader

@@ -1,4 +1,4 @@
-"""What every camera format has in common: numbers, lens names, coefficient counts, and the checks before a Camera."""
+"""Shared by the camera formats: parse numbers and lens names, check the values, build the Camera."""
 
 from __future__ import annotations
 
@@ -10,8 +10,9 @@ from typing import Any
 from slopecli.errors import InputError
 from slopecli.types import Camera, CameraModel
 
-Size = tuple[int, int]
-Intrinsics = tuple[float, float, float, float]
+Size = tuple[int, int]  # width, height, px
+Tree = Mapping[str, Any]  # names and values of a JSON or YAML file
+Intrinsics = tuple[float, float, float, float]  # fx, fy, cx, cy, px
 
 # The names under which the lens models go, lower case. A model that is not here is refused by its name.
 LENS_NAMES: dict[str, CameraModel] = {

@@ -1,0 +1,65 @@
+"""COLMAP cameras."""
+
+import struct
+from pathlib import Path
+
+import pytest
+from camera_factory import BROWN, COLMAP_TEXT, check_is_the_sample, refusal, write
+
+from slopecli.io.cameras import load_camera
+from slopecli.types import Camera
+
+
+def test_colmap_text(tmp_path: Path) -> None:
+    path = write(tmp_path, COLMAP_TEXT)
+    camera = load_camera(f"{path}#1")
+    check_is_the_sample(camera)
+    assert camera.source == "COLMAP"
+    other = load_camera(path, name="7")
+    assert other == Camera(640, 480, 500, 500, 319.5, 239.5, "brown", (0.1,) + (0.0,) * 7, source="COLMAP")
+    assert "holds 2 cameras (1, 7)" in refusal(path)
+
+
+def test_colmap_binary(tmp_path: Path) -> None:
+    first = struct.pack("<IiQQ8d", 1, 4, 1024, 768, 800, 810, 512, 384, *BROWN)
+    second = struct.pack("<IiQQ3d", 2, 0, 640, 480, 500, 320, 240)
+    path = write(tmp_path, struct.pack("<Q", 2) + first + second, "cameras.bin")
+    check_is_the_sample(load_camera(f"{path}#1"))
+    assert load_camera(f"{path}#2") == Camera(640, 480, 500, 500, 319.5, 239.5, source="COLMAP")
+    assert "binary" in refusal(write(tmp_path, path.read_bytes()[:-4], "cut.bin"))
+
+
+def test_half_a_pixel_between_colmap_and_us(tmp_path: Path) -> None:
+    camera = load_camera(write(tmp_path, "1 SIMPLE_PINHOLE 4 2 10 2 1\n"))
+    assert (camera.cx, camera.cy) == (1.5, 0.5)  # the middle of a 4x2 image with pixel centres at integers
+
+
+@pytest.mark.parametrize(
+    ("line", "model", "distortion"),
+    [
+        ("1 PINHOLE 640 480 500 510 320 240", "pinhole", ()),
+        ("1 RADIAL 640 480 500 320 240 0.1 0.2", "brown", (0.1, 0.2, 0, 0, 0, 0, 0, 0)),
+        ("1 FULL_OPENCV 640 480 500 510 320 240 1 2 3 4 5 6 7 8", "brown", (1, 2, 3, 4, 5, 6, 7, 8)),
+        ("1 OPENCV_FISHEYE 640 480 500 510 320 240 1 2 3 4", "fisheye", (1, 2, 3, 4)),
+        ("1 SIMPLE_RADIAL_FISHEYE 640 480 500 320 240 0.1", "fisheye", (0.1, 0, 0, 0)),
+        ("1 RADIAL_FISHEYE 640 480 500 320 240 0.1 0.2", "fisheye", (0.1, 0.2, 0, 0)),
+    ],
+)
+def test_colmap_models(tmp_path: Path, line: str, model: str, distortion: tuple) -> None:
+    camera = load_camera(write(tmp_path, line + "\n"))
+    assert (camera.model, camera.distortion) == (model, distortion)
+    assert (camera.fx, camera.cx, camera.cy) == (500, 319.5, 239.5)
+
+
+@pytest.mark.parametrize(
+    ("line", "words"),
+    [
+        ("1 FOV 640 480 500 510 320 240 0.9", "COLMAP model FOV is not supported"),
+        ("1 THIN_PRISM_FISHEYE 640 480 1 2 3 4 5 6 7 8 9 10 11 12", "THIN_PRISM_FISHEYE is not supported"),
+        ("1 BRAND_NEW 640 480 1 2 3", "COLMAP model BRAND_NEW is not supported"),
+        ("1 PINHOLE 640 480 500 320 240", "has 3 parameters, needed 4"),
+        ("1 PINHOLE 640 480 500 510 320 nan", "finite"),
+    ],
+)
+def test_colmap_refusals(tmp_path: Path, line: str, words: str) -> None:
+    assert words in refusal(write(tmp_path, line + "\n"))

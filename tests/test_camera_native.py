@@ -1,0 +1,92 @@
+"""The native camera file."""
+
+from pathlib import Path
+
+import pytest
+from camera_factory import MATRIX, NATIVE, K, check_is_the_sample, refusal, write
+
+from slopecli.io.cameras import load_camera
+from slopecli.types import Camera
+
+
+def test_native_with_matrix_and_null_distortion(tmp_path: Path) -> None:
+    for distortion in (None, [], [0, 0, 0, 0, 0]):
+        tree = {"width": 1024, "height": 768, "K": MATRIX, "distortion": distortion}
+        camera = load_camera(write(tmp_path, tree))
+        assert camera == Camera(1024, 768, *K, source="native")
+
+
+@pytest.mark.parametrize("count", range(1, 9))
+def test_native_distortion_of_any_length_is_padded_with_zeros(tmp_path: Path, count: int) -> None:
+    given = [0.01 * (i + 1) for i in range(count)]
+    camera = load_camera(write(tmp_path, {**NATIVE, "distortion": given}))
+    assert camera.distortion[:count] == tuple(given)
+    assert not any(camera.distortion[count:])
+
+
+def test_native_fisheye(tmp_path: Path) -> None:
+    camera = load_camera(write(tmp_path, {**NATIVE, "model": "fisheye", "distortion": [0.1, 0.2]}))
+    assert (camera.model, camera.distortion) == ("fisheye", (0.1, 0.2, 0.0, 0.0))
+
+
+def test_native_fisheye_without_coefficients_is_no_pinhole(tmp_path: Path) -> None:
+    assert load_camera(write(tmp_path, {**NATIVE, "model": "fisheye", "distortion": None})).model == "fisheye"
+
+
+def test_our_own_output_is_read_back(tmp_path: Path) -> None:
+    tree = {**NATIVE, "model": "brown", "source": "OpenCV"}
+    check_is_the_sample(load_camera(write(tmp_path, tree)))
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"distorsion": [0.1]}, "unknown key 'distorsion'"),
+        ({"k1": 0.1}, "unknown key 'k1'"),
+        ({"fx": 0}, "not calibrated"),
+        ({"fy": -800}, "negative"),
+        ({"fx": float("nan")}, "finite"),
+        ({"fx": float("inf")}, "finite"),
+        ({"fx": "eight"}, "needed a number"),
+        ({"fx": True}, "needed a number"),
+        ({"fx": 8.8}, "not in millimetres"),
+        ({"cx": 1e6}, "far outside"),
+        ({"width": 0}, "whole number"),
+        ({"width": 10.5}, "whole number"),
+        ({"width": None}, "width is None"),
+        ({"distortion": [0.1] * 12}, "thin prism or tilt"),
+        ({"distortion": [0.1] * 9}, "found 9 distortion coefficients"),
+        ({"distortion": ["a"]}, "needed a number"),
+        ({"distortion": [[0.1], [float("nan")]]}, "finite"),
+        ({"model": "omni"}, "'omni' is not supported"),
+        ({"model": "eucm"}, "'eucm' is not supported"),
+        ({"model": "pinhole"}, "name the lens model"),
+        ({"model": "fisheye", "distortion": [0.1] * 5}, "a fisheye lens takes 4"),
+        ({"K": MATRIX}, "both K and"),
+    ],
+)
+def test_native_refusals(tmp_path: Path, change: dict, words: str) -> None:
+    assert words in refusal(write(tmp_path, {**NATIVE, **change}))
+
+
+def test_native_with_a_missing_number(tmp_path: Path) -> None:
+    tree = {key: value for key, value in NATIVE.items() if key != "cy"}
+    assert "cy is missing" in refusal(write(tmp_path, tree))
+
+
+@pytest.mark.parametrize(
+    ("matrix", "words"),
+    [
+        ([[800, 0.5, 511.5], [0, 810, 383.5], [0, 0, 1]], "skew 0.5"),
+        ([[800, 0, 0], [0, 810, 0], [511.5, 383.5, 1]], "transposed"),
+        ([800, 810, 511.5, 383.5], "has 4 numbers"),
+    ],
+)
+def test_matrices_that_are_no_intrinsics(tmp_path: Path, matrix: list, words: str) -> None:
+    assert words in refusal(write(tmp_path, {"width": 1024, "height": 768, "K": matrix}))
+
+
+def test_the_documented_native_file_is_read(tmp_path: Path) -> None:
+    page = (Path(__file__).parents[1] / "docs" / "cameras.md").read_text(encoding="utf-8")
+    camera = load_camera(write(tmp_path, page.split("```json")[1].split("```")[0]))
+    assert camera == Camera(1024, 768, 800, 800, 511.5, 383.5, "brown", (-0.28, 0.07, 0.0002, 1e-5, 0), "native")
