@@ -34,10 +34,10 @@ LENSES = (
     "distortion|dist|d"
 )
 KEY = re.compile(rf"(?P<before>left|right)?(?:(?P<matrix>{MATRICES})|(?P<lens>{LENSES}))(?P<after>\d+|left|right|l|r)?")
-WIDTHS = ("image_width", "imageWidth", "width", "img_width", "w")
-HEIGHTS = ("image_height", "imageHeight", "height", "img_height", "h")
-SIZES = ("image_size", "imageSize", "img_size", "imgSize", "ImageSize", "resolution")
-MODELS = ("model", "camera_model", "distortion_model", "lens_model", "model_type")
+WIDTH_KEYS = ("image_width", "imageWidth", "width", "img_width", "w")
+HEIGHT_KEYS = ("image_height", "imageHeight", "height", "img_height", "h")
+SIZE_KEYS = ("image_size", "imageSize", "img_size", "imgSize", "ImageSize", "resolution")
+MODEL_KEYS = ("model", "camera_model", "distortion_model", "lens_model", "model_type")
 
 
 def find_opencv(content: CameraFileContent) -> dict[str, Any]:
@@ -65,7 +65,7 @@ def read_opencv(camera: Mapping[str, Any], size: Size | None) -> Camera:
     tree = camera["tree"]
     _refuse_unread_opencv(tree)
     fisheye = bool(number(tree.get("fisheye_model", 0), "fisheye_model"))
-    named = next((tree[key] for key in MODELS if key in tree), None)
+    named = next((tree[key] for key in MODEL_KEYS if key in tree), None)
     model = lens_model(named) if named is not None else "fisheye" if fisheye else "brown"
     key, value = camera["matrix"]
     lens_key, lens = camera.get("lens", ("", None))
@@ -83,18 +83,18 @@ def _refuse_unread_opencv(tree: Tree) -> None:
             raise InputError("an omnidirectional camera (xi) is not supported; undistort the images first")
         if re.fullmatch("[kp][1-6]", plain) and not isinstance(value, list | tuple | Mapping):
             raise InputError(f"{key!r} stands alone; list the coefficients as distortion_coefficients")
-    read = [*MODELS, *(key for key in tree if KEY.fullmatch(plain_key(key)))]
+    read = [*MODEL_KEYS, *(key for key in tree if KEY.fullmatch(plain_key(key)))]
     refuse_unread_distortion(tree, read, "list the coefficients as distortion_coefficients")
 
 
 def _opencv_size(tree: Tree) -> Size | None:
-    pair = next((tree[key] for key in SIZES if key in tree), None)
+    pair = next((tree[key] for key in SIZE_KEYS if key in tree), None)
     if pair is not None:
         sides = numbers(pair, "image size")
         if len(sides) != 2:
             raise InputError(f"image size has {len(sides)} numbers, needed width and height")
         return size_of(*sides)
-    width, height = (next((tree[key] for key in keys if key in tree), None) for keys in (WIDTHS, HEIGHTS))
+    width, height = (next((tree[key] for key in keys if key in tree), None) for keys in (WIDTH_KEYS, HEIGHT_KEYS))
     return size_of(width, height)
 
 
