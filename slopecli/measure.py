@@ -11,7 +11,7 @@ import numpy as np
 
 from slopecli.errors import InputError
 from slopecli.geometry.epipolar import homogeneous, unit_vector
-from slopecli.geometry.slope import measure_slopes, probability_below, slope_interval, surface_normals
+from slopecli.geometry.slope import CAMERA_UP, measure_slopes, probability_below, slope_interval, surface_normals
 from slopecli.geometry.statistics import median
 from slopecli.options import Options
 from slopecli.patches.join import Matched
@@ -19,7 +19,6 @@ from slopecli.types import FloatArray, Slopes, Solution, Up
 
 Verdict = Literal["safe", "unsafe", "undecided"]
 
-CAMERA_UP = (0.0, 0.0, -1.0)  # the camera looks straight down
 SAME_AREA = 0.99  # footprints this alike count as equally large
 BORROWED_SIGMA_DEG = 5.0  # terrain next to a window tells its slope no better than this
 

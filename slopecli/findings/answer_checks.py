@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from statistics import NormalDist
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,7 +14,7 @@ from slopecli.findings.partly_matched import unmatched_parts
 from slopecli.geometry.camera import pixels_from_rays
 from slopecli.geometry.epipolar import focus_of_expansion, homogeneous
 from slopecli.geometry.motion import inverse_depth
-from slopecli.geometry.statistics import median, normal_quantile, quantile
+from slopecli.geometry.statistics import median
 from slopecli.options import Options
 from slopecli.patches.given.given_solution import MOST_LEFT_OUT
 from slopecli.patches.match import WindowMatch
@@ -157,7 +158,7 @@ def _wanted_sigma(plane: Plane, options: Options) -> float:
         return options.max_sigma_deg if ";" not in (plane.reason or "") else np.inf
     if plane.verdict != "undecided" or plane.status != "ok":
         return np.inf
-    return abs(plane.slope_deg - options.tolerance_deg) / normal_quantile(options.confidence)
+    return abs(plane.slope_deg - options.tolerance_deg) / NormalDist().inv_cdf(options.confidence)
 
 
 def towards_flat_ground(planes: Sequence[Plane], solution: Solution, apart: Apart) -> list[Diagnostic]:
@@ -215,7 +216,7 @@ def _off_one_plane(solution: Solution, x1: FloatArray, x2: FloatArray) -> float:
         normal = np.linalg.lstsq(rows * weight[:, None], target * weight, rcond=None)[0]
         off = np.abs(target - rows @ normal)
         weight = 1.0 / np.sqrt(np.maximum(off, 0.1 * median(off) + 1e-12))  # least absolute values
-    return quantile(off, MOST_OF_IT)
+    return float(np.quantile(off, MOST_OF_IT))
 
 
 def changed(changes: Sequence[Change], planes: tuple[Plane, ...], labels: NDArray[np.uint16]) -> list[Diagnostic]:

@@ -9,7 +9,7 @@ import numpy as np
 from slopecli.errors import NoAnswer
 from slopecli.geometry.epipolar import fit_rotation, homogeneous
 from slopecli.geometry.lens_misfit import LensMisfit
-from slopecli.geometry.statistics import median, quantile
+from slopecli.geometry.statistics import median
 from slopecli.types import Camera, Diagnostic, FloatArray, Image
 
 MIN_INLIERS = 20  # matches consistent with one motion below which chance explains them
@@ -66,7 +66,7 @@ def parallax_px(x1: FloatArray, x2: FloatArray, focal_px: float) -> FloatArray:
     left = weight
     for _ in range(4):  # again without the few worst: mismatches
         left = _rotation_residual(fit_rotation(p, q, weight), p, q)
-        weight = (left <= quantile(left, 0.9)).astype(float)
+        weight = (left <= np.quantile(left, 0.9)).astype(float)
     return left * focal_px
 
 
@@ -106,7 +106,7 @@ def check_parallax(parallax: FloatArray, noise_px: float, apart: Apart | None = 
 
     noise_px : 1-sigma of the matches across their epipolar lines.  apart : for a remedy in more than a factor.
     """
-    typical, largest = median(parallax), quantile(parallax, 0.98)
+    typical, largest = median(parallax), float(np.quantile(parallax, 0.98))
     if largest < ROTATION_SIGMAS * max(4 * noise_px, 0.1):
         raise NoAnswer(
             "pure-rotation",

@@ -41,13 +41,13 @@ __getattr__, __dir__ = lazy_names(
         "alignment": "reprojection_error solve_base_homography solve_delta_normals",
         "camera": "OUTSIDE_PX pinhole_of pixels_from_rays points_on_plane rays_from_pixels scale_camera "
         "undistortion_maps",
-        "draws": "random_samples uniform_draws",
         "epipolar": "homogeneous rotation_from_vector rotation_vector tangent_basis",
         "lens_misfit": "LensMisfit find_lens_misfit fit_lens_misfit",
         "motion": "MotionEstimate assess_motion epipolar_residual inverse_depth refine_motion",
         "plane_fit": "RobustPlane robust_plane",
-        "slope": "disc_probability",
-        "statistics": "median normal_quantile quantile student_quantile",
+        "slope": "CAMERA_UP disc_probability",
+        "statistics": "CHI2_MEDIAN CHI2_MEDIAN_2 GATE_SIGMAS MAD_FACTOR geman_mcclure median "
+        "robust_least_squares robust_sigma",
         "unmatched_tilt": "lever",
         "tilt_interval": "tilt_growth",
     },

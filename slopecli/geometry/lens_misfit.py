@@ -8,10 +8,9 @@ import numpy as np
 
 from slopecli.geometry.epipolar import homogeneous, rotation_from_vector, skew, tangent_basis
 from slopecli.geometry.motion import epipolar_residual
-from slopecli.geometry.statistics import median
+from slopecli.geometry.statistics import GATE_SIGMAS, geman_mcclure, median, robust_sigma
 from slopecli.types import FloatArray
 
-GATE_SIGMAS = 2.5  # robust sigmas at which a match has lost most of its weight
 ROUNDS, SETTLED = 20, 1e-5  # of the fit, and the step, rad and normalised coordinates, that ends it
 STEP_SIZES = (1.0, 0.3, 0.1)  # shares of a step that are tried, until one fits better
 MOST_TERM = 1.0  # no step leaves this: a lens that bends rays more needs another model
@@ -73,12 +72,12 @@ def fit_lens_misfit(
     -------
     misfit : the term.  R, T : (3, 3) and (3,), the motion that goes with it.
     """
-    before = _robust_sigma(epipolar_residual(R, T, x1, x2), floor)
+    before = robust_sigma(epipolar_residual(R, T, x1, x2), floor)
     scale, normal = before, np.eye(6)
     for _ in range(ROUNDS):
         residual, jacobian = _linearised(R, T, term, x1, x2)
-        scale = _robust_sigma(residual, floor)
-        weighted = jacobian / (1 + (residual / (GATE_SIGMAS * scale)) ** 2)[:, None] ** 2
+        scale = robust_sigma(residual, floor)
+        weighted = jacobian * geman_mcclure(residual, GATE_SIGMAS * scale)[:, None]
         normal = weighted.T @ jacobian
         normal += 1e-12 * np.trace(normal) * np.eye(6)
         step = np.asarray(-np.linalg.solve(normal, weighted.T @ residual), float)
@@ -110,10 +109,6 @@ def _residual(R: FloatArray, T: FloatArray, term: float, x1: FloatArray, x2: Flo
 def _cost(residual: FloatArray, scale: float) -> float:
     square = (residual / (GATE_SIGMAS * scale)) ** 2
     return float((square / (1 + square)).sum())
-
-
-def _robust_sigma(residual: FloatArray, floor: float) -> float:
-    return max(1.4826 * median(np.abs(residual)), floor)
 
 
 def _linearised(

@@ -7,10 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from slopecli.geometry.epipolar import homogeneous, rotation_from_vector, skew, tangent_basis
-from slopecli.geometry.statistics import median
+from slopecli.geometry.statistics import GATE_SIGMAS, geman_mcclure, median, robust_sigma
 from slopecli.types import FloatArray
 
-GATE_SIGMAS = 2.5  # robust sigmas at which a match has lost most of its weight
 SETTLED_RAD = 1e-6  # a step this small, a thousandth of a pixel, ends a refinement
 TRUNCATE_SIGMAS = 4.0  # sigmas beyond which a mismatch costs no more, however far off it is
 
@@ -73,8 +72,8 @@ def refine_motion(
     scale = bounds[0]
     for _ in range(iterations):
         residual, line2, factor = _residual_parts(R, T, p1, p2)
-        scale = float(np.clip(1.4826 * median(np.abs(residual)), *bounds))
-        weight = 1 / (1 + (residual / (GATE_SIGMAS * scale)) ** 2) ** 2
+        scale = robust_sigma(residual, *bounds)
+        weight = geman_mcclure(residual, GATE_SIGMAS * scale)
         basis = tangent_basis(T)
         jacobian = np.empty((len(p1), 5))
         jacobian[:, :3] = _cross(line2, p2)

@@ -6,10 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from slopecli.geometry.draws import random_samples, uniform_draws
 from slopecli.geometry.epipolar import homogeneous
 from slopecli.geometry.metrics import normal_angle
-from slopecli.geometry.statistics import median, quantile
+from slopecli.geometry.statistics import median
 from slopecli.types import BoolArray, FloatArray, IntArray
 
 HYPOTHESES = 300
@@ -107,10 +106,11 @@ def _fit(rows: FloatArray, target: FloatArray, planes: FloatArray, floor: float)
 
 def _triple_planes(rays: FloatArray, w: FloatArray) -> FloatArray:
     """(k, 3) planes through random triples of points, rays (n, 3); thin triangles leave their tilt to the noise."""
-    index = random_samples(len(rays), HYPOTHESES, 3)
+    # a triple that holds a point twice has no area
+    index = np.random.default_rng(1).integers(len(rays), size=(HYPOTHESES, 3))
     matrix = rays[index]
     area = np.abs(np.linalg.det(matrix))
-    wide = (area >= quantile(area, 0.4)) & (area > 0)
+    wide = (area >= np.quantile(area, 0.4)) & (area > 1e-9 * area.max())
     return np.asarray(np.linalg.solve(matrix[wide], w[index[wide]][..., None])[..., 0])
 
 
@@ -119,7 +119,7 @@ def _sample(n: int) -> IntArray:
     if n <= RANKED_ON:
         return np.arange(n)
     ends = np.arange(RANKED_ON + 1) * n // RANKED_ON
-    return ends[:-1] + (uniform_draws(RANKED_ON, 1)[:, 0] * np.diff(ends)).astype(int)
+    return np.random.default_rng(1).integers(ends[:-1], ends[1:])
 
 
 def _concentrated(rows: FloatArray, target: FloatArray, cores: FloatArray) -> FloatArray:

@@ -8,16 +8,17 @@ from __future__ import annotations
 
 import math
 from functools import lru_cache
+from statistics import NormalDist
 from typing import NamedTuple
 
 import numpy as np
 
 from slopecli.errors import InputError
 from slopecli.geometry.epipolar import tangent_basis, unit_vector
-from slopecli.geometry.statistics import normal_quantile
 from slopecli.geometry.tilt_interval import tilt_growth
 from slopecli.types import BoolArray, FloatArray, Slopes, Solution
 
+CAMERA_UP = np.array([0.0, 0.0, -1.0])  # up where the camera looks straight down
 IMAGE_UP = np.array([0.0, -1.0, 0.0])
 VIEWING_DIRECTION = np.array([0.0, 0.0, 1.0])
 
@@ -209,7 +210,7 @@ def slope_interval(slopes: Slopes, level: float = 0.95) -> FloatArray:
     if not 0.0 < level < 1.0:
         raise InputError(f"the confidence level is {level}; it must lie between 0 and 1")
     estimate, covariance = slopes.slope_rad, slopes.tilt_covariance
-    reach = normal_quantile(0.5 + 0.5 * level) * np.sqrt(covariance[:, 0, 0])
+    reach = NormalDist().inv_cdf(0.5 + 0.5 * level) * np.sqrt(covariance[:, 0, 0])
     interval = np.column_stack([estimate - reach, estimate + reach])
     widest = np.sqrt(np.linalg.eigvalsh(covariance)[:, 1])
     gentle = np.flatnonzero((estimate < _GAUSSIAN_BEYOND * widest) & (widest > 0.0))
@@ -294,7 +295,7 @@ def _distance_limits(level: float) -> tuple[FloatArray, FloatArray]:
         return np.log1p(-level) - np.log(np.maximum(beyond, 1e-300))
 
     # between these the logarithm is nearly linear, and the secant finds its zero in a few steps
-    low, high = 0.8 * normal_quantile(0.5 + 0.5 * level), float(np.sqrt(-2.0 * np.log1p(-level)))
+    low, high = 0.8 * NormalDist().inv_cdf(0.5 + 0.5 * level), float(np.sqrt(-2.0 * np.log1p(-level)))
     before, now = np.full_like(radii, low), np.full_like(radii, high)
     missed_before, missed = missing(before), missing(now)
     for _ in range(6):

@@ -15,7 +15,6 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from slopecli.geometry.statistics import quantile
 from slopecli.look.features import Grey
 from slopecli.look.noise import ROUNDING_GREY
 from slopecli.look.warp import FloatImage, Grid, Pyramid, block_sum, covered, image_gradient, resample
@@ -143,7 +142,7 @@ def _are_clear(cells: Cells, closes: NDArray[np.bool_]) -> bool:
     """Whether hardly anything is in doubt: pixels of which hardly one does not close, and cells that agree."""
     if not len(cells) or closes.mean() < CLEAR_SHARE:
         return False
-    return quantile(cells.agreement, 0.1) > CLEAR_AGREEMENT
+    return float(np.quantile(cells.agreement, 0.1)) > CLEAR_AGREEMENT
 
 
 def _collect(

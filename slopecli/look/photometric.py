@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from slopecli.geometry.epipolar import homogeneous
-from slopecli.geometry.statistics import median, quantile
+from slopecli.geometry.statistics import median
 from slopecli.look.noise import NOISE_GREY, ROUNDING_GREY
 from slopecli.look.warp import (
     FloatImage,
@@ -155,7 +155,7 @@ def align_plane(view: View, normal: FloatArray, iterations: int = 10) -> PlaneFi
             return PlaneFit(normal, -1.0, np.full((3, 3), np.inf))
         system = linear.system
         step = -np.linalg.solve(system + 1e-4 * np.diag(np.diag(system)) + 1e-12 * np.eye(3), linear.gradient)
-        reach = quantile(np.abs(view.rays @ step) * linear.px_per_depth, 0.9)
+        reach = np.quantile(np.abs(view.rays @ step) * linear.px_per_depth, 0.9)
         step *= min(1.0, MAX_STEP_PX / max(reach, 1e-9))
         normal = normal + step
         if reach < SETTLED_PX:

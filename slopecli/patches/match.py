@@ -7,10 +7,8 @@ from typing import Literal
 
 import numpy as np
 
-from slopecli.geometry.statistics import median
+from slopecli.geometry.statistics import CHI2_MEDIAN, median
 from slopecli.types import FloatArray, IntArray
-
-CHI2_MEDIAN = 0.4549  # of chi-square with one degree of freedom
 
 
 @dataclass(frozen=True, eq=False)

@@ -13,6 +13,7 @@ from slopecli.findings.pair_checks import LOW_PARALLAX_PX
 from slopecli.findings.wording import beside
 from slopecli.geometry.camera import pixels_from_rays
 from slopecli.geometry.epipolar import focus_of_expansion, unit_vector
+from slopecli.geometry.slope import CAMERA_UP
 from slopecli.options import Options
 from slopecli.plan.baseline import HALF_SEEN, Of, needed_baseline, sigma_of
 from slopecli.plan.flight import (
@@ -28,7 +29,6 @@ from slopecli.plan.flight import (
 from slopecli.plan.prediction import TRIALS, Forecast, forecast
 from slopecli.types import Camera, Diagnostic, FloatArray, Up
 
-CAMERA_UP = (0.0, 0.0, -1.0)  # the camera looks straight down
 LIKELY = 0.5  # share of simulated pairs with two answers from which they are called likely
 LARGEST_ZOOM = 2.0  # scale between the images beyond which features are matched badly
 VAGUE_DEG = Options().max_sigma_deg

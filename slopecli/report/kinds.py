@@ -7,7 +7,7 @@ from typing import Literal
 import numpy as np
 
 from slopecli.geometry.camera import points_on_plane
-from slopecli.geometry.statistics import median, quantile
+from slopecli.geometry.statistics import median
 from slopecli.types import FloatArray, Plane, Report
 
 Kind = Literal["ground", "wall", "roof", "ceiling"]
@@ -76,4 +76,4 @@ def _is_level(plane: Plane) -> bool:
 def _low_end(points: FloatArray, ground: Plane) -> float:
     """Height of a plane's lower end above the ground, over its distance to the camera."""
     height = points @ ground.normal_cam1 + ground.distance
-    return quantile(height / np.linalg.norm(points, axis=1), LOW_END) if len(points) else 0.0
+    return float(np.quantile(height / np.linalg.norm(points, axis=1), LOW_END)) if len(points) else 0.0

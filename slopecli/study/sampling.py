@@ -7,7 +7,6 @@ from dataclasses import replace
 
 import numpy as np
 
-from slopecli.geometry.statistics import student_quantile
 from slopecli.study.parameters import StudyOptions
 from slopecli.study.trials import QUANTITIES, Study
 
@@ -28,12 +27,14 @@ def jackknifed(study: Study, measure: Callable[[Study], float]) -> float:
     It is infinite for one terrain. Terrains are what is drawn at random: one is the same for all trajectories and
     noises. Source: Efron, "The Jackknife, the Bootstrap and Other Resampling Plans", 1982.
     """
+    from scipy.special import stdtrit
+
     terrains = study.options.terrains
     groups = min(terrains, GROUPS)
     if groups < 2:
         return float("inf")
     values = np.array([measure(_without(study, range(first, terrains, groups))) for first in range(groups)])
-    widening = round(student_quantile(ONE_SIDED, groups - 1), 2)
+    widening = round(float(stdtrit(groups - 1, ONE_SIDED)), 2)
     return widening * float(np.sqrt((groups - 1) / groups * ((values - values.mean()) ** 2).sum()))
 
 

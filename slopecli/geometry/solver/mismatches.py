@@ -7,13 +7,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from slopecli.geometry.draws import random_samples
 from slopecli.geometry.solver.observations import Observations, Prediction
-from slopecli.geometry.statistics import median
+from slopecli.geometry.statistics import CHI2_MEDIAN, CHI2_MEDIAN_2, median
 from slopecli.types import BoolArray, FloatArray
 
-# median of a chi-square variable with 2 and with 1 degree of freedom
-_MEDIAN_2, _MEDIAN_1 = 1.3863, 0.4549
 # one false alarm in this many clean data sets
 _FALSE_ALARMS = 100.0
 LEAST_FREEDOM = 2  # that leaving points out must leave: with less, what is left fits whatever it is
@@ -91,7 +88,7 @@ def residual_scale(squared: FloatArray, kept: BoolArray, dimensions: int, lost: 
         return _FINEST
     values = squared[kept]
     middle = len(values) // 2
-    expected = _MEDIAN_2 if dimensions == 2 else _MEDIAN_1
+    expected = CHI2_MEDIAN_2 if dimensions == 2 else CHI2_MEDIAN
     variance = float(np.partition(values, middle)[middle]) / expected / max(1.0 - lost, 0.1)
     return max(variance**0.5, _FINEST)
 
@@ -145,7 +142,7 @@ def _patch_scales(observations: Observations, squared: FloatArray) -> FloatArray
     """(n,) robust scale of the patch each point is on."""
     ends = observations.first + observations.count
     medians = [median(squared[a:b]) for a, b in zip(observations.first, ends, strict=True)]
-    return observations.per_point(np.sqrt(np.array(medians) / _MEDIAN_2))
+    return observations.per_point(np.sqrt(np.array(medians) / CHI2_MEDIAN_2))
 
 
 def _enough_each(observations: Observations, keep: BoolArray, squared: FloatArray) -> BoolArray:
@@ -177,7 +174,7 @@ def consensus(observations: Observations) -> BoolArray:
 def _patch_consensus(p: FloatArray, x2: FloatArray) -> BoolArray:
     """p : (3, n), x2 : (2, n) of one patch, n >= 6."""
     n = p.shape[1]
-    samples = random_samples(n, _SAMPLES, 4)
+    samples = np.random.default_rng(0).random((_SAMPLES, n)).argpartition(4, axis=1)[:, :4]
     H = _four_point_homographies(p[:2, samples], x2[:, samples])
     y = H @ p
     with np.errstate(all="ignore"):
@@ -186,7 +183,7 @@ def _patch_consensus(p: FloatArray, x2: FloatArray) -> BoolArray:
     rank = min((n + 5) // 2, n - 1)
     medians = np.partition(squared, rank, axis=1)[:, rank]
     best = int(np.argmin(medians))
-    scale = max(float(np.sqrt(medians[best] / _MEDIAN_2)) * (1.0 + 5.0 / (n - 4)), _FINEST)
+    scale = max(float(np.sqrt(medians[best] / CHI2_MEDIAN_2)) * (1.0 + 5.0 / (n - 4)), _FINEST)
     return squared[best] <= gate_squared(n) * scale**2
 
 

@@ -13,7 +13,7 @@ import numpy as np
 
 from slopecli.geometry.solver.mismatches import gate_squared, noise_at_least, residual_scale
 from slopecli.geometry.solver.observations import Observations, Prediction
-from slopecli.geometry.statistics import median
+from slopecli.geometry.statistics import median, robust_sigma
 from slopecli.types import BoolArray, FloatArray
 
 _STAND_OFF = 4.0  # robust standard deviations beyond which a point of a minority counts as standing off
@@ -104,7 +104,7 @@ def _standing_off(
             continue
         h = height[patch]
         centre = median(h[kept])
-        scale = 1.4826 * median(np.abs(h[kept] - centre))
+        scale = robust_sigma(h[kept] - centre)
         far = kept & (np.abs(h - centre) > _STAND_OFF * np.hypot(scale, noise_height[patch]))
         if far.sum() < _MINORITY * kept.sum():
             off[patch] = far

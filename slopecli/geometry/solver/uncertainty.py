@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from statistics import NormalDist
 from typing import NamedTuple
 
 import numpy as np
@@ -11,7 +12,6 @@ from slopecli.geometry.epipolar import tangent_basis
 from slopecli.geometry.solver.observations import Observations, linearise, observe, predict
 from slopecli.geometry.solver.priors import MotionPrior
 from slopecli.geometry.solver.refinement import State, System, normal_equations
-from slopecli.geometry.statistics import normal_quantile, student_quantile
 from slopecli.types import FloatArray, IntArray
 
 # information this much smaller than the largest is rounding: that direction is reported as almost unknown
@@ -56,7 +56,9 @@ def small_sample(freedom: float) -> float:
     """
     if freedom >= _MANY:
         return 1.0
-    return student_quantile(_LEVEL, max(int(freedom), 1)) / normal_quantile(_LEVEL)
+    from scipy.special import stdtrit
+
+    return float(stdtrit(max(int(freedom), 1), _LEVEL)) / NormalDist().inv_cdf(_LEVEL)
 
 
 def _inverse(information: FloatArray) -> FloatArray:
