@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
 
@@ -21,16 +21,11 @@ from slopecli.findings.pair_checks import (
     refuse_mirrored,
     refuse_unmatched,
 )
-from slopecli.geometry.motion import MotionEstimate
 from slopecli.geometry.statistics import median
-from slopecli.look import coarse_pass as glance
-from slopecli.look.features import EFFORTS, GLANCE, FeatureMemory, Grey, match_sift
-from slopecli.look.foerstner import match_foerstner
+from slopecli.look.features import FeatureMemory
 from slopecli.look.lens import lens_misfit
-from slopecli.look.scene import Scene
-from slopecli.look.sparse import FeatureMatcher, find_motions
-from slopecli.look.threads import single_threaded
-from slopecli.look.whole_image import survey
+from slopecli.look.scene_from_images import find_scene
+from slopecli.look.sparse import Sparse
 from slopecli.options import Options
 from slopecli.patches import PLANE_FINDERS
 from slopecli.patches.given.given_solution import solve_given
@@ -42,12 +37,6 @@ from slopecli.report.build import build_report
 from slopecli.types import Camera, Diagnostic, Image, ImageInfo, Report
 
 OnStage = Callable[[str, float], None]
-
-# what `--features` names: matchers of whole images, tried in turn
-FEATURE_MATCHERS: dict[str, tuple[FeatureMatcher, ...]] = {
-    "sift": tuple(partial(match_sift, effort=effort) for effort in EFFORTS),
-    "foerstner": (match_foerstner,),
-}
 
 
 def estimate(
@@ -80,12 +69,15 @@ def estimate(
     NoAnswer : the pair cannot tell (no overlap, no texture, no parallax, pure rotation), with reason and remedy.
     """
     clock = _Clock(on_stage)
-    wanted_windows(options, image1.width, image1.height)
+    windows = wanted_windows(options, image1.width, image1.height)
     prior = motion_prior(options)
     refuse_identical(image1, image2)
 
-    # features, then the whole image densely: the motion, and a first idea of every plane
-    scene, motions = _look(image1.grey, image2.grey, camera1, camera2, options, memory, clock)
+    # sparse matches, then dense ones of the whole image: the scene, and the motions that may explain it
+    greys = image1.grey, image2.grey
+    scene, motions = find_scene(
+        *greys, camera1, camera2, options, windows, check_sparse=_refuse, memory=memory, on_lap=clock.lap
+    )
     parallax = parallax_px(scene.evidence.x1, scene.evidence.x2, camera2.focal_px)
     refuse_mirrored(scene.evidence.x1, scene.evidence.x2)
     diagnostics = image_notes(image1, image2)
@@ -157,45 +149,8 @@ def solve(given: Given, cameras: tuple[Camera, Camera] | None, options: Options,
     return replace(report, options={**report.options, "noise": noise})
 
 
-def _look(
-    grey1: Grey,
-    grey2: Grey,
-    camera1: Camera,
-    camera2: Camera,
-    options: Options,
-    memory: FeatureMemory | None,
-    clock: _Clock,
-) -> tuple[Scene, list[MotionEstimate]]:
-    """What is known of the scene and its motions, best first: at a glance where that leaves no doubt.
-
-    Raises
-    ------
-    NoAnswer : too few matches agree on a motion.
-    """
-    both = grey1, grey2, camera1, camera2
-    windows = wanted_windows(options, camera1.width, camera1.height)
-    # planes that have yet to be found need all that can be known
-    if options.planes == "windows" and options.features == "sift" and glance.may_suffice(windows, grey1):
-        matcher = partial(match_sift, effort=GLANCE, memory=memory)
-        with single_threaded():
-            sparse = find_motions(*both, [matcher], options.seed, thorough=False)
-            clock.lap("features")
-            if glance.is_decided(sparse):
-                seen = survey(*both, sparse, options.seed, glance.overview_effort(windows, grey1))
-                clock.lap("overview")
-                if glance.is_clear(seen[0]):
-                    return seen
-    sparse = find_motions(*both, matchers_of(options, memory), options.seed)
+def _refuse(sparse: Sparse) -> None:
     refuse_unmatched(sparse.n_features, len(sparse.matches), sparse.n_inliers)
-    clock.lap("features")
-    return survey(*both, sparse, options.seed)
-
-
-def matchers_of(options: Options, memory: FeatureMemory | None) -> Sequence[FeatureMatcher]:
-    """The matchers of whole images that the options name; only SIFT can make use of a memory."""
-    if memory is not None and options.features == "sift":
-        return [partial(match_sift, effort=effort, memory=memory) for effort in EFFORTS]
-    return FEATURE_MATCHERS[options.features]
 
 
 class _Clock:

@@ -18,9 +18,9 @@ from slopecli.look.noise import NOISE_GREY
 from slopecli.look.overview import CELL, sparse_transfer
 from slopecli.look.photometric import detrend
 from slopecli.look.scene import Scene
+from slopecli.look.scene_from_images import MIN_INFORMATION
 from slopecli.look.sparse import pair_rays, thin
 from slopecli.look.warp import FloatImage, Grid, covered, cut, resample, transfer_map
-from slopecli.look.whole_image import MIN_INFORMATION
 from slopecli.types import BoolArray, FloatArray
 
 LEAST_AREA = 0.01  # of image 1: what is not one plane, or mirrors light, makes areas of up to 0.7 %

@@ -1,4 +1,4 @@
-"""Pixels to correspondences: detection, matching, dense flow guided by what is already known. No files."""
+"""Images to a scene: sparse and dense matches, the camera motion, and matching on grey values. Reads no files."""
 
 from slopecli.face import lazy_names
 
@@ -17,12 +17,13 @@ __getattr__, __dir__ = lazy_names(
         "overview": "overview_cells sparse_transfer",
         "photometric": "PlaneFit View align_plane cell_shifts correlation detrend gain_between make_view normalise "
         "sweep_planes",
+        "quick_pass": "COARSE FINE is_decided may_suffice overview_effort",
         "scene": "Scene epipolar_axes",
+        "scene_from_images": "build_scene feature_matchers find_scene",
         "sparse": "Matches Sparse find_motions thin",
         "threads": "single_threaded",
         "transfer_error": "Comparison OUTSIDE TRUNCATED",
         "warp": "Grid Layer Pyramid Transfer block_sum covered cut magnification resample sample_grey "
         "sample_map transfer_map",
-        "whole_image": "survey",
     },
 )

@@ -1,4 +1,4 @@
-"""Sparse features: where the images look alike, before anything is known about the motion."""
+"""Sparse features: SIFT keypoints of two images, matched by descriptor."""
 
 from __future__ import annotations
 
@@ -19,17 +19,17 @@ BLOCK = 1024  # descriptors compared with all others at a time
 
 @dataclass(frozen=True)
 class FeatureEffort:
-    """How hard to look. Pixels beyond `max_pixels` are averaged away: SIFT's cost grows with area, its use does not."""
+    """Settings of SIFT. Images are shrunk to `max_pixels`: the cost grows with the area, the matches do not improve."""
 
     max_pixels: float
     n_features: int
-    contrast: float
-    ratio: float  # Lowe's ratio of best to second-best descriptor distance
+    contrast: float  # threshold of SIFT
+    ratio: float  # Lowe's: largest ratio of the distances to the best and to the second-best descriptor
 
 
-# What a glance takes: enough for a motion where all matches agree.
-GLANCE = FeatureEffort(max_pixels=0.07e6, n_features=600, contrast=0.02, ratio=0.80)
-# The first suffices for textured ground; the second is spent only where the first found little.
+# Of the quick pass: enough for a motion where all matches agree.
+QUICK = FeatureEffort(max_pixels=0.07e6, n_features=600, contrast=0.02, ratio=0.80)
+# Tried in turn: the first suffices for textured ground, the second follows where too few matches agree.
 EFFORTS = (
     FeatureEffort(max_pixels=0.4e6, n_features=4000, contrast=0.02, ratio=0.80),
     FeatureEffort(max_pixels=1.6e6, n_features=7000, contrast=0.005, ratio=0.85),
@@ -39,8 +39,7 @@ EFFORTS = (
 def shrink(grey: Grey, max_pixels: float) -> tuple[Grey, FloatArray]:
     """Area-average an image down to at most `max_pixels`.
 
-    Returns the image and its exact scale per axis, (2,): rounding the size makes the two differ, and assuming
-    otherwise shifts matches by half a pixel at the far side.
+    Returns the image and its exact scale (2,) along x and y, which differ because the size is rounded.
     """
     height, width = grey.shape
     factor = np.sqrt(max_pixels / grey.size)
@@ -52,14 +51,14 @@ def shrink(grey: Grey, max_pixels: float) -> tuple[Grey, FloatArray]:
 
 
 def to_full(uv: FloatArray, scale: FloatArray) -> FloatArray:
-    """Pixels of a shrunken image as pixels of the full one; centres at integers in both."""
+    """Pixels (..., 2) of a shrunken image as pixels of the full image; pixel centres at integers in both."""
     return (np.asarray(uv, float) + 0.5) / scale - 0.5
 
 
 def detect_sift(grey: Grey, effort: FeatureEffort) -> tuple[FloatArray, Descriptors]:
     """SIFT points (n, 2) px of the full image and RootSIFT descriptors (n, 128) (Arandjelovic and Zisserman 2012)."""
     small, scale = shrink(grey, effort.max_pixels)
-    # without precise upscaling SIFT's points are biased by a twentieth of a pixel
+    # without precise upscaling the keypoints are biased by 0.05 px
     sift = cv2.SIFT_create(  # type: ignore[attr-defined]
         nfeatures=effort.n_features, contrastThreshold=effort.contrast, enable_precise_upscale=True
     )
@@ -71,9 +70,9 @@ def detect_sift(grey: Grey, effort: FeatureEffort) -> tuple[FloatArray, Descript
 
 
 def match_descriptors(first: Descriptors, second: Descriptors, ratio: float) -> tuple[IntArray, IntArray]:
-    """Mutual nearest neighbours that beat the second best by `ratio`, as index pairs.
+    """Index pairs of mutual nearest neighbours that pass the ratio test.
 
-    The descriptors are unit vectors, so distances follow from matrix products, taken in blocks to bound the memory.
+    Descriptors are unit vectors, so distances follow from matrix products; blocks of rows bound the memory.
     """
     if len(first) < 2 or len(second) < 2:
         return np.empty(0, int), np.empty(0, int)
@@ -89,7 +88,10 @@ def match_descriptors(first: Descriptors, second: Descriptors, ratio: float) -> 
 def _best_two(
     first: Descriptors, second: Descriptors, column_best: NDArray[np.float32]
 ) -> tuple[IntArray, NDArray[np.float32], NDArray[np.float32]]:
-    """Most similar partner, its similarity and the next best; raises `column_best` (len(second),) in place."""
+    """For each descriptor of `first`: index and similarity of the best of `second`, and similarity of the next best.
+
+    Updates `column_best`, the largest similarity of every descriptor of `second`, in place.
+    """
     similarity = first @ second.T
     np.maximum(column_best, similarity.max(0), out=column_best)
     rows, partner = np.arange(len(first)), similarity.argmax(1)
@@ -99,18 +101,17 @@ def _best_two(
 
 
 class FeatureMemory:
-    """SIFT features of the images seen last, for pairs that share images.
+    """Cache of the SIFT features of the last `n_images` images, for pairs that share images.
 
-    What it gives is what `detect_sift` gives, to the last bit. It holds the features of `n_images` images, of at most
-    7 MB each, and may not be shared by threads.
+    Features take up to 7 MB per image. Not safe to share between threads.
     """
 
     def __init__(self, n_images: int = 2) -> None:
         self._most = n_images * (1 + len(EFFORTS))
-        self._held: dict[tuple[bytes, FeatureEffort], tuple[FloatArray, Descriptors]] = {}  # the last used at the end
+        self._held: dict[tuple[bytes, FeatureEffort], tuple[FloatArray, Descriptors]] = {}  # least recently used first
 
     def detect(self, grey: Grey, effort: FeatureEffort) -> tuple[FloatArray, Descriptors]:
-        """Points (n, 2) px and descriptors (n, 128) of an image; not to be written to."""
+        """The result of `detect_sift`, as read-only arrays."""
         key = (_digest(grey), effort)
         features = self._held.pop(key, None) or detect_sift(grey, effort)
         for array in features:
@@ -130,10 +131,7 @@ def _digest(grey: Grey) -> bytes:
 def match_sift(
     grey1: Grey, grey2: Grey, effort: FeatureEffort, memory: FeatureMemory | None = None
 ) -> tuple[FloatArray, FloatArray, tuple[int, int]]:
-    """Tentative matches as pixels of the full images, (n, 2) each, about a third of them wrong; features per image.
-
-    memory : of features, where the images may have been seen before.
-    """
+    """Tentative matches, (n, 2) px of the full images each, about a third of them mismatches; features per image."""
     detect = detect_sift if memory is None else memory.detect
     uv1, descriptors1 = detect(grey1, effort)
     uv2, descriptors2 = detect(grey2, effort)
@@ -142,7 +140,7 @@ def match_sift(
 
 
 def _drop_repeats(uv1: FloatArray, uv2: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """SIFT gives one point several orientations; counted twice, a mismatch votes twice."""
+    """Matches without repeats: SIFT may give one point several orientations, and so one match several times."""
     first: dict[tuple[float, ...], int] = {}
     for index, place in enumerate(np.round(np.hstack([uv1, uv2]), 1).tolist()):
         first.setdefault(tuple(place), index)

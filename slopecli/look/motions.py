@@ -1,4 +1,4 @@
-"""Starting motions from matches of which many are wrong. Several, since the best-looking one may be the wrong root."""
+"""Camera motions estimated from matches with many mismatches; several, as the best fit may be the wrong root."""
 
 from __future__ import annotations
 
@@ -11,21 +11,17 @@ from slopecli.types import BoolArray, FloatArray
 
 Motion = tuple[FloatArray, FloatArray]
 
-SCORE_PX = 0.5  # motions compete on squared residuals truncated at four of these
-MIN_MATCHES = 8  # for a motion at all
-HALVES = 16  # random halves of the matches that are searched when most may be wrong
-HOMOGRAPHY_PX = 2.0  # distance of matches on the dominant plane from its prediction
-DISTINCT_RAD = np.radians(1.0)  # motions closer than this in rotation, twice this in direction, are one
+SCORE_PX = 0.5  # motions are ranked by squared epipolar residuals truncated at four times this
+MIN_MATCHES = 8  # for a motion: five determine it, three check it
 
 
 def starting_motions(
     x1: FloatArray, x2: FloatArray, focal_px: float, thorough: bool = False, seed: int = 0
 ) -> list[MotionEstimate]:
-    """Robustly estimated and refined motions, best first, duplicates removed.
+    """Robustly estimated and refined motions, best first, repeats dropped.
 
-    Essential matrices come from five-point RANSAC in several variants (many when `thorough`, for matches of which most
-    may be wrong), and from the decompositions of the dominant homography, since a flat scene determines the essential
-    matrix badly.
+    Essential matrices come from five-point RANSAC (also on random halves of the matches when `thorough`). The
+    decompositions of the dominant homography are added, as a flat scene determines the essential matrix badly.
     The list is empty when there are too few matches or no model fits.
     """
     if len(x1) < MIN_MATCHES:
@@ -37,7 +33,7 @@ def starting_motions(
 
 
 def _without_opposites(motions: list[Motion]) -> list[Motion]:
-    """Motions of which none repeats an earlier one or goes the opposite way: refined, the two would be one."""
+    """Motions without those equal to an earlier one up to the sign of T, which refinement would make equal."""
     kept: list[Motion] = []
     for R, T in motions:
         if not any(np.abs(R - S).max() < 1e-9 and abs(T @ U) > 1 - 1e-9 for S, U in kept):
@@ -48,13 +44,13 @@ def _without_opposites(motions: list[Motion]) -> list[Motion]:
 def rank_motions(
     motions: list[MotionEstimate], x1: FloatArray, x2: FloatArray, focal_px: float
 ) -> list[MotionEstimate]:
-    """Motions by how well they fit these matches, best first, repeats dropped."""
+    """Motions ordered by their fit to these matches, best first, repeats dropped."""
     scored = [assess_motion(m.R, m.T, x1, x2, SCORE_PX / focal_px) for m in motions]
     return distinct_motions(sorted(scored, key=lambda m: m.cost))
 
 
 def distinct_motions(motions: list[MotionEstimate], limit: int = 5) -> list[MotionEstimate]:
-    """Drop motions that repeat a better one."""
+    """At most `limit` motions, each at least 1 degree in rotation or 2 in direction from every better one."""
     kept: list[MotionEstimate] = []
     for motion in motions:
         if len(kept) < limit and all(_apart(motion, other) for other in kept):
@@ -63,8 +59,8 @@ def distinct_motions(motions: list[MotionEstimate], limit: int = 5) -> list[Moti
 
 
 def _apart(a: MotionEstimate, b: MotionEstimate) -> bool:
-    turn = np.linalg.norm(a.R - b.R) / np.sqrt(2)
-    return bool(turn > DISTINCT_RAD or np.linalg.norm(a.T - b.T) > 2 * DISTINCT_RAD)
+    turn, limit = np.linalg.norm(a.R - b.R) / np.sqrt(2), np.radians(1.0)
+    return bool(turn > limit or np.linalg.norm(a.T - b.T) > 2 * limit)
 
 
 def _essential_motions(x1: FloatArray, x2: FloatArray, focal_px: float, thorough: bool, seed: int) -> list[Motion]:
@@ -73,13 +69,14 @@ def _essential_motions(x1: FloatArray, x2: FloatArray, focal_px: float, thorough
         motions += _five_point(x1, x2, method, threshold_px / focal_px)
     if thorough:
         rng = np.random.default_rng(seed)
-        for _ in range(HALVES):  # random halves: each run of RANSAC otherwise repeats the same draw
+        for _ in range(16):  # OpenCV's RANSAC repeats its own draws, so each run gets other matches
             half = rng.permutation(len(x1))[: max(MIN_MATCHES, len(x1) // 2)]
             motions += _five_point(x1[half], x2[half], cv2.RANSAC, 1.0 / focal_px)
     return motions
 
 
 def _five_point(x1: FloatArray, x2: FloatArray, method: int, threshold: float) -> list[Motion]:
+    """Motions of all essential matrices that one run of OpenCV returns; empty where it fails."""
     try:
         stacked, _ = cv2.findEssentialMat(x1, x2, np.eye(3), method=method, prob=0.9999, threshold=threshold)
     except cv2.error:
@@ -94,16 +91,14 @@ def _five_point(x1: FloatArray, x2: FloatArray, method: int, threshold: float) -
 
 
 def _homography_motions(x1: FloatArray, x2: FloatArray, focal_px: float) -> list[Motion]:
-    """Both roots of the dominant homography, found without a threshold (relief may be many pixels) and with one
-    (most matches may be wrong)."""
-    found = (
-        cv2.findHomography(x1, x2, cv2.LMEDS),
-        cv2.findHomography(x1, x2, cv2.RANSAC, HOMOGRAPHY_PX / focal_px),
-    )
+    """Both roots of the dominant homography, fitted without a threshold (relief may be many pixels) and with 2 px
+    (most matches may be mismatches)."""
+    found = cv2.findHomography(x1, x2, cv2.LMEDS), cv2.findHomography(x1, x2, cv2.RANSAC, 2.0 / focal_px)
     return [motion for H, _ in found if H is not None for motion in _roots(np.asarray(H, float))]
 
 
 def _roots(H: FloatArray) -> list[Motion]:
+    """Motions of the decompositions of a homography, pure rotations left out."""
     count, rotations, translations, _ = cv2.decomposeHomographyMat(H, np.eye(3))
     motions: list[Motion] = []
     for R, t in zip(rotations[:count], translations[:count], strict=True):
@@ -118,5 +113,5 @@ def _motion(R: object, T: object) -> Motion:
 
 
 def inliers_of(residual: FloatArray, focal_px: float) -> BoolArray:
-    """Matches whose epipolar residual (n,) is small enough to count."""
+    """(n,) whether an epipolar residual (n,) is below the truncation of the ranking: the match is no mismatch."""
     return np.asarray(np.abs(residual) < 4 * SCORE_PX / focal_px)

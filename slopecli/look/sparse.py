@@ -1,4 +1,4 @@
-"""Sparse matches of whole images, many of them wrong, and the camera motions they allow."""
+"""Sparse matches of two images, some of them mismatches, and the camera motions consistent with them."""
 
 from __future__ import annotations
 
@@ -16,8 +16,8 @@ from slopecli.types import BoolArray, Camera, FloatArray, IntArray
 # two grey images -> matches uv1, uv2 (n, 2) px and how many features each image has
 FeatureMatcher = Callable[[Grey, Grey], tuple[FloatArray, FloatArray, tuple[int, int]]]
 
-ENOUGH_INLIERS, ENOUGH_SHARE = 300, 0.7  # sparse matches that need no second, costlier look
-RIVAL_COST, MAX_RIVALS = 1.08, 3  # motions that cost at most this much more than the best are not yet ruled out
+ENOUGH_INLIERS = 300  # consistent matches with which no further matcher is tried
+CONSISTENT_SHARE = 0.7  # of all matches, consistent with the best motion, with which the search for it ends
 
 
 def pair_rays(
@@ -25,14 +25,14 @@ def pair_rays(
 ) -> tuple[FloatArray, FloatArray, BoolArray]:
     """Matched pixels (n, 2) as normalised coordinates x1, x2 (n, 2), and (n,) which have them in both images.
 
-    A lens model need not reach the corners of its image; pixels beyond it have no ray (NaN).
+    Pixels beyond the reach of a lens model have no ray (NaN).
     """
     x1, x2 = rays_from_pixels(camera1, uv1), rays_from_pixels(camera2, uv2)
     return x1, x2, np.asarray(np.isfinite(x1).all(1) & np.isfinite(x2).all(1))
 
 
 def thin(uv: FloatArray, index: IntArray, limit: int) -> IntArray:
-    """At most `limit` of the points `index`, spread evenly over the image: one a bin, round after round."""
+    """At most `limit` of the points uv[index], spread evenly over the image: bins take turns giving one point each."""
     if len(index) <= limit:
         return index
     points = uv[index]
@@ -62,7 +62,7 @@ class Matches:
 
     @classmethod
     def between(cls, camera1: Camera, camera2: Camera, uv1: FloatArray, uv2: FloatArray) -> Matches:
-        """Those of the matched pixels that have rays."""
+        """Matched pixels (n, 2) with their rays; those without a ray in either camera are dropped."""
         x1, x2, seen = pair_rays(camera1, camera2, uv1, uv2)
         return cls(uv1[seen], uv2[seen], x1[seen], x2[seen])
 
@@ -77,30 +77,30 @@ class Matches:
 
 @dataclass(frozen=True, eq=False)
 class Sparse:
-    """Sparse matches, the motions they allow, best first, and the features found in each image by the last matcher."""
+    """Sparse matches, the motions found from them, best first, and the number of features in each image."""
 
     matches: Matches
     motions: list[MotionEstimate]
     n_features: tuple[int, int]
     focal_px: float
 
-    def obeying(self, motion: MotionEstimate) -> BoolArray:
-        """(n,) matches that obey the epipolar geometry of a motion."""
+    def consistent_with(self, motion: MotionEstimate) -> BoolArray:
+        """(n,) matches that are consistent with the epipolar geometry of a motion."""
         return inliers_of(epipolar_residual(motion.R, motion.T, self.matches.x1, self.matches.x2), self.focal_px)
 
     @property
     def n_inliers(self) -> int:
-        """Matches that obey the best motion; 0 when there is none."""
-        return int(self.obeying(self.motions[0]).sum()) if self.motions else 0
+        """Number of matches consistent with the best motion; 0 when there is none."""
+        return int(self.consistent_with(self.motions[0]).sum()) if self.motions else 0
 
     @property
     def is_consistent(self) -> bool:
-        """Whether so many of the matches obey the best motion that it is hardly in doubt."""
-        return self.n_inliers > ENOUGH_SHARE * len(self.matches)
+        """Whether most matches are consistent with the best motion, so that a further search would find no better."""
+        return self.n_inliers > CONSISTENT_SHARE * len(self.matches)
 
-    def rivals(self) -> list[MotionEstimate]:
-        """Motions that the sparse matches hardly tell from the best, itself the first."""
-        return [m for m in self.motions if m.cost <= RIVAL_COST * self.motions[0].cost][:MAX_RIVALS]
+    def roots(self) -> list[MotionEstimate]:
+        """The best motion and at most two more whose cost is within 8 % of it: dense matches decide between them."""
+        return [m for m in self.motions if m.cost <= 1.08 * self.motions[0].cost][:3]
 
 
 def find_motions(
@@ -112,11 +112,11 @@ def find_motions(
     seed: int = 0,
     thorough: bool = True,
 ) -> Sparse:
-    """Match features with one matcher after the other until enough of them agree on a motion.
+    """Run matchers in turn until enough matches are consistent with one motion.
 
-    The result may hold no motion at all, and its motions few inliers: whether that is an answer is for others to say.
+    The result may have few consistent matches or no motion; the caller decides whether that suffices.
 
-    thorough : search again, harder, where few of the matches agree.
+    thorough : repeat the search for motions with many more samples where few of the matches agree.
     """
     none = np.empty((0, 2))
     sparse = Sparse(Matches(none, none, none, none), [], (0, 0), camera2.focal_px)
@@ -128,10 +128,10 @@ def find_motions(
     return sparse
 
 
-def _with_more(sparse: Sparse, new: Matches, n_features: tuple[int, int], seed: int, may_search: bool) -> Sparse:
-    """Motions from the new matches compete with those so far on all matches; thoroughly where few of them agree."""
+def _with_more(sparse: Sparse, new: Matches, n_features: tuple[int, int], seed: int, may_repeat: bool) -> Sparse:
+    """Rank the motions of the new matches and those found so far on all matches together."""
     every, focal = sparse.matches.joined(new), sparse.focal_px
-    for thorough in (False, True) if may_search else (False,):
+    for thorough in (False, True) if may_repeat else (False,):
         starts = starting_motions(new.x1, new.x2, focal, thorough, seed)
         motions = rank_motions(sparse.motions + starts, every.x1, every.x2, focal)
         sparse = Sparse(every, motions, n_features, focal)

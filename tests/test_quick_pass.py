@@ -1,4 +1,4 @@
-"""When a glance at a pair is enough, and when the whole effort is spent."""
+"""When the quick pass is tried, and when its result is used."""
 
 from __future__ import annotations
 
@@ -6,15 +6,14 @@ import numpy as np
 import pytest
 
 from slopecli.geometry import MotionEstimate, assess_motion
-from slopecli.look import Matches, Sparse
-from slopecli.look import coarse_pass as glance
+from slopecli.look import COARSE, FINE, Matches, Sparse, is_decided, may_suffice, overview_effort
 from slopecli.windows import Window, grid_windows
 
 GREY = np.zeros((1000, 1000), np.uint8)
 R, T = np.eye(3), np.array([0.3, 0.1, 1.0]) / np.linalg.norm([0.3, 0.1, 1.0])
 
 
-def sparse(n: int, wrong: int, rivals: int = 1) -> Sparse:
+def sparse(n: int, wrong: int, roots: int = 1) -> Sparse:
     """Matches of a motion, some of them mismatches, and motions that fit them alike."""
     rng = np.random.default_rng(5)
     x1, depth = rng.uniform(-0.5, 0.5, (n, 2)), rng.uniform(5.0, 8.0, (n, 1))
@@ -22,7 +21,7 @@ def sparse(n: int, wrong: int, rivals: int = 1) -> Sparse:
     x2 = moved[:, :2] / moved[:, 2:]
     x2[:wrong] = rng.uniform(-0.5, 0.5, (wrong, 2))
     motion: MotionEstimate = assess_motion(R, T, x1, x2, 1e-3)
-    return Sparse(Matches(x1, x2, x1, x2), [motion] * rivals, (n, n), 800.0)
+    return Sparse(Matches(x1, x2, x1, x2), [motion] * roots, (n, n), 800.0)
 
 
 @pytest.mark.parametrize(
@@ -35,18 +34,18 @@ def sparse(n: int, wrong: int, rivals: int = 1) -> Sparse:
     ],
     ids=["grid", "fine grid", "tiny cells", "one window"],
 )
-def test_a_glance_is_for_windows_that_tell_the_motion(windows: list[Window], large: bool) -> None:
-    assert glance.may_suffice(windows, GREY) == large
+def test_the_quick_pass_is_for_large_windows_that_cover_the_image(windows: list[Window], large: bool) -> None:
+    assert may_suffice(windows, GREY) == large
 
 
 def test_many_matches_of_one_motion_decide() -> None:
-    assert glance.is_decided(sparse(400, wrong=10))
-    assert not glance.is_decided(sparse(100, wrong=0))
-    assert not glance.is_decided(sparse(400, wrong=120))
-    assert not glance.is_decided(sparse(400, wrong=10, rivals=2))
-    assert not glance.is_decided(Sparse(sparse(400, 0).matches, [], (400, 400), 800.0))
+    assert is_decided(sparse(400, wrong=10))
+    assert not is_decided(sparse(100, wrong=0))
+    assert not is_decided(sparse(400, wrong=120))
+    assert not is_decided(sparse(400, wrong=10, roots=2))
+    assert not is_decided(Sparse(sparse(400, 0).matches, [], (400, 400), 800.0))
 
 
-def test_the_overview_of_a_glance_is_as_fine_as_the_windows_need() -> None:
-    assert glance.overview_effort(grid_windows(3, 3, 1000, 1000), GREY) == glance.COARSE
-    assert glance.overview_effort(grid_windows(12, 12, 1000, 1000), GREY) == glance.FINE
+def test_the_overview_is_as_fine_as_the_windows_need() -> None:
+    assert overview_effort(grid_windows(3, 3, 1000, 1000), GREY) == COARSE
+    assert overview_effort(grid_windows(12, 12, 1000, 1000), GREY) == FINE

@@ -1,4 +1,4 @@
-"""Starting motions: the truth is among them, whatever the share of mismatches, and so is its rival on flat ground."""
+"""Motions from matches: the truth is among them whatever the share of mismatches, on flat ground both roots are."""
 
 from __future__ import annotations
 
@@ -134,7 +134,7 @@ def test_motions_are_ranked_by_how_well_they_fit() -> None:
     assert ranked[0].cost < ranked[1].cost
 
 
-def test_repeats_are_dropped_but_not_rivals() -> None:
+def test_repeats_are_dropped_but_not_other_roots() -> None:
     first, again = motion(R, T), motion(turn(0.5) @ R, T)
     turned, moved = motion(turn(1.5) @ R, T), motion(R, unit(*(T + np.array([0.0, 0.06, 0.0]))))
     assert distinct_motions([first, again, turned, moved]) == [first, turned, moved]
