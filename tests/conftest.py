@@ -8,35 +8,47 @@ from __future__ import annotations
 
 import os
 
+import campaign
 import pytest
 
 for name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "OPENCV_FOR_THREADS_NUM"):
     os.environ.setdefault(name, "1")
 
-# files that take longest, the longest first: were they begun last, one process would be left alone with them
-LONG = [
+# files whose tests share what takes long to compute: they stay in one process; all others are distributed test by test
+SHARED = [
     "data_sets",
     "coverage",
-    "batch_faults",
-    "sample_data",
     "plane_sets",
-    "honesty",
-    "study",
+    "batch_faults",
     "batch_cluster",
-    "solve_noisy",
+    "batch_running",
+    "batch_answer",
+    "batch_cli",
+    "sample_data",
     "pipeline",
     "regions",
-    "batch_answer",
-    "batch_running",
-    "cli",
-    "plan",
-    "photometric",
-    "batch_cli",
+    "segment_cli",
     "simulate_cli",
+    "study",
+    "photometric",
+    "changes",
+    "cli",
+    "docs",
+    "features",
+    "overview",
+    "dense",
+    "foerstner",
 ]
 
 
-def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Order the files; the tests of one stay as they are."""
-    place = {f"test_{name}": k for k, name in enumerate(LONG)}
-    items.sort(key=lambda item: place.get(item.path.stem, len(LONG)))
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+    """Leave slow tests to `make test-all`; what takes longest begins first."""
+    if campaign.ALL not in os.environ and not config.getoption("markexpr"):
+        slow = [item for item in items if item.get_closest_marker("slow")]
+        config.hook.pytest_deselected(items=slow)
+        items[:] = [item for item in items if item not in set(slow)]
+    place = {f"test_{name}": k for k, name in enumerate(SHARED)}
+    items.sort(key=lambda item: place.get(item.path.stem, len(SHARED)))
+    for item in items:
+        if item.path.stem in place:
+            item.add_marker(pytest.mark.xdist_group(item.path.stem))

@@ -1,17 +1,18 @@
-"""Never surer than right: thousands of scenes in which a confident answer would be a wrong one."""
+"""Never surer than right: scenes in which a confident answer would be a wrong one; thousands in `make test-all`."""
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 import numpy as np
 import pytest
+from campaign import assert_rare, seeds
 
 from slopecli.errors import NoAnswer, SlopemapError
 from slopecli.geometry import homogeneous, measure_slopes, normal_angle, probability_below, solve_planes
 from slopecli.measure import judge
 from slopecli.study import Scene, make_scene, project
 from slopecli.types import BoolArray, FloatArray, IntArray, Solution
-
-pytestmark = pytest.mark.slow
 
 DOWN = np.array([0.0, 0.0, -1.0])
 TOLERANCE, CONFIDENCE = np.radians(15), 0.99
@@ -61,10 +62,11 @@ def _seen(
 
 @pytest.mark.parametrize(("relief", "given"), [(True, False), (False, True)], ids=["terrain", "planes, noise given"])
 def test_ground_that_is_nearly_flat_is_never_wrong_without_saying_so(relief: bool, given: bool) -> None:
-    """2000 scenes: none is off by more than 5 degrees in median unless two answers are reported."""
+    """Of 2000 scenes none is off by more than 5 degrees in median unless two answers are reported."""
     rng = np.random.default_rng(0)
+    scenes = seeds(2000, 120)
     refused, told_apart = 0, 0
-    for _ in range(2000):
+    for _ in scenes:
         scene, x2, normals = near_flat(rng)
         try:
             solution = solve_planes(scene.x1, x2, scene.patch, relief=relief, noise=scene.noise if given else None)
@@ -74,8 +76,8 @@ def test_ground_that_is_nearly_flat_is_never_wrong_without_saying_so(relief: boo
         off = [normal_angle(found, true) for found, true in zip(solution.scaled_normals, normals, strict=True)]
         assert np.degrees(np.median(off)) < 5 or solution.ambiguity.status == "unresolved"
         told_apart += solution.ambiguity.status != "unresolved"
-    assert refused <= 20
-    assert told_apart >= 1500
+    assert refused <= max(1, len(scenes) // 100)
+    assert told_apart >= 0.75 * len(scenes)
 
 
 def one_plane_in_windows(rng: np.random.Generator, free: int) -> tuple[Scene, IntArray]:
@@ -97,10 +99,11 @@ def one_plane_in_windows(rng: np.random.Generator, free: int) -> tuple[Scene, In
 
 @pytest.mark.parametrize("free", [0, 300])
 def test_flat_ground_is_not_told_apart_by_chance(free: int) -> None:
-    """On exactly flat ground both roots fit, and noise prefers either: 600 scenes, none is called resolved wrongly."""
+    """On exactly flat ground both roots fit equally well: none of 600 scenes is called resolved wrongly."""
     rng = np.random.default_rng(4)
+    scenes = seeds(600, 50)
     two, margin = 0, []
-    for _ in range(600):
+    for _ in scenes:
         scene, windows = one_plane_in_windows(rng, free)
         solution = solve_planes(scene.x1, scene.x2, windows)
         found = solution.ambiguity
@@ -110,8 +113,9 @@ def test_flat_ground_is_not_told_apart_by_chance(free: int) -> None:
         margin.append(found.delta_chi2)
         wrong = np.degrees(normal_angle(solution.scaled_normals, scene.normals[0])).mean() > 5
         assert not (wrong and found.status == "resolved")
-    assert two > 300
-    assert max(margin) > 20  # far beyond the 13.8 that one pair of directions would leave to chance
+    assert two > 0.5 * len(scenes)
+    if len(scenes) == 600:
+        assert max(margin) > 20  # far beyond the 13.8 that one pair of directions would leave to chance
 
 
 @pytest.mark.parametrize(("points", "mismatches"), [(10, 0.1), (10, 0.2), (30, 0.3)])
@@ -119,8 +123,9 @@ def test_flat_ground_is_not_told_apart_by_chance(free: int) -> None:
 def test_mismatches_and_plain_solvers_hide_no_second_answer(solver: str, points: int, mismatches: float) -> None:
     """200 scenes of flat ground. With ten points a patch some scenes are beyond help: at most 1 % may be missed."""
     rng = np.random.default_rng(5)
+    scenes = seeds(200, 20)
     missed = 0
-    for _ in range(200):
+    for _ in scenes:
         scene = make_scene(
             rng,
             trajectory_deg=rng.uniform(20, 70),
@@ -132,48 +137,57 @@ def test_mismatches_and_plain_solvers_hide_no_second_answer(solver: str, points:
         solution = solve_planes(scene.x1, scene.x2, scene.patch, solver)  # type: ignore[arg-type]
         off = np.degrees(np.median(normal_angle(solution.scaled_normals, scene.normals)))
         missed += off > 5 and solution.ambiguity.status != "unresolved"
-    assert missed <= (2 if points == 10 else 0)
+    assert missed <= (max(1, len(scenes) // 100) if points == 10 else 0)
 
 
 def test_scenes_that_can_be_told_apart_are_told_apart_among_mismatches() -> None:
     """Gentle ground with 20 % mismatches: nearly all of 100 scenes have one answer, and it is the right one."""
     rng = np.random.default_rng(6)
+    scenes = seeds(100, 30)
     decided = 0
-    for _ in range(100):
+    for _ in scenes:
         scene = make_scene(rng, trajectory_deg=rng.uniform(20, 70), max_slope_deg=6.0, height_spread=0.03, outliers=0.2)
         solution = solve_planes(scene.x1, scene.x2, scene.patch)
         right = np.degrees(np.median(normal_angle(solution.scaled_normals, scene.normals))) < 1
         decided += right and solution.ambiguity.status != "unresolved"
-    assert decided >= 97
+    assert decided >= 0.97 * len(scenes) - (len(scenes) < 100)
 
 
-def test_steep_planes_are_not_called_safe() -> None:
-    """Of 10 400 planes steeper than 15 degrees at most 1 % may be; with p = 0.01, 133 or more come up once in 1000."""
+def steep_planes_called_safe(grid: tuple[int, int], points: int, scenes: int) -> Iterator[bool]:
+    """Whether planes of 15 to 18 degrees, where a wrong verdict is likeliest, are called safe."""
     rng = np.random.default_rng(1)
-    called, total = 0, 0
-    for grid, points, scenes in (((1, 1), 60, 5000), ((3, 3), 30, 600)):
-        for _ in range(scenes):
-            scene = make_scene(
-                rng,
-                trajectory_deg=rng.uniform(0, 90),
-                grid=grid,
-                points=points,
-                slopes_deg=rng.uniform(15.01, 40, grid[0] * grid[1]),
-                noise_px=0.3,
-                relief=rng.uniform(0, 0.01),
-            )
-            solution = solve_planes(scene.x1, scene.x2, scene.patch, relief=True)
-            called += int(safe(solution).sum())
-            total += grid[0] * grid[1]
-    assert total == 10_400
-    assert called <= 133
+    for _ in range(scenes):
+        scene = make_scene(
+            rng,
+            trajectory_deg=rng.uniform(0, 90),
+            grid=grid,
+            points=points,
+            slopes_deg=rng.uniform(15.01, 18.0, grid[0] * grid[1]),
+            noise_px=0.3,
+            relief=rng.uniform(0, 0.01),
+        )
+        yield from safe(solve_planes(scene.x1, scene.x2, scene.patch, relief=True)).tolist()
+
+
+@pytest.mark.parametrize(("grid", "points", "scenes"), [((1, 1), 60, 5000), ((3, 3), 30, 600)], ids=["one", "nine"])
+def test_steep_planes_are_not_called_safe(grid: tuple[int, int], points: int, scenes: int) -> None:
+    """At a confidence of 99 % at most 1 % of steep planes may be called safe; 3 % must fail."""
+    assert_rare(steep_planes_called_safe(grid, points, scenes), at_most=0.01, too_often=0.03)
+
+
+@pytest.mark.slow
+def test_of_thousands_of_steep_planes_hardly_one_is_called_safe() -> None:
+    """10 400 planes of 15 to 18 degrees: with p = 0.01, 133 or more come up once in 1000."""
+    called = [*steep_planes_called_safe((1, 1), 60, 5000), *steep_planes_called_safe((3, 3), 30, 600)]
+    assert len(called) == 10_400
+    assert sum(called) <= 133
 
 
 def test_gentle_planes_are_called_safe() -> None:
     """Of planes under 10 degrees, in scenes with some steep ones and a flight that is not straight down, 95 %."""
     rng = np.random.default_rng(2)
     called = []
-    for _ in range(200):
+    for _ in seeds(200, 40):
         slopes = np.append(rng.uniform(0, 10, 6), rng.uniform(15, 40, 3))
         scene = make_scene(rng, trajectory_deg=rng.uniform(30, 90), slopes_deg=slopes, noise_px=0.3)
         called += safe(solve_planes(scene.x1, scene.x2, scene.patch))[:6].tolist()
@@ -183,7 +197,8 @@ def test_gentle_planes_are_called_safe() -> None:
 def test_a_camera_that_only_turned_is_refused_and_hardly_any_other() -> None:
     """All of 500 pure rotations, a tenth of them identical images; of 500 well-posed scenes at most 1 %."""
     rng = np.random.default_rng(3)
-    for k in range(500):
+    scenes = seeds(500, 50)
+    for k in scenes:
         scene = make_scene(
             rng, trajectory_deg=rng.uniform(0, 90), noise_px=0.3, rotation_deg=0.0 if k % 10 == 0 else 5.0
         )
@@ -195,10 +210,10 @@ def test_a_camera_that_only_turned_is_refused_and_hardly_any_other() -> None:
             solve_planes(scene.x1, x2, scene.patch)
         assert refusal.value.code == "pure-rotation"
     refused = 0
-    for _ in range(500):
+    for _ in scenes:
         scene = make_scene(rng, trajectory_deg=rng.uniform(0, 90), noise_px=0.3)
         try:
             solve_planes(scene.x1, scene.x2, scene.patch)
         except SlopemapError:
             refused += 1
-    assert refused <= 5
+    assert refused <= len(scenes) // 100
