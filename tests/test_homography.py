@@ -6,7 +6,13 @@ import numpy as np
 import pytest
 
 from slopecli.errors import DegenerateConfiguration, InputError
-from slopecli.geometry import apply_homography, fit_homography, homography_in_pixels, homography_of_plane
+from slopecli.geometry import (
+    apply_homography,
+    fit_homography,
+    four_point_homographies,
+    homography_in_pixels,
+    homography_of_plane,
+)
 from slopecli.study import make_scene
 
 
@@ -69,3 +75,20 @@ def test_degenerate_points_are_named(x1: np.ndarray, message: str) -> None:
 def test_wrong_shapes_are_named() -> None:
     with pytest.raises(InputError, match="same shape"):
         fit_homography(np.zeros((5, 2)), np.zeros((4, 2)))
+
+
+def test_four_points_fix_a_homography_each_sample_its_own() -> None:
+    (H, x1, x2, _), (other, y1, y2, _) = true_homography(4), true_homography(5)
+    found = four_point_homographies(np.stack([x1[:4], y1[10:14]]), np.stack([x2[:4], y2[10:14]]))
+    assert found == pytest.approx(np.stack([H / H[2, 2], other / other[2, 2]]), abs=1e-8)
+
+
+def test_collinear_samples_do_not_stop_the_others() -> None:
+    H, x1, x2, _ = true_homography(6)
+    samples1, samples2 = (
+        np.stack([np.repeat(x1[:1], 4, axis=0), x1[:4]]),
+        np.stack([np.repeat(x2[:1], 4, axis=0), x2[:4]]),
+    )
+    found = four_point_homographies(samples1, samples2)
+    assert np.isfinite(found).all()
+    assert found[1] == pytest.approx(H / H[2, 2], abs=1e-8)

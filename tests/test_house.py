@@ -36,7 +36,7 @@ FLOORS = (
 )
 FLOOR_OF = {room: floor for floor, rooms in enumerate(FLOORS) for room in rooms.split()}
 FILE_CALLS = {"open", "imread", "imwrite", "imreadmulti", "read_text", "read_bytes", "write_text", "write_bytes"}
-SLOW_TO_IMPORT = {"scipy", "skimage", "matplotlib", "trimesh", "rich", "distributed"}
+SLOW_TO_IMPORT = {"scipy", "skimage", "matplotlib", "trimesh", "rich", "distributed", "threadpoolctl"}
 DISTRIBUTION_OF = {"cv2": "opencv-contrib-python-headless", "PIL": "pillow", "yaml": "PyYAML"}
 
 
@@ -92,7 +92,7 @@ def test_imports_point_up_the_list_only(path: Path) -> None:
 def test_every_room_uses_only_what_it_may(path: Path) -> None:
     room, used = room_of(path), third_party(parse(path))
     if room == "geometry":
-        assert used <= {"numpy", "scipy"}
+        assert used <= {"numpy", "scipy", "threadpoolctl"}
     if room != "cli":
         assert not used & {"click", "rich"}
     if room in ("cli", "errors", "options"):

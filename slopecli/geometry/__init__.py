@@ -42,6 +42,7 @@ __getattr__, __dir__ = lazy_names(
         "camera": "OUTSIDE_PX pinhole_of pixels_from_rays points_on_plane rays_from_pixels scale_camera "
         "undistortion_maps",
         "epipolar": "homogeneous rotation_from_vector rotation_vector tangent_basis",
+        "homography": "four_point_homographies",
         "lens_misfit": "LensMisfit find_lens_misfit fit_lens_misfit",
         "motion": "MotionEstimate assess_motion epipolar_residual inverse_depth refine_motion",
         "plane_fit": "RobustPlane robust_plane",

@@ -16,10 +16,10 @@ LEVI_CIVITA = np.array(
 
 
 def homogeneous(x: FloatArray) -> FloatArray:
-    """Append a 1 to every point: (n, 2) -> (n, 3)."""
+    """Append a 1 to every point: (..., 2) -> (..., 3)."""
     # eq. (4): z = 1
-    points = np.ones((len(x), 3))
-    points[:, :2] = x
+    points = np.ones((*np.shape(x)[:-1], 3))
+    points[..., :2] = x
     return points
 
 

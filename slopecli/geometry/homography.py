@@ -75,17 +75,34 @@ def _conditioner(x: FloatArray) -> FloatArray:
     return np.array([[scale, 0.0, -scale * centre[0]], [0.0, scale, -scale * centre[1]], [0.0, 0.0, 1.0]])
 
 
-def _rows(x1: FloatArray, x2: FloatArray, scale: FloatArray) -> FloatArray:
-    """(2n, 9) rows of [I | -x2] (x) x1~, which vanish on vec(H); scale (n,) multiplies each point's two rows."""
-    p = homogeneous(x1) * scale[:, None]
-    rows = np.zeros((2, len(p), 9))
-    rows[0, :, :3] = rows[1, :, 3:6] = p
-    rows[0, :, 6:], rows[1, :, 6:] = -x2[:, :1] * p, -x2[:, 1:] * p
-    return rows.reshape(-1, 9)
+def four_point_homographies(x1: FloatArray, x2: FloatArray) -> FloatArray:
+    """The homography through each of k samples of four points, eq. (5).
+
+    Parameters
+    ----------
+    x1, x2 : (k, 4, 2) normalised coordinates, or any of about unit size.
+
+    Returns
+    -------
+    H : (k, 3, 3) with last entry 1. A sample with three points on one line gives some finite matrix that may not even
+        map its own points; test it on other points.
+    """
+    rows = homography_rows(homogeneous(x1), x2)
+    # the small ridge keeps the systems of collinear samples regular
+    h = np.linalg.solve(rows[..., :8] + 1e-12 * np.eye(8), -rows[..., 8:])[..., 0]
+    return np.concatenate([h, np.ones((len(h), 1))], axis=1).reshape(-1, 3, 3)
+
+
+def homography_rows(p: FloatArray, x2: FloatArray) -> FloatArray:
+    """(..., 2n, 9) rows of [I | -x2] (x) p, which vanish on vec(H) if H p ~ x2~; p (..., n, 3), x2 (..., n, 2)."""
+    rows = np.zeros((*p.shape[:-2], 2, p.shape[-2], 9))
+    rows[..., 0, :, :3] = rows[..., 1, :, 3:6] = p
+    rows[..., 0, :, 6:], rows[..., 1, :, 6:] = -x2[..., :1] * p, -x2[..., 1:] * p
+    return rows.reshape(*p.shape[:-2], -1, 9)
 
 
 def _linear(x1: FloatArray, x2: FloatArray, root_weight: FloatArray) -> FloatArray:
-    _, singular, vt = np.linalg.svd(_rows(x1, x2, root_weight), full_matrices=True)
+    _, singular, vt = np.linalg.svd(homography_rows(homogeneous(x1) * root_weight[:, None], x2), full_matrices=True)
     if singular[7] <= 1e-7 * singular[0]:
         raise DegenerateConfiguration("the correspondences are collinear or coincide; they fix no homography")
     return vt[8].reshape(3, 3)
@@ -97,7 +114,7 @@ def _gauss_newton(H: FloatArray, x1: FloatArray, x2: FloatArray, root_weight: Fl
     if np.abs(depth).min() <= 1e-6 * np.abs(depth).max():
         return H  # a point at the horizon: the linear answer is all these points support
     predicted = apply_homography(H, x1)
-    J = _rows(x1, predicted, root_weight / depth)
+    J = homography_rows(homogeneous(x1) * (root_weight / depth)[:, None], predicted)
     h = H.ravel()
     e = ((predicted - x2) * root_weight[:, None]).T.ravel()
     return (h - np.linalg.solve(J.T @ J + np.outer(h, h), J.T @ e)).reshape(3, 3)

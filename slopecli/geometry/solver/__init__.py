@@ -8,6 +8,7 @@ __getattr__, __dir__ = lazy_names(
         "coplanar": "AT merge_coplanar",
         "mismatches": "chi2_quantile",
         "observations": "linearise observe predict",
+        "one_thread": "SharedLimit one_blas_thread",
         "priors": "MotionPrior",
         "refinement": "State normal_equations optimal_normals step",
         "starts": "starting_states",

@@ -7,6 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from slopecli.geometry.homography import four_point_homographies
 from slopecli.geometry.solver.observations import Observations, Prediction
 from slopecli.geometry.statistics import CHI2_MEDIAN, CHI2_MEDIAN_2, median
 from slopecli.types import BoolArray, FloatArray
@@ -175,7 +176,7 @@ def _patch_consensus(p: FloatArray, x2: FloatArray) -> BoolArray:
     """p : (3, n), x2 : (2, n) of one patch, n >= 6."""
     n = p.shape[1]
     samples = np.random.default_rng(0).random((_SAMPLES, n)).argpartition(4, axis=1)[:, :4]
-    H = _four_point_homographies(p[:2, samples], x2[:, samples])
+    H = four_point_homographies(p[:2].T[samples], x2.T[samples])
     y = H @ p
     with np.errstate(all="ignore"):
         squared = ((y[:, :2] / y[:, 2:] - x2) ** 2).sum(axis=1)
@@ -185,16 +186,3 @@ def _patch_consensus(p: FloatArray, x2: FloatArray) -> BoolArray:
     best = int(np.argmin(medians))
     scale = max(float(np.sqrt(medians[best] / CHI2_MEDIAN_2)) * (1.0 + 5.0 / (n - 4)), _FINEST)
     return squared[best] <= gate_squared(n) * scale**2
-
-
-def _four_point_homographies(x1: FloatArray, x2: FloatArray) -> FloatArray:
-    """(s, 3, 3) homographies with h9 = 1, eq. (5), through four points each: x1, x2 (2, s, 4)."""
-    x, y = x1
-    u, v = x2
-    one, zero = np.ones_like(x), np.zeros_like(x)
-    rows_u = np.stack([x, y, one, zero, zero, zero, -x * u, -y * u], axis=-1)
-    rows_v = np.stack([zero, zero, zero, x, y, one, -x * v, -y * v], axis=-1)
-    M = np.concatenate([rows_u, rows_v], axis=1)
-    # collinear samples make M singular; the tiny ridge lets them through to be outvoted
-    h = np.linalg.solve(M + 1e-12 * np.eye(8), np.concatenate([u, v], axis=1)[:, :, None])[:, :, 0]
-    return np.concatenate([h, np.ones((len(h), 1))], axis=1).reshape(-1, 3, 3)

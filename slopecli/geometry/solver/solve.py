@@ -15,6 +15,7 @@ from slopecli.geometry.solver.ambiguity import by_chance, reaching_across, roots
 from slopecli.geometry.solver.joint import Fit, Motion, degrees_of_freedom, maximum_likelihood, with_prior
 from slopecli.geometry.solver.mismatches import noise_at_least
 from slopecli.geometry.solver.observations import Observations, observe
+from slopecli.geometry.solver.one_thread import one_blas_thread
 from slopecli.geometry.solver.priors import MotionPrior
 from slopecli.geometry.solver.uncertainty import covariance_of, small_sample
 from slopecli.types import Ambiguity, FloatArray, IntArray, Solution
@@ -24,6 +25,7 @@ _ROUNDING = 1e-12
 _ASTRAY = 0.2  # rad; a closed-form motion further from the joint one is another answer
 
 
+@one_blas_thread()
 def solve_planes(
     x1: FloatArray,
     x2: FloatArray,
