@@ -14,7 +14,7 @@ from slopecli.geometry.epipolar import homogeneous, unit_vector
 from slopecli.geometry.slope import CAMERA_UP, measure_slopes, probability_below, slope_interval, surface_normals
 from slopecli.geometry.statistics import median
 from slopecli.options import Options
-from slopecli.patches.join import Matched
+from slopecli.patches.join import Joined
 from slopecli.types import FloatArray, Slopes, Solution, Up
 
 Verdict = Literal["safe", "unsafe", "undecided"]
@@ -48,7 +48,7 @@ class Measured:
         return slope_numbers(self.slopes)
 
 
-def measure(solution: Solution, matched: Matched, options: Options) -> Measured:
+def measure(solution: Solution, joined: Joined, options: Options) -> Measured:
     """Measure all planes of one root against the up direction the options ask for.
 
     Raises
@@ -58,12 +58,12 @@ def measure(solution: Solution, matched: Matched, options: Options) -> Measured:
     north = None if options.north is None else np.array(options.north, float)
     sigma = float(np.radians(options.up_sigma_deg))
     if options.up == "dominant-plane":
-        level = dominant_plane(matched)
+        level = dominant_plane(joined)
         vector = surface_normals(solution)[level]
-        slopes = _doubted(measure_slopes(solution, None, sigma, north, up_plane=level), matched, level)
+        slopes = _doubted(measure_slopes(solution, None, sigma, north, up_plane=level), joined, level)
     else:
         vector = _up_vector(options)
-        slopes = _doubted(measure_slopes(solution, vector, sigma, north), matched)
+        slopes = _doubted(measure_slopes(solution, vector, sigma, north), joined)
     up = Up((float(vector[0]), float(vector[1]), float(vector[2])), _source(options), options.up_sigma_deg)
     return Measured(solution, up, slopes, probability_below(slopes, float(np.radians(options.tolerance_deg))))
 
@@ -84,26 +84,25 @@ def _up_vector(options: Options) -> FloatArray:
     return unit
 
 
-def dominant_plane(matched: Matched) -> int:
-    """Index of the answered patch with the largest footprint, of those seen themselves where there are any.
+def dominant_plane(joined: Joined) -> int:
+    """Index of the patch with the largest footprint, of those with matches of their own where there are any.
 
     Windows of a grid are as good as equal; among those the one with the most matches is taken.
     """
-    chosen = [(matched.footprints[i].area_px, matched.matches[i]) for i in matched.answered]
-    seen = [match.origin == "own" for _, match in chosen]
-    areas = np.array([area * (own or not any(seen)) for (area, _), own in zip(chosen, seen, strict=True)])
-    matches = np.array([len(match.uv1) for _, match in chosen])
+    own = [patch.origin == "own" for patch in joined.patches]
+    counted = np.array(own) if any(own) else True
+    areas = np.array([patch.footprint.area_px for patch in joined.patches]) * counted
+    matches = np.array([len(patch.matches) for patch in joined.patches])
     return int(np.argmax(np.where(areas >= SAME_AREA * areas.max(), matches, -1)))
 
 
-def _doubted(slopes: Slopes, matched: Matched, level: int | None = None) -> Slopes:
-    """Add to the tilt what no residual shows: ground beside a window tilts otherwise, part of it was left out.
+def _doubted(slopes: Slopes, joined: Joined, level: int | None = None) -> Slopes:
+    """Add the tilt variance that residuals do not show: of borrowed patches, and of those matched in part.
 
     level : the plane that slopes are measured against, if it is one of them: its doubt is theirs, and it has none.
     """
-    chosen = [matched.matches[i] for i in matched.answered]
     least = np.radians(BORROWED_SIGMA_DEG)
-    extra = np.array([np.hypot(least if m.origin == "borrowed" else 0.0, m.doubt_rad) for m in chosen])
+    extra = np.array([np.hypot(least if p.origin == "borrowed" else 0.0, p.tilt_sigma_rad) for p in joined.patches])
     if level is not None:
         extra = np.hypot(extra, extra[level])
         extra[level] = 0.0

@@ -29,7 +29,7 @@ from slopecli.look.sparse import Sparse
 from slopecli.options import Options
 from slopecli.patches import PLANE_FINDERS
 from slopecli.patches.given.given_solution import solve_given
-from slopecli.patches.given.rows import RAYS, Given, matched_from
+from slopecli.patches.given.rows import RAYS, Given, join_rows
 from slopecli.patches.join import join_patches, solve_jointly
 from slopecli.patches.merge_coplanar import merge_patches
 from slopecli.patches.windows.window_finder import wanted_windows
@@ -89,22 +89,22 @@ def estimate(
     clock.tick("overview")
 
     # patches held to be planes, each with its own matches
-    patches = PLANE_FINDERS[options.planes](scene, options)
+    found = PLANE_FINDERS[options.planes](scene, options)
     clock.tick(options.planes)
 
     # all patches together: one motion, one normal each, one epipolar geometry
-    matched = join_patches(patches, scene)
-    solution = solve_jointly(matched, scene, motions, options.solver, prior)
-    alone = partial(solve_jointly, matched, scene, motions, options.solver)
-    if prior and (found := contradiction(prior, solution, alone, camera2.focal_px, options)):
-        diagnostics.append(found.diagnostic)
-        solution = alone(prior, found.doubt) if found.doubt else alone()
+    joined = join_patches(found, scene)
+    solution = solve_jointly(joined, scene, motions, options.solver, prior)
+    alone = partial(solve_jointly, joined, scene, motions, options.solver)
+    if prior and (against := contradiction(prior, solution, alone, camera2.focal_px, options)):
+        diagnostics.append(against.diagnostic)
+        solution = alone(prior, against.doubt) if against.doubt else alone()
     if options.merge_coplanar:
-        matched, solution, notes = merge_patches(matched, solution)
+        joined, solution, notes = merge_patches(joined, solution)
         diagnostics += notes
     clock.tick("solve")
 
-    report = build_report((image1, image2), (camera1, camera2), options, matched, solution, diagnostics, changes)
+    report = build_report((image1, image2), (camera1, camera2), options, joined, solution, diagnostics, changes)
     clock.tick("report")
     return report
 
@@ -127,25 +127,25 @@ def solve(given: Given, cameras: tuple[Camera, Camera] | None, options: Options,
     """
     both = cameras or (RAYS, RAYS)
     prior, diagnostics = motion_prior(options), list[Diagnostic]()
-    matched = matched_from(given, both)
-    if alike(matched):
-        refuse_mirrored(matched.correspondences.x1, matched.correspondences.x2)
+    joined = join_rows(given, both)
+    if alike(joined):
+        refuse_mirrored(joined.matches.x1, joined.matches.x2)
     sigma = median(given.sigma) if noise is None and given.sigma is not None else noise
     sigma_rad = None if sigma is None else sigma * (1e-3 if cameras is None else 1.0 / both[1].focal_px)
-    solved = solve_given(matched, options.solver, sigma_rad, prior)
-    given_alone = partial(solve_given, matched, options.solver, sigma_rad)
+    solved = solve_given(joined, options.solver, sigma_rad, prior)
+    given_alone = partial(solve_given, joined, options.solver, sigma_rad)
     if prior and (found := contradiction(prior, solved.solution, lambda: given_alone().solution, None, options)):
         diagnostics.append(found.diagnostic)
         solved = given_alone()
-    refuse_strangers(solved.solution, matched, both[1])
-    matched, notes = review(solved, matched, sigma_rad, both[1])
+    refuse_strangers(solved.solution, joined, both[1])
+    joined, notes = review(solved, joined, sigma_rad, both[1])
     diagnostics += notes
     solution = solved.solution
     if options.merge_coplanar:
-        matched, solution, notes = merge_patches(matched, solution)
+        joined, solution, notes = merge_patches(joined, solution)
         diagnostics += notes
     image1, image2 = (ImageInfo(given.path, c.width or None, c.height or None, given.sha256) for c in both)
-    report = build_report((image1, image2), both, options, matched, solution, diagnostics)
+    report = build_report((image1, image2), both, options, joined, solution, diagnostics)
     return replace(report, options={**report.options, "noise": noise})
 
 

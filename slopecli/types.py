@@ -77,23 +77,6 @@ class Image:
 
 
 @dataclass(frozen=True, eq=False)
-class Correspondences:
-    """Points seen in both images: uv1, uv2 (n, 2) px as stored (distorted); x1, x2 (n, 2) normalised, undistorted.
-
-    patch (n,) is the index of the patch that holds the point, -1 for none (it then constrains the motion only).
-    """
-
-    uv1: FloatArray
-    uv2: FloatArray
-    x1: FloatArray
-    x2: FloatArray
-    patch: IntArray
-
-    def __len__(self) -> int:
-        return len(self.uv1)
-
-
-@dataclass(frozen=True, eq=False)
 class Ambiguity:
     """Whether geometry leaves a second answer. delta_chi2: how much worse the alternative fits, None without one;
     delta_chi2_prior: the part of it that is the prior's, None without. joined: two dents of one broad minimum.

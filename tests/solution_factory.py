@@ -3,16 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 from report_factory import make_camera, make_image, normal_of
 
 from slopecli.geometry import homogeneous, tangent_basis
+from slopecli.look import Matches
 from slopecli.options import Options
-from slopecli.patches import Footprint, Matched, Patches, WindowMatch, no_match, window_footprint
+from slopecli.patches import Footprint, Joined, Patch
+from slopecli.patches.windows import window_patch
 from slopecli.report import build_report
 from slopecli.study import project
-from slopecli.types import Ambiguity, Correspondences, FloatArray, Report, Solution, Source
+from slopecli.types import Ambiguity, FloatArray, Report, Solution, Source
 from slopecli.windows import Window
 
 CAMERA = make_camera()
@@ -65,25 +68,22 @@ def with_second_root(
     return Solution(**{**vars(solution), "ambiguity": found})
 
 
-def make_match(window: Window, normal: FloatArray, solution: Solution, **changes: object) -> WindowMatch:
-    """Exact matches of a plane on a lattice inside a window."""
+def make_patch(window: Window, number: int, normal: FloatArray, solution: Solution, **changes: object) -> Patch:
+    """A window with exact matches of a plane on a lattice inside it."""
     x, y, w, h = window
     columns, rows = np.meshgrid(np.linspace(x, x + w - 1, 6), np.linspace(y, y + h - 1, POINTS // 6))
     uv1 = np.column_stack([columns.ravel(), rows.ravel()])
     x1 = (uv1 - [CAMERA.cx, CAMERA.cy]) / CAMERA.focal_px
     x2 = project(solution.R, solution.T, x1, homogeneous(x1) @ normal)
     values: dict[str, object] = {
-        "uv1": uv1,
-        "uv2": x2 * CAMERA.focal_px + [CAMERA.cx, CAMERA.cy],
-        "x1": x1,
-        "x2": x2,
-        "index": np.round(uv1).astype(np.int64),
-        "variance_px": np.full((POINTS, 2), 0.1**2),
+        "matches": Matches(uv1, x2 * CAMERA.focal_px + [CAMERA.cx, CAMERA.cy], x1, x2),
+        "weight": np.ones(POINTS),
+        "cell": np.round(uv1).astype(np.int64),
         "origin": "own",
         "score": 0.9,
         "share": 0.8,
     }
-    return WindowMatch(**{**values, **changes})  # type: ignore[arg-type]
+    return replace(window_patch(window, number), **{**values, **changes})  # type: ignore[arg-type]
 
 
 def make_report_of(
@@ -91,23 +91,20 @@ def make_report_of(
     options: Options | None = None,
     windows: Sequence[Window] = WINDOWS,
     refused: Sequence[int] = (),
-    match_changes: dict[int, dict[str, object]] | None = None,
+    patch_changes: dict[int, dict[str, object]] | None = None,
     source: Source = "window",
     footprints: dict[int, Footprint] | None = None,
 ) -> Report:
     """The report of a solution whose planes lie in these windows; `refused` ones (by index) have no matches."""
     chosen = list(windows)[: len(solution.scaled_normals) + len(refused)]
-    answered = [i for i in range(len(chosen)) if i not in refused]
-    found = {
-        i: make_match(chosen[i], solution.scaled_normals[k], solution, **(match_changes or {}).get(i, {}))
-        for k, i in enumerate(answered)
-    }
-    matches = [found[i] if i in found else no_match("nothing to see") for i in range(len(chosen))]
-    parts = [matches[i] for i in answered]
-    uv1, uv2, x1, x2 = (np.vstack([getattr(p, name) for p in parts]) for name in ("uv1", "uv2", "x1", "x2"))
-    correspondences = Correspondences(uv1, uv2, x1, x2, np.repeat(np.arange(len(parts)), POINTS))
-    covered = [(footprints or {}).get(i, window_footprint(window)) for i, window in enumerate(chosen)]
-    patches = Patches(source, covered, matches)
-    matched = Matched(patches, answered, correspondences, np.ones(len(uv1)))
-    image = make_image()
-    return build_report((image, image), (CAMERA, CAMERA), options or Options(), matched, solution, [])
+    normals = iter(solution.scaled_normals)
+    patches = []
+    for i, window in enumerate(chosen):
+        patch = window_patch(window, i + 1)
+        if i in refused:
+            patch = patch.unmatched("nothing to see")
+        else:
+            patch = make_patch(window, i + 1, next(normals), solution, **(patch_changes or {}).get(i, {}))
+        patches.append(replace(patch, source=source, footprint=(footprints or {}).get(i, patch.footprint)))
+    image, joined = make_image(), Joined.of(patches, Matches.none(), np.empty(0))
+    return build_report((image, image), (CAMERA, CAMERA), options or Options(), joined, solution, [])

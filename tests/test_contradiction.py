@@ -9,7 +9,7 @@ import pytest
 from scenery import Pair, Surface, make_camera, render, tilted, turn, unit
 
 from slopecli.geometry import homogeneous, rays_from_pixels
-from slopecli.look import Cells, Pyramid, Scene, gather_evidence
+from slopecli.look import Cells, Matches, Pyramid, Scene, gather_evidence
 from slopecli.patches.windows import contradict
 from slopecli.types import FloatArray
 
@@ -21,7 +21,7 @@ SIDE_PX = 12.0
 def scene_of(pair: Pair) -> Scene:
     """A scene of which nothing is known but the motion."""
     none, nothing = np.zeros((0, 2)), np.zeros(0)
-    evidence = gather_evidence(none, none, none, nothing, pair.R, pair.T, pair.camera2.focal_px)
+    evidence = gather_evidence(Matches.none(), nothing, pair.R, pair.T, pair.camera2.focal_px)
     cells = Cells(none, none, np.zeros((0, 2, 2)), np.zeros((0, 2), np.int64), nothing, nothing, 1.0)
     pyramids = Pyramid(pair.grey1), Pyramid(pair.grey2)
     return Scene(pair.camera1, pair.camera2, *pyramids, pair.R, pair.T, evidence, lambda: [], cells)

@@ -176,8 +176,8 @@ def test_a_slope_that_is_not_known_wants_parallax_too() -> None:
 
 def test_a_window_seen_by_half_is_told_and_no_longer_move_is_recommended_for_it() -> None:
     """14 degrees, 0.3 by its matches and 2 by what is hidden: no parallax decides that."""
-    doubt = {"doubt_rad": np.radians(2.0), "unseen_rad": np.radians(2.0), "share": 0.55}
-    report = make_report_of(make_solution([14.0, 5.0], sigma_deg=0.3), match_changes={0: doubt})
+    doubt = {"tilt_sigma_rad": np.radians(2.0), "unmatched_sigma_rad": np.radians(2.0), "share": 0.55}
+    report = make_report_of(make_solution([14.0, 5.0], sigma_deg=0.3), patch_changes={0: doubt})
     assert report.planes[0].verdict == "undecided"
     (info,) = report.diagnostics
     assert (info.code, info.severity, info.value) == ("partly-seen", "info", 1.0)
@@ -187,10 +187,14 @@ def test_a_window_seen_by_half_is_told_and_no_longer_move_is_recommended_for_it(
 
 def test_a_window_across_a_step_is_told_so() -> None:
     doubts = [
-        {"doubt_rad": np.radians(9.0), "unseen_rad": np.radians(9.0), "against_rad": np.radians(against)}
+        {
+            "tilt_sigma_rad": np.radians(9.0),
+            "unmatched_sigma_rad": np.radians(9.0),
+            "off_plane_sigma_rad": np.radians(against),
+        }
         for against in (9.0, 1.0)
     ]
-    report = make_report_of(make_solution([14.0, 5.0], sigma_deg=0.3), match_changes=dict(enumerate(doubts)))
+    report = make_report_of(make_solution([14.0, 5.0], sigma_deg=0.3), patch_changes=dict(enumerate(doubts)))
     step, hidden = report.diagnostics
     assert (step.code, step.severity, step.value) == ("step-or-object", "info", 1.0)
     assert step.message.startswith("parts of window 1 are not on its plane")
@@ -199,9 +203,12 @@ def test_a_window_across_a_step_is_told_so() -> None:
 
 
 def test_a_window_matched_nearly_all_over_is_not_said_to_be_seen_by_a_share() -> None:
-    doubts = [{"doubt_rad": np.radians(9.0), "unseen_rad": np.radians(9.0), "share": share} for share in (0.7, 1.02)]
+    doubts = [
+        {"tilt_sigma_rad": np.radians(9.0), "unmatched_sigma_rad": np.radians(9.0), "share": share}
+        for share in (0.7, 1.02)
+    ]
     solution = make_solution([14.0, 5.0], sigma_deg=0.3)
-    (info,) = make_report_of(solution, match_changes=dict(enumerate(doubts))).diagnostics
+    (info,) = make_report_of(solution, patch_changes=dict(enumerate(doubts))).diagnostics
     assert info.message.startswith("not all of windows 1, 2 could be matched: most of the sigma, up to 9")
 
 

@@ -214,8 +214,9 @@ def sources() -> dict[Path, ast.Module]:
 
 def codes_in(tree: ast.AST, places: dict[str, int]) -> set[str]:
     """The codes that calls of these names are given, at these places among their arguments."""
-    calls = [node for node in ast.walk(tree) if isinstance(node, ast.Call) and isinstance(node.func, ast.Name)]
-    given = [call.args[places[call.func.id]] for call in calls if len(call.args) > places.get(call.func.id, 99)]
+    calls = [node for node in ast.walk(tree) if isinstance(node, ast.Call)]
+    named_calls = [(getattr(call.func, "id", getattr(call.func, "attr", "")), call.args) for call in calls]
+    given = [args[places[name]] for name, args in named_calls if len(args) > places.get(name, 99)]
     named = {"NON_PLANAR": findings.NON_PLANAR}
     codes = [arg.value if isinstance(arg, ast.Constant) else named.get(ast.unparse(arg)) for arg in given]
     return {code for code in codes if isinstance(code, str)}
@@ -233,7 +234,7 @@ def test_diagnostics_page_lists_the_codes_there_are() -> None:
     trees = sources().values()
     given = {code for tree in trees for code in codes_in(tree, {"Diagnostic": 0, "NoAnswer": 0, "Cause": 0})}
     assert listed("Codes") == given
-    rejected = {code for tree in trees for code in codes_in(tree, {"no_match": 1, "Rejected": 2, "Cause": 0})}
+    rejected = {code for tree in trees for code in codes_in(tree, {"unmatched": 1, "Rejected": 2, "Cause": 0})}
     assert rejected | {"poor-fit", "no-overlap"} == listed("Windows without an answer")
 
 

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scenery import Surface, make_camera, render, tilted, turn, unit
 
 from slopecli.geometry import homogeneous, normal_angle, rays_from_pixels
-from slopecli.look import Evidence, gather_evidence, scene_planes
+from slopecli.look import Evidence, Matches, gather_evidence, scene_planes
 from slopecli.types import FloatArray
 
 CAMERA = make_camera()
@@ -27,7 +29,7 @@ def evidence_of(
     k = round(wrong * n)
     x2[:k] = rng.uniform([-0.57, -0.43], [0.57, 0.43], (k, 2))
     x1 = rays_from_pixels(CAMERA, uv1)
-    return gather_evidence(uv1, x1, x2, uv1[:, 0], R, T, FOCAL), scene.inverse_depth(uv1)
+    return gather_evidence(Matches(uv1, uv1, x1, x2), uv1[:, 0], R, T, FOCAL), scene.inverse_depth(uv1)
 
 
 def apart_deg(a: FloatArray, b: FloatArray) -> float:
@@ -112,16 +114,7 @@ def test_little_evidence_makes_no_planes() -> None:
 def test_matches_all_over_the_depths_make_no_plane() -> None:
     rng = np.random.default_rng(0)
     evidence, _ = evidence_of([GROUND])
-    scattered = Evidence(
-        evidence.uv1,
-        evidence.x1,
-        evidence.x2,
-        rng.uniform(0.05, 0.5, 1000),
-        evidence.leverage,
-        evidence.grey,
-        FOCAL,
-        1000,
-    )
+    scattered = replace(evidence, w=rng.uniform(0.05, 0.5, 1000))
     largest = [(scattered.misfit_px(plane) < 1).mean() for plane in scene_planes(scattered)]
     assert max(largest, default=0.0) < 0.1
 
@@ -133,5 +126,5 @@ def test_matches_in_one_place_or_on_a_line_raise_nothing(shape: str) -> None:
         uv1[:, 0] = np.linspace(10, 300, 60)
     x1 = rays_from_pixels(CAMERA, uv1)
     x2 = render(R, T, [GROUND]).rays2(uv1)
-    for plane in scene_planes(gather_evidence(uv1, x1, x2, uv1[:, 0], R, T, FOCAL)):
+    for plane in scene_planes(gather_evidence(Matches(uv1, uv1, x1, x2), uv1[:, 0], R, T, FOCAL)):
         assert np.isfinite(plane).all()

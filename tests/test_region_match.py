@@ -9,7 +9,7 @@ import pytest
 from scenery import Pair, Surface, make_camera, pixel_grid, render, tilted, turn, unit
 
 from slopecli.look import Scene, build_scene, feature_matchers, find_motions
-from slopecli.patches import WindowMatch, region_footprints
+from slopecli.patches import Patch, region_footprints
 from slopecli.patches.regions import CELL, match_labelled, match_regions, region_cells
 from slopecli.types import FloatArray
 
@@ -31,37 +31,37 @@ def seen() -> tuple[Pair, Scene, np.ndarray]:
     return pair, scene, labels.astype(np.int32)
 
 
-def matches(labels: np.ndarray, planes: list[FloatArray] = PLANES) -> list[WindowMatch]:
+def matched(labels: np.ndarray, planes: list[FloatArray] = PLANES) -> list[Patch]:
     _, scene, _ = seen()
-    footprints = region_footprints(labels, scene.shape1)
-    return match_regions(*match_labelled(labels, planes, scene), footprints, scene)
+    patches = [Patch(k, "region", footprint) for k, footprint in enumerate(region_footprints(labels, scene.shape1), 1)]
+    return match_regions(*match_labelled(labels, planes, scene), patches, scene)
 
 
 @pytest.mark.parametrize("off", [1.0, 1.015], ids=["true planes", "planes half a pixel off"])
 def test_matches_are_where_the_surface_is_and_not_where_the_plane_sends_them(off: float) -> None:
     pair, _, labels = seen()
-    for match in matches(labels, [plane * off for plane in PLANES])[:2]:
-        assert match.origin == "own"
-        assert np.median(pair.error_px(match.uv1, match.uv2)) < 0.06
+    for patch in matched(labels, [plane * off for plane in PLANES])[:2]:
+        assert patch.origin == "own"
+        assert np.median(pair.error_px(patch.matches.uv1, patch.matches.uv2)) < 0.06
 
 
 def test_every_match_lies_inside_its_own_region() -> None:
     _, _, labels = seen()
-    for number, match in enumerate(matches(labels)[:2], 1):
-        assert len(match.uv1) > 200
-        for row, column in match.index:
+    for number, patch in enumerate(matched(labels)[:2], 1):
+        assert len(patch.matches.uv1) > 200
+        for row, column in patch.cell:
             block = labels[row * CELL : (row + 1) * CELL, column * CELL : (column + 1) * CELL]
             assert (block == number).all()
 
 
 def test_the_share_matched_is_that_of_the_region() -> None:
-    wall = matches(seen()[2])[1]
-    assert wall.share == pytest.approx(len(wall.uv1) * CELL**2 / (WALL_BOX[2] * WALL_BOX[3]), abs=0.05)
+    wall = matched(seen()[2])[1]
+    assert wall.share == pytest.approx(len(wall.matches.uv1) * CELL**2 / (WALL_BOX[2] * WALL_BOX[3]), abs=0.05)
     assert wall.share > 0.75
 
 
 def test_a_bare_region_has_no_matches_and_the_reason() -> None:
-    bare = matches(seen()[2])[2]
+    bare = matched(seen()[2])[2]
     assert bare.origin == "none"
     assert bare.code == "low-texture"
     assert "texture" in bare.reason
@@ -71,9 +71,9 @@ def test_a_region_a_cell_wide_leaves_its_tilt_open() -> None:
     _, _, labels = seen()
     strip = np.zeros_like(labels)
     strip[10 * CELL : 11 * CELL, 120:400] = 1
-    (match,) = matches(strip, [GROUND])
-    assert match.origin == "none"
-    assert "line" in match.reason
+    (patch,) = matched(strip, [GROUND])
+    assert patch.origin == "none"
+    assert "line" in patch.reason
 
 
 @pytest.mark.parametrize("size", [1.0, 2.0, 3.0])
@@ -90,7 +90,7 @@ def test_cells_are_no_worse_than_their_sigmas_say_whatever_the_size_of_image_2(s
 
 def test_labels_of_a_smaller_copy_serve_as_well() -> None:
     pair, _, labels = seen()
-    ground, wall, _ = matches(labels[::2, ::2])
-    for match in (ground, wall):
-        assert np.median(pair.error_px(match.uv1, match.uv2)) < 0.06
-    assert len(wall.uv1) == pytest.approx(len(matches(labels)[1].uv1), rel=0.1)
+    ground, wall, _ = matched(labels[::2, ::2])
+    for patch in (ground, wall):
+        assert np.median(pair.error_px(patch.matches.uv1, patch.matches.uv2)) < 0.06
+    assert len(wall.matches.uv1) == pytest.approx(len(matched(labels)[1].matches), rel=0.1)

@@ -20,7 +20,7 @@ from solution_factory import (
 
 from slopecli.errors import InputError, NoAnswer
 from slopecli.options import Options
-from slopecli.patches import Footprint, Patches, join_patches, no_match, window_footprint
+from slopecli.patches import Footprint, Found, Patch, join_patches, window_footprint
 from slopecli.products import report_to_json
 from slopecli.types import Plane, Report, Source
 
@@ -116,7 +116,7 @@ def test_the_dominant_plane_is_the_largest_window_and_level() -> None:
 
 def test_a_window_that_was_not_seen_is_not_what_is_level() -> None:
     report = make_report_of(
-        make_solution([4, 10, 20]), Options(up="dominant-plane"), match_changes={2: {**BORROWED, "doubt_rad": 0.5}}
+        make_solution([4, 10, 20]), Options(up="dominant-plane"), patch_changes={2: {**BORROWED, "tilt_sigma_rad": 0.5}}
     )
     assert report.up.vector_cam1 == pytest.approx(report.planes[0].normal_cam1)
 
@@ -233,18 +233,18 @@ def test_doubt_holds_for_the_other_root_too() -> None:
     solution = with_second_root(make_solution([3]), [12])
     assert verdicts(make_report_of(solution)) == ["safe"]
     # 12 +- 3 degrees is below 15 with 84 % only
-    assert verdicts(make_report_of(solution, match_changes={0: {"doubt_rad": np.radians(3)}})) == ["undecided"]
+    assert verdicts(make_report_of(solution, patch_changes={0: {"tilt_sigma_rad": np.radians(3)}})) == ["undecided"]
 
 
 def test_never_safe_when_the_plane_is_borrowed() -> None:
-    report = make_report_of(make_solution([1, 1, 40], sigma_deg=0.01), match_changes={0: BORROWED, 2: BORROWED})
+    report = make_report_of(make_solution([1, 1, 40], sigma_deg=0.01), patch_changes={0: BORROWED, 2: BORROWED})
     assert verdicts(report) == ["undecided", "safe", "unsafe"]
     assert [plane.status for plane in report.planes] == ["poor", "ok", "poor"]
     assert report.planes[0].reason == BORROWED["reason"]
 
 
 def test_a_borrowed_plane_is_never_known_better_than_terrain_varies() -> None:
-    plane = only_plane(make_report_of(make_solution([10], sigma_deg=0.01), match_changes={0: BORROWED}))
+    plane = only_plane(make_report_of(make_solution([10], sigma_deg=0.01), patch_changes={0: BORROWED}))
     assert plane.slope_sigma_deg >= 5
     assert plane.slope_ci95_deg[0] < 2
     assert plane.slope_ci95_deg[1] > 19
@@ -256,7 +256,7 @@ def test_a_borrowed_plane_is_never_known_better_than_terrain_varies() -> None:
 
 def test_doubt_about_a_match_widens_its_interval_and_no_other() -> None:
     sure = make_report_of(make_solution([10, 10]))
-    doubtful = make_report_of(make_solution([10, 10]), match_changes={1: {"doubt_rad": np.radians(3)}})
+    doubtful = make_report_of(make_solution([10, 10]), patch_changes={1: {"tilt_sigma_rad": np.radians(3)}})
     assert doubtful.planes[0].slope_ci95_deg == sure.planes[0].slope_ci95_deg
     low, high = doubtful.planes[1].slope_ci95_deg
     assert high - low > 10  # 2 x 1.96 x 3 degrees
@@ -266,8 +266,8 @@ def test_doubt_about_a_match_widens_its_interval_and_no_other() -> None:
 
 
 def test_doubt_about_the_plane_taken_as_level_is_doubt_about_every_slope_but_its_own() -> None:
-    up, doubt = Options(up="dominant-plane"), {2: {"doubt_rad": np.radians(3)}}
-    sure, doubtful = (make_report_of(make_solution([4, 10, 20]), up, match_changes=c) for c in ({}, doubt))
+    up, doubt = Options(up="dominant-plane"), {2: {"tilt_sigma_rad": np.radians(3)}}
+    sure, doubtful = (make_report_of(make_solution([4, 10, 20]), up, patch_changes=c) for c in ({}, doubt))
     assert doubtful.up.vector_cam1 == pytest.approx(doubtful.planes[2].normal_cam1)
     assert doubtful.planes[2].slope_sigma_deg == sure.planes[2].slope_sigma_deg == 0
     for plain, plane in zip(sure.planes[:2], doubtful.planes, strict=False):
@@ -287,7 +287,7 @@ def test_what_is_scattered_over_the_image_is_poor_and_never_safe() -> None:
 
 def test_doubt_takes_the_aspect_of_a_gentle_slope() -> None:
     assert only_plane(make_report_of(make_solution([4]))).aspect_deg == pytest.approx(60)
-    doubtful = make_report_of(make_solution([4]), match_changes={0: {"doubt_rad": np.radians(3)}})
+    doubtful = make_report_of(make_solution([4]), patch_changes={0: {"tilt_sigma_rad": np.radians(3)}})
     assert only_plane(doubtful).aspect_deg is None
     assert only_plane(doubtful).dip_direction_deg is None
 
@@ -301,7 +301,7 @@ def test_a_window_with_relief_is_poor_and_not_safe() -> None:
 
 
 def test_no_plane_of_a_solution_that_did_not_settle_is_more_than_poor() -> None:
-    report = make_report_of(make_solution([2, 40], converged=False), match_changes={1: BORROWED})
+    report = make_report_of(make_solution([2, 40], converged=False), patch_changes={1: BORROWED})
     assert [plane.status for plane in report.planes] == ["poor", "poor"]
     assert report.planes[0].reason == "the joint solution did not settle"
     assert report.planes[1].reason == f"{BORROWED['reason']}; the joint solution did not settle"
@@ -367,7 +367,7 @@ def test_the_largest_sigma_follows_the_option_and_says_both_numbers() -> None:
     assert only_plane(make_report_of(solution, at_the_limit)).slope_known
     vague = only_plane(make_report_of(solution, Options(max_sigma_deg=5.1)))
     assert vague.reason == "sigma 5.2° is above --max-sigma 5.1°"
-    borrowed = make_report_of(solution, Options(max_sigma_deg=2), match_changes={0: BORROWED})
+    borrowed = make_report_of(solution, Options(max_sigma_deg=2), patch_changes={0: BORROWED})
     assert only_plane(borrowed).reason == f"{BORROWED['reason']}; sigma 7° is above --max-sigma 2°"
 
 
@@ -403,13 +403,13 @@ def test_never_safe_where_the_slope_of_the_other_root_is_not_known() -> None:
 
 @pytest.mark.parametrize(("source", "noun"), [("window", "window"), ("ransac", "plane"), ("region", "region")])
 def test_messages_call_a_patch_what_it_is(source: Source, noun: str) -> None:
-    partly = make_report_of(make_solution([5]), match_changes={0: {"share": 0.3}}, source=source).planes[0]
+    partly = make_report_of(make_solution([5]), patch_changes={0: {"share": 0.3}}, source=source).planes[0]
     assert partly.reason == f"only 30 % of the {noun} could be matched"
     with pytest.raises(NoAnswer, match=f"the matches of all 2 {noun}s leave .*; choose larger {noun}s"):
         make_report_of(make_solution([5, 5], sigma_deg=[90.0, 90.0]), source=source)
-    patches = Patches(source, [window_footprint(WINDOWS[0])], [no_match("nothing to see")])
+    patch = Patch(1, source, window_footprint(WINDOWS[0])).unmatched("nothing to see")
     with pytest.raises(NoAnswer, match=f"none of the 1 {noun}s can be matched: .*; choose {noun}s with"):
-        join_patches(patches, None)  # type: ignore[arg-type]  # the scene is not asked
+        join_patches(Found([patch]), None)  # type: ignore[arg-type]  # the scene is not asked
 
 
 def test_both_answers_are_reported_with_what_would_decide() -> None:

@@ -21,7 +21,7 @@ def evidence_of(bend_deg: float, count: int = 3000) -> Evidence:
     zigzag = width * np.abs(((x1[:, 0] + 240 / FOCAL) / width) % 2 - 1)
     w = 0.2 + 0.2 * np.tan(np.radians(bend_deg)) * zigzag
     ones = np.ones(count)
-    return Evidence(uv1, x1, x1, w, ones, ones, FOCAL, count)
+    return Evidence(uv1, uv1, x1, x1, w, ones, ones, FOCAL, count)
 
 
 def matches(spacing: float = 8.0) -> FloatArray:
@@ -97,7 +97,7 @@ def terrace(edge: float, drop: float, count: int = 3000) -> Evidence:
     x1 = (uv1 - 240) / FOCAL
     ones = np.ones(count)
     w = np.where(uv1[:, 0] < edge, 0.2, 0.2 / (1 + drop))
-    return Evidence(uv1, x1, x1, w, ones, ones, FOCAL, count)
+    return Evidence(uv1, uv1, x1, x1, w, ones, ones, FOCAL, count)
 
 
 def left_part(edge: float) -> FloatArray:
@@ -124,7 +124,7 @@ def test_a_step_that_begins_beyond_the_window_counts_where_the_window_ends_in_a_
 @pytest.mark.parametrize("zoom", [0.5, 2.0])
 def test_a_step_is_as_high_whatever_camera_2_is(zoom: float) -> None:
     seen = terrace(220, 0.1)
-    names = ("uv1", "x1", "x2", "w", "leverage", "grey")
+    names = ("uv1", "uv2", "x1", "x2", "w", "leverage", "grey")
     zoomed = Evidence(*(getattr(seen, name) for name in names), zoom * FOCAL, len(seen))
     assert beside_deg(left_part(220), zoomed) == pytest.approx(beside_deg(left_part(220), seen), rel=1e-6)
 

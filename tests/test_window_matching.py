@@ -15,6 +15,7 @@ from slopecli.look import (
     Cells,
     Evidence,
     Layer,
+    Matches,
     Pyramid,
     Scene,
     epipolar_axes,
@@ -25,8 +26,8 @@ from slopecli.look import (
     shrink,
 )
 from slopecli.options import Options
-from slopecli.patches import WindowMatch, no_match, overdispersion, paint_labels, window_footprint
-from slopecli.patches.windows import match_window
+from slopecli.patches import Patch, overdispersion, paint_labels, window_footprint
+from slopecli.patches.windows import match_window, window_patch
 from slopecli.types import FloatArray
 from slopecli.windows import Window, check_windows, grid_windows, window_polygon
 
@@ -48,9 +49,9 @@ def cells_of(pair: Pair, layer: Layer) -> Cells:
 
 def evidence_of(pair: Pair, cells: Cells) -> Evidence:
     cells = cells.take(np.linalg.eigvalsh(cells.information)[:, 0] > FAINTEST_CELL)
-    x1, x2 = rays_from_pixels(pair.camera1, cells.uv1), rays_from_pixels(pair.camera2, cells.uv2)
+    found = Matches.between(pair.camera1, pair.camera2, cells.uv1, cells.uv2)
     grey = sample_grey(pair.grey1, cells.uv1)
-    return gather_evidence(cells.uv1, x1, x2, grey, pair.R, pair.T, pair.camera2.focal_px)
+    return gather_evidence(found, grey, pair.R, pair.T, pair.camera2.focal_px)
 
 
 def scene_of(pair: Pair, evidence: Evidence | None = None, planes: Sequence[FloatArray] | None = None) -> Scene:
@@ -64,30 +65,30 @@ def scene_of(pair: Pair, evidence: Evidence | None = None, planes: Sequence[Floa
 
 
 def some(evidence: Evidence, keep: np.ndarray) -> Evidence:
-    names = ("uv1", "x1", "x2", "w", "leverage", "grey")
+    names = ("uv1", "uv2", "x1", "x2", "w", "leverage", "grey")
     return Evidence(*(getattr(evidence, name)[keep] for name in names), evidence.focal_px, evidence.n_given)
 
 
-def plane_of(match: WindowMatch, pair: Pair) -> FloatArray:
+def plane_of(match: Patch, pair: Pair) -> FloatArray:
     """Scaled normal (3,) by weighted least squares: what the matches say of the plane when the motion is known."""
-    w, leverage = inverse_depth(pair.R, pair.T, match.x1, match.x2)
-    root = leverage / np.sqrt(match.variance_px[:, 0])
-    return np.linalg.lstsq(homogeneous(match.x1) * root[:, None], w * root, rcond=None)[0]
+    w, leverage = inverse_depth(pair.R, pair.T, match.matches.x1, match.matches.x2)
+    root = leverage * np.sqrt(match.weight)
+    return np.linalg.lstsq(homogeneous(match.matches.x1) * root[:, None], w * root, rcond=None)[0]
 
 
-def tilt_error_deg(match: WindowMatch, pair: Pair, true: FloatArray = GROUND) -> float:
+def tilt_error_deg(match: Patch, pair: Pair, true: FloatArray = GROUND) -> float:
     return float(np.degrees(normal_angle(plane_of(match, pair), true)))
 
 
-def inside(match: WindowMatch, window: Window) -> np.ndarray:
+def inside(match: Patch, window: Window) -> np.ndarray:
     x, y, w, h = window
     low, high = np.array([x, y]) - 0.5, np.array([x + w, y + h]) - 0.5
-    return np.asarray(((match.uv1 >= low) & (match.uv1 < high)).all(1))
+    return np.asarray(((match.matches.uv1 >= low) & (match.matches.uv1 < high)).all(1))
 
 
 def matched(surfaces: Sequence[Surface | FloatArray], window: Window = WINDOW, **changes: object) -> tuple:
     pair = render(R, T, surfaces, **{"noise": 1.0, **changes})  # type: ignore[arg-type]
-    return match_window(window, scene_of(pair)), pair
+    return match_window(window_patch(window), scene_of(pair)), pair
 
 
 # ---- what else is in the window ----
@@ -106,8 +107,8 @@ def test_a_window_across_a_step_is_not_sure_of_the_part_it_sees(share: float, di
     """Ground and what lies beyond an edge, or stands before it: its plane is neither of them."""
     match, _ = matched([GROUND, of_a_side(tilted(0.2, -0.1, distance), share)])
     alone, _ = matched([GROUND])
-    assert np.degrees(alone.doubt_rad) < 0.5
-    assert np.degrees(match.doubt_rad) > 4.0
+    assert np.degrees(alone.tilt_sigma_rad) < 0.5
+    assert np.degrees(match.tilt_sigma_rad) > 4.0
 
 
 def test_a_window_with_something_that_has_moved_is_not_sure_of_the_part_it_sees() -> None:
@@ -117,9 +118,9 @@ def test_a_window_with_something_that_has_moved_is_not_sure_of_the_part_it_sees(
     corner = here.transfer(np.array([[185.0, 75.0]]))[0].round().astype(int)
     part = np.s_[corner[1] : corner[1] + 90, corner[0] : corner[0] + 25]
     grey2[part] = moved.grey2[part]
-    match = match_window(WINDOW, scene_of(replace(here, grey2=grey2)))
+    match = match_window(window_patch(WINDOW), scene_of(replace(here, grey2=grey2)))
     assert tilt_error_deg(match, here) < 1.0
-    assert np.degrees(match.doubt_rad) > 4.0
+    assert np.degrees(match.tilt_sigma_rad) > 4.0
 
 
 # ---- windows ----
@@ -187,9 +188,9 @@ def test_a_textured_window_is_matched_all_over(changes: dict[str, object]) -> No
     assert match.origin == "own"
     assert inside(match, WINDOW).all()
     assert match.share > 0.95
-    assert np.median(pair.error_px(match.uv1, match.uv2)) < 0.03
+    assert np.median(pair.error_px(match.matches.uv1, match.matches.uv2)) < 0.03
     assert tilt_error_deg(match, pair) < 0.1
-    assert match.doubt_rad < np.radians(0.1)
+    assert match.tilt_sigma_rad < np.radians(0.1)
 
 
 def test_a_window_off_the_plane_around_it_gives_its_own() -> None:
@@ -202,7 +203,7 @@ def test_a_window_the_overview_missed_is_searched_for() -> None:
     other = tilted(-0.5, 0.4)
     pair = render(R, T, [GROUND, Surface(other, WINDOW)], noise=1.0)
     evidence = scene_of(pair).evidence
-    match = match_window(WINDOW, scene_of(pair, some(evidence, ~evidence.near(WINDOW, 0.1)), [GROUND]))
+    match = match_window(window_patch(WINDOW), scene_of(pair, some(evidence, ~evidence.near(WINDOW, 0.1)), [GROUND]))
     assert match.origin == "own"
     assert tilt_error_deg(match, pair, other) < 0.6
 
@@ -213,16 +214,16 @@ def test_faint_texture_gives_the_plane_with_more_noise(contrast: float, margin_d
     clear, _ = matched([GROUND, Surface(OTHER, WINDOW)])
     assert match.origin == "own"
     assert tilt_error_deg(match, pair, OTHER) < margin_deg
-    assert np.median(match.variance_px[:, 0]) > 2 * np.median(clear.variance_px[:, 0])
+    assert np.median(clear.weight) > 2 * np.median(match.weight)
 
 
 def test_claimed_noise_is_about_the_true_one() -> None:
     ratios = []
     for contrast in (1.0, 0.3, 0.1):
         match, pair = matched([GROUND, Surface(GROUND, WINDOW, contrast=contrast)])
-        along, _ = epipolar_axes(match.uv1, scene_of(pair))
-        off = np.einsum("ni,ni->n", (match.uv2 - pair.transfer(match.uv1)) @ pair.R[:2, :2], along)
-        ratios.append(np.sqrt(np.median(off**2) / 0.4549 / np.median(match.variance_px[:, 0])))
+        along, _ = epipolar_axes(match.matches.uv1, scene_of(pair))
+        off = np.einsum("ni,ni->n", (match.matches.uv2 - pair.transfer(match.matches.uv1)) @ pair.R[:2, :2], along)
+        ratios.append(np.sqrt(np.median(off**2) / 0.4549 * np.median(match.weight) / 0.05**2))
     assert max(ratios) < 1.5  # never much more certain than it may be
     assert min(ratios) > 0.25
 
@@ -238,8 +239,8 @@ def test_small_windows_are_matched(window: Window) -> None:
 def test_a_window_of_a_large_image_is_matched_on_shrunken_pixels_without_shift() -> None:
     match, pair = matched([GROUND], (200, 150, 500, 400), camera1=make_camera(1001, 777), coarseness=2.0)
     assert match.origin == "own"
-    assert np.median(pair.error_px(match.uv1, match.uv2)) < 0.08
-    assert np.abs((match.uv2 - pair.transfer(match.uv1)).mean(0)).max() < 0.03
+    assert np.median(pair.error_px(match.matches.uv1, match.matches.uv2)) < 0.08
+    assert np.abs((match.matches.uv2 - pair.transfer(match.matches.uv1)).mean(0)).max() < 0.03
     assert tilt_error_deg(match, pair) < 0.05
 
 
@@ -247,18 +248,18 @@ def test_rough_ground_is_matched_off_its_plane() -> None:
     rough = Surface(GROUND, bump=lambda uv: 0.002 * np.sin(uv[:, 0] / 9) * np.cos(uv[:, 1] / 8))
     match, pair = matched([rough])
     assert match.origin == "own"
-    assert np.median(pair.error_px(match.uv1, match.uv2)) < 0.1
+    assert np.median(pair.error_px(match.matches.uv1, match.matches.uv2)) < 0.1
     assert tilt_error_deg(match, pair) < 0.5
 
 
 @pytest.mark.parametrize("width", [15, 30])
 def test_a_ledge_at_the_side_of_a_window_does_not_tilt_it_but_raises_doubt(width: int) -> None:
     match, pair = matched([GROUND, Surface(1.12 * GROUND, (110, 70, width, 100))])
-    on_ledge = match.uv1[:, 0] < 110 + width - 6
+    on_ledge = match.matches.uv1[:, 0] < 110 + width - 6
     assert match.origin == "own"
     assert on_ledge.mean() < 0.02
     assert tilt_error_deg(match, pair) < 0.4
-    assert match.doubt_rad > np.radians(1.0)
+    assert match.tilt_sigma_rad > np.radians(1.0)
 
 
 def test_a_bare_window_borrows_the_plane_around_it_and_says_so() -> None:
@@ -277,7 +278,7 @@ def test_a_bare_window_between_two_planes_is_in_doubt_of_both() -> None:
     match, pair = matched([right, Surface(left, (0, 0, 160, 240)), bare], window)
     assert match.origin == "borrowed"
     assert min(tilt_error_deg(match, pair, plane) for plane in (left, right)) < 5
-    assert match.doubt_rad > np.radians(15)  # they are 43 degrees apart
+    assert match.tilt_sigma_rad > np.radians(15)  # they are 43 degrees apart
 
 
 def test_a_bare_window_amid_clutter_is_in_great_doubt() -> None:
@@ -287,7 +288,7 @@ def test_a_bare_window_amid_clutter_is_in_great_doubt() -> None:
     window = (130, 90, 60, 60)
     match, _ = matched([tilted(0, 0), *clutter, Surface(tilted(0, 0), window, contrast=0.0)], window)
     assert match.origin != "own"
-    assert match.origin == "none" or np.degrees(match.doubt_rad) > Options().max_sigma_deg
+    assert match.origin == "none" or np.degrees(match.tilt_sigma_rad) > Options().max_sigma_deg
 
 
 @pytest.mark.parametrize("window", [(0, 0, 60, 60), (0, 90, 40, 60)])
@@ -301,10 +302,10 @@ def test_a_window_image_2_does_not_show_borrows_and_names_the_overlap(window: Wi
 
 def test_with_nothing_to_go_by_there_is_no_match_but_a_reason() -> None:
     pair = render(R, T, [Surface(GROUND, contrast=0.0)], noise=1.0)
-    empty = gather_evidence(*(np.empty((0, 2)) for _ in range(3)), np.empty(0), R, T, 277.0)
-    match = match_window(WINDOW, scene_of(pair, empty))
+    empty = gather_evidence(Matches.none(), np.empty(0), R, T, 277.0)
+    match = match_window(window_patch(WINDOW), scene_of(pair, empty))
     assert match.origin == "none"
-    assert len(match.uv1) == len(match.variance_px) == 0
+    assert len(match.matches) == len(match.weight) == 0
     assert match.code == "low-texture"
     assert "texture" in match.reason
 
@@ -312,7 +313,7 @@ def test_with_nothing_to_go_by_there_is_no_match_but_a_reason() -> None:
 def test_a_handful_of_evidence_leads_to_a_textured_window() -> None:
     pair = render(R, T, [GROUND], noise=1.0)
     evidence = scene_of(pair).evidence
-    match = match_window(WINDOW, scene_of(pair, some(evidence, np.arange(len(evidence)) % 40 == 0)))
+    match = match_window(window_patch(WINDOW), scene_of(pair, some(evidence, np.arange(len(evidence)) % 40 == 0)))
     assert match.origin == "own"
     assert tilt_error_deg(match, pair) < 0.2
 
@@ -321,14 +322,14 @@ def test_a_handful_of_evidence_leads_to_a_textured_window() -> None:
 def test_a_match_is_whole_and_the_same_again(surfaces: list) -> None:
     pair = render(R, T, surfaces, noise=1.0)
     scene = scene_of(pair)
-    match, again = match_window(WINDOW, scene), match_window(WINDOW, scene)
-    n = len(match.uv1)
-    assert all(getattr(match, name).shape == (n, 2) for name in ("uv2", "x1", "x2", "index", "variance_px"))
-    assert all(np.isfinite(getattr(match, name)).all() for name in ("uv1", "uv2", "x1", "x2", "variance_px"))
-    assert (match.variance_px > 0).all()
-    assert np.array_equal(match.uv2, again.uv2)
-    np.testing.assert_allclose(rays_from_pixels(pair.camera1, match.uv1), match.x1, atol=1e-9)
-    np.testing.assert_allclose(rays_from_pixels(pair.camera2, match.uv2), match.x2, atol=1e-9)
+    match, again = match_window(window_patch(WINDOW), scene), match_window(window_patch(WINDOW), scene)
+    points = match.matches
+    assert all(array.shape == (len(points), 2) for array in (*vars(points).values(), match.cell))
+    assert all(np.isfinite(array).all() for array in (*vars(points).values(), match.weight))
+    assert (match.weight > 0).all()
+    assert np.array_equal(points.uv2, again.matches.uv2)
+    np.testing.assert_allclose(rays_from_pixels(pair.camera1, points.uv1), points.x1, atol=1e-9)
+    np.testing.assert_allclose(rays_from_pixels(pair.camera2, points.uv2), points.x2, atol=1e-9)
 
 
 def test_epipolar_axes_are_where_a_change_of_depth_moves_things() -> None:
@@ -353,10 +354,10 @@ def test_few_residuals_are_not_believed_to_be_small() -> None:
     assert overdispersion(9 * chi2) == pytest.approx(9.0, rel=0.1)
 
 
-def test_no_match_carries_its_reason() -> None:
-    match = no_match("too dark", "low-texture")
+def test_an_unmatched_patch_carries_its_reason() -> None:
+    match = window_patch(WINDOW).unmatched("too dark", "low-texture")
     assert (match.origin, match.reason, match.code) == ("none", "too dark", "low-texture")
-    assert match.uv1.shape == (0, 2)
+    assert match.matches.uv1.shape == (0, 2)
 
 
 @pytest.mark.parametrize("seed", [2, 3, 4])
@@ -367,8 +368,8 @@ def test_what_matches_by_chance_is_a_guess(seed: int) -> None:
     grey2 = pair.grey2.copy()
     around = np.s_[max(y - 60, 0) : y + h + 60, max(x - 60, 0) : x + w + 60]
     grey2[around] = other.grey2[around]
-    match = match_window(WINDOW, scene_of(replace(pair, grey2=grey2)))
-    assert match.origin != "own" or np.degrees(match.doubt_rad) > Options().max_sigma_deg
+    match = match_window(window_patch(WINDOW), scene_of(replace(pair, grey2=grey2)))
+    assert match.origin != "own" or np.degrees(match.tilt_sigma_rad) > Options().max_sigma_deg
 
 
 def test_what_stands_off_the_plane_by_a_step_counts() -> None:
@@ -377,6 +378,6 @@ def test_what_stands_off_the_plane_by_a_step_counts() -> None:
     flat, _ = matched([tilted(0, 0)], WINDOW)
     block = Surface(tilted(0, 0, 5.0), (x, y, w // 5, h))
     match, _ = matched([tilted(0, 0), block], WINDOW)
-    assert np.degrees(flat.doubt_rad) < 1
+    assert np.degrees(flat.tilt_sigma_rad) < 1
     assert match.origin == "own"
-    assert np.degrees(match.doubt_rad) > 5
+    assert np.degrees(match.tilt_sigma_rad) > 5

@@ -17,8 +17,9 @@ from slopecli.geometry.motion import inverse_depth
 from slopecli.geometry.statistics import median
 from slopecli.options import Options
 from slopecli.patches.given.given_solution import MOST_LEFT_OUT
-from slopecli.patches.match import WindowMatch
-from slopecli.types import BoolArray, Camera, Correspondences, Diagnostic, FloatArray, IntArray, Plane, Solution, Source
+from slopecli.patches.join import Joined
+from slopecli.patches.patch import Patch
+from slopecli.types import BoolArray, Camera, Diagnostic, FloatArray, IntArray, Plane, Solution, Source
 
 POOR_FIT_PX = 0.5  # noise of matches beyond which the cameras are in doubt, or the images
 UPRIGHT_DEG = 90.0
@@ -79,29 +80,29 @@ def diagnose(
 def of_geometry(
     planes: Sequence[Plane],
     solution: Solution,
-    matches: Correspondences,
+    joined: Joined,
     length_m: float | None,
     focal_px: float | None,
     options: Options,
-    matched: dict[int, WindowMatch],
+    patches: dict[int, Patch],
     noise: float,
 ) -> list[Diagnostic]:
     """What the shape of the ground and the way of the camera over it make hard, or would make easier.
 
     length_m : between the cameras, where it is known.  focal_px : of camera 2, None for rays without a camera.
-    matched : of every plane, by its id.  noise : 1-sigma of a match of weight one as measured, normalised.
+    patches : of the planes, by id.  noise : 1-sigma of a match of weight one as measured, normalised.
     """
-    apart = apart_of(solution, matches, length_m)
-    found = on_one_plane(solution, matches, focal_px, noise) + towards_flat_ground(planes, solution, apart)
-    doubts = {number: float(np.degrees(match.doubt_rad)) for number, match in matched.items()}
+    apart = apart_of(solution, joined, length_m)
+    found = on_one_plane(solution, joined, focal_px, noise) + towards_flat_ground(planes, solution, apart)
+    doubts = {number: float(np.degrees(patch.tilt_sigma_rad)) for number, patch in patches.items()}
     found += upside_down(planes, options)
-    return found + unmatched_parts(planes, matched) + short_of_tolerance(planes, doubts, solution, apart, options)
+    return found + unmatched_parts(planes, patches) + short_of_tolerance(planes, doubts, solution, apart, options)
 
 
-def apart_of(solution: Solution, matches: Correspondences, length_m: float | None) -> Apart:
+def apart_of(solution: Solution, joined: Joined, length_m: float | None) -> Apart:
     """How far apart the images were taken, by the distances of what lies on planes."""
-    on = matches.patch >= 0
-    inverse_depth = (homogeneous(matches.x1[on]) * solution.scaled_normals[matches.patch[on]]).sum(1)
+    on = joined.plane >= 0
+    inverse_depth = (homogeneous(joined.matches.x1[on]) * solution.scaled_normals[joined.plane[on]]).sum(1)
     return Apart(abs(median(inverse_depth)), length_m)
 
 
@@ -181,17 +182,15 @@ def towards_flat_ground(planes: Sequence[Plane], solution: Solution, apart: Apar
     ]
 
 
-def on_one_plane(
-    solution: Solution, matches: Correspondences, focal_px: float | None, noise: float
-) -> list[Diagnostic]:
+def on_one_plane(solution: Solution, joined: Joined, focal_px: float | None, noise: float) -> list[Diagnostic]:
     """Say that the motion rests on a single plane, where the images leave no second answer for all that.
 
     focal_px : of camera 2; None for rays, of which only their noise says what is flat.  noise : as measured.
     """
     if solution.ambiguity.status == "unresolved" or not solution.inlier.any():
         return []
-    x1, x2 = matches.x1[solution.inlier], matches.x2[solution.inlier]
-    off = _off_one_plane(solution, x1, x2)
+    kept = joined.matches.take(solution.inlier)
+    off = _off_one_plane(solution, kept.x1, kept.x2)
     seen = 0.0 if of_solver(solution) else noise  # residuals of the solver's own making hide how flat the scene is
     if off > max(NOISE_OFF * seen, 0.0 if focal_px is None else FLAT_PX / focal_px):
         return []
@@ -291,12 +290,12 @@ def of_solver(solution: Solution) -> str:
     return ""
 
 
-def measured_noise(solution: Solution, patch: IntArray) -> float:
+def measured_noise(solution: Solution, plane: IntArray) -> float:
     """1-sigma of a match of weight one by its residuals, where the solution's own may have been given.
 
-    patch : (n,) of the correspondences.
+    plane : (n,) of the matches.
     """
-    on_none = int((patch[solution.inlier] < 0).sum())
+    on_none = int((plane[solution.inlier] < 0).sum())
     residuals = 2 * int(solution.inlier.sum()) - on_none
     freedom = residuals - 5 - 3 * len(solution.scaled_normals)
     return float(solution.noise * min(np.sqrt(solution.chi2 / max(freedom, 1)), 1.0))

@@ -14,12 +14,12 @@ import numpy as np
 
 from slopecli.geometry.motion import epipolar_residual, inverse_depth
 from slopecli.geometry.statistics import median
+from slopecli.look.matches import pair_rays, thin
 from slopecli.look.noise import NOISE_GREY
 from slopecli.look.overview import CELL, sparse_transfer
 from slopecli.look.photometric import detrend
 from slopecli.look.scene import Scene
 from slopecli.look.scene_from_images import MIN_INFORMATION
-from slopecli.look.sparse import pair_rays, thin
 from slopecli.look.warp import FloatImage, Grid, covered, cut, resample, transfer_map
 from slopecli.types import BoolArray, FloatArray
 

@@ -12,7 +12,7 @@ from slopecli.geometry.epipolar import homogeneous
 from slopecli.geometry.tilt_interval import tilt_growth
 from slopecli.patches.given.given_solution import GivenSolution
 from slopecli.patches.given.rows import FEWEST, RAYS
-from slopecli.patches.join import Matched
+from slopecli.patches.join import Joined
 from slopecli.types import Camera, Diagnostic, Solution
 
 OPEN = 2.0  # times the sigma that derivatives say: beyond it no sigma describes the tilt
@@ -22,17 +22,17 @@ UNRELATED = 0.1  # of the spread of the points in image 2: larger residuals are 
 NOISY_PX = 2.0  # no matcher is worse, and who marks points by hand can say that he is
 
 
-def alike(matched: Matched) -> bool:
+def alike(joined: Joined) -> bool:
     """Whether image 2 looks like image 1, moved, turned, stretched or mirrored: an affine map explains most of it."""
-    points = matched.correspondences
+    points = joined.matches
     design = homogeneous(points.x1)
     left = points.x2 - design @ np.linalg.lstsq(design, points.x2, rcond=None)[0]
     return float(left.var()) < MOST_UNLIKE * float(points.x2.var(axis=0).mean())
 
 
-def refuse_strangers(solution: Solution, matched: Matched, camera2: Camera) -> None:
+def refuse_strangers(solution: Solution, joined: Joined, camera2: Camera) -> None:
     """Raise NoAnswer where rows agree on no motion: those of two pairs, or of no pair at all."""
-    spread = float(np.sqrt(matched.correspondences.x2.var(axis=0).mean()))
+    spread = float(np.sqrt(joined.matches.x2.var(axis=0).mean()))
     if solution.noise <= UNRELATED * spread:
         return
     unit, per = _unit(camera2)
@@ -52,15 +52,15 @@ def _unit(camera2: Camera) -> tuple[str, float]:
 
 
 def review(
-    solved: GivenSolution, matched: Matched, noise: float | None, camera2: Camera
-) -> tuple[Matched, list[Diagnostic]]:
+    solved: GivenSolution, joined: Joined, noise: float | None, camera2: Camera
+) -> tuple[Joined, list[Diagnostic]]:
     """The matches with what speaks against their planes, as their `reason`, and what a user should know of it.
 
     noise : as said beforehand, see `solve_given`; None where nothing was.
     """
     unit, per = _unit(camera2)
     seen, measured = solved.flatness, solved.solution.noise
-    m = len(matched.answered)
+    m = len(joined.patches)
     growth = tilt_growth(solved.solution.scaled_normals, solved.solution.normal_covariance)
     modelled = solved.solution.relief.any()
     reasons, notes = [""] * m, list[Diagnostic]()
@@ -91,17 +91,11 @@ def review(
         notes += _beyond_the_given(worst * per, noise * per, unit, blamed)
     elif any(reason.endswith(" px") for reason in reasons):
         notes.append(_noisy(measured * per, blamed))
-    rough = [matched.patches.id_of(matched.answered[k]) for k in range(m) if seen.off[k] and not reasons[k]]
+    rough = [joined.patches[k].id for k in range(m) if seen.off[k] and not reasons[k]]
     if rough and modelled:
         notes.append(_rough(rough))
-    return _with_reasons(matched, reasons), notes
-
-
-def _with_reasons(matched: Matched, reasons: list[str]) -> Matched:
-    matches = list(matched.matches)
-    for number, reason in zip(matched.answered, reasons, strict=True):
-        matches[number] = replace(matches[number], reason=reason)
-    return replace(matched, patches=replace(matched.patches, matches=matches))
+    patches = [replace(patch, reason=reason) for patch, reason in zip(joined.patches, reasons, strict=True)]
+    return joined.with_patches(patches), notes
 
 
 def _beyond_the_given(measured: float, noise: float, unit: str, remedy: str) -> list[Diagnostic]:

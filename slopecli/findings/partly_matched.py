@@ -6,18 +6,19 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from slopecli.patches.match import WindowMatch
+from slopecli.patches.patch import Patch
 from slopecli.types import Diagnostic, Plane
 
 MOSTLY_UNSEEN = 0.5  # share of the variance of a slope
 
 
-def unmatched_parts(planes: Sequence[Plane], matched: dict[int, WindowMatch]) -> list[Diagnostic]:
+def unmatched_parts(planes: Sequence[Plane], patches: dict[int, Patch]) -> list[Diagnostic]:
     """Windows whose sigma is mostly owed to their parts without matches, by what is there."""
-    mostly = [p for p in planes if np.degrees(matched[p.id].unseen_rad) ** 2 > MOSTLY_UNSEEN * p.slope_sigma_deg**2]
-    stepped = [p for p in mostly if matched[p.id].against_rad == matched[p.id].unseen_rad]
-    hidden = [p for p in mostly if matched[p.id].against_rad < matched[p.id].unseen_rad]
-    return [*_across_steps(stepped), *_hidden_in_part(hidden, matched)]
+    unmatched_deg = {p.id: float(np.degrees(patches[p.id].unmatched_sigma_rad)) for p in planes}
+    mostly = [p for p in planes if unmatched_deg[p.id] ** 2 > MOSTLY_UNSEEN * p.slope_sigma_deg**2]
+    stepped = [p for p in mostly if patches[p.id].off_plane_sigma_rad == patches[p.id].unmatched_sigma_rad]
+    hidden = [p for p in mostly if patches[p.id].off_plane_sigma_rad < patches[p.id].unmatched_sigma_rad]
+    return [*_across_steps(stepped), *_hidden_in_part(hidden, patches)]
 
 
 def _across_steps(planes: Sequence[Plane]) -> list[Diagnostic]:
@@ -35,10 +36,10 @@ def _across_steps(planes: Sequence[Plane]) -> list[Diagnostic]:
     ]
 
 
-def _hidden_in_part(planes: Sequence[Plane], matched: dict[int, WindowMatch]) -> list[Diagnostic]:
+def _hidden_in_part(planes: Sequence[Plane], patches: dict[int, Patch]) -> list[Diagnostic]:
     if not planes:
         return []
-    shares = sorted(100 * min(matched[plane.id].share, 1.0) for plane in planes)
+    shares = sorted(100 * min(patches[plane.id].share, 1.0) for plane in planes)
     low, high = f"{shares[0]:.0f}", f"{shares[-1]:.0f}"
     part = "not all" if high == "100" else f"only {low} %" if low == high else f"only {low} to {high} %"
     return [

@@ -9,7 +9,7 @@ import numpy as np
 from slopecli.findings.wording import beside
 from slopecli.measure import Measured
 from slopecli.options import MOST_SIGMA_DEG, Options
-from slopecli.patches.join import Matched
+from slopecli.patches.join import Joined
 from slopecli.types import Plane, Rejected
 
 
@@ -29,22 +29,20 @@ def answered(plane: Plane) -> bool:
     return plane.slope_sigma_deg <= MOST_SIGMA_DEG and plane.distance > 0 and (plane.slope_known or not plane.found)
 
 
-def causes(planes: list[Plane], main: Measured, matched: Matched, options: Options) -> dict[int, Cause]:
+def causes(planes: list[Plane], main: Measured, options: Options) -> dict[int, Cause]:
     """Why planes, in the solver's order, have no answer; by id."""
     up_sigma = np.radians(options.up_sigma_deg)
     spread = main.slopes.tilt_covariance - up_sigma**2 * np.eye(2)
     # the larger of both ways to tilt, without the doubt about up: that adds the same to either
     alone = np.degrees(np.sqrt(np.maximum(np.linalg.eigvalsh(spread)[:, -1], 0.0)))
     return {
-        plane.id: _cause(plane, float(sigma), matched, options)
+        plane.id: _cause(plane, float(sigma), options)
         for plane, sigma in zip(planes, alone, strict=True)
         if not answered(plane)
     }
 
 
-def _cause(plane: Plane, alone_deg: float, matched: Matched, options: Options) -> Cause:
-    noun = matched.patches.noun
-    given = matched.patches.source == "given"
+def _cause(plane: Plane, alone_deg: float, options: Options) -> Cause:
     most = options.max_sigma_deg if plane.found else MOST_SIGMA_DEG
     if plane.distance > 0 and options.up_sigma_deg > 0 and alone_deg <= most:
         return Cause(
@@ -53,7 +51,7 @@ def _cause(plane: Plane, alone_deg: float, matched: Matched, options: Options) -
             "give up with a smaller --up-sigma",
         )
     vague = "" if plane.slope_known else f": 1-sigma {plane.slope_sigma_deg:.0f}°"
-    if given:
+    if plane.source == "given":
         behind = not plane.distance > 0
         return Cause(
             "slope-open",
@@ -70,7 +68,7 @@ def _cause(plane: Plane, alone_deg: float, matched: Matched, options: Options) -
     return Cause(
         "low-texture",
         f"too little texture: its matches leave the slope open{vague}",
-        f"choose larger {noun}s, or such with texture that both images show",
+        f"choose larger {plane.noun}s, or such with texture that both images show",
     )
 
 
@@ -80,13 +78,9 @@ def commonest(found: dict[int, Cause]) -> Cause:
     return next(cause for cause in found.values() if codes.count(cause.code) == max(map(codes.count, codes)))
 
 
-def rejected(matched: Matched, planes: list[Plane], found: dict[int, Cause]) -> tuple[Rejected, ...]:
+def rejected(joined: Joined, planes: list[Plane], found: dict[int, Cause]) -> tuple[Rejected, ...]:
     """Patches without matches, and those whose matches leave the slope open, by id."""
-    bare = [
-        Rejected(matched.patches.id_of(i), footprint.polygon_px, match.code, match.reason)
-        for i, (footprint, match) in enumerate(zip(matched.footprints, matched.matches, strict=True))
-        if match.origin == "none"
-    ]
+    bare = [Rejected(patch.id, patch.footprint.polygon_px, patch.code, patch.reason) for patch in joined.unanswered]
     vague = [
         Rejected(plane.id, plane.polygon_px, found[plane.id].code, found[plane.id].message)
         for plane in planes

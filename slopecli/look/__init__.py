@@ -11,6 +11,7 @@ __getattr__, __dir__ = lazy_names(
         "foerstner": "SEARCH_PX correlate_windows foerstner_corners match_foerstner",
         "gradient_components": "Labels adaptive_threshold connected_components grown smooth_gradient "
         "without_small_pieces",
+        "matches": "Matches pair_rays thin",
         "motions": "distinct_motions inliers_of rank_motions starting_motions",
         "noise": "DIFFERENCE_GREY LEAST_MATCH_PX MAX_GAIN NOISE_GREY OVERVIEW_CELL_PX ROUNDING_GREY SYSTEMATIC_PX "
         "WORST_MATCH_PX correlation_gain",
@@ -20,7 +21,7 @@ __getattr__, __dir__ = lazy_names(
         "quick_pass": "COARSE FINE is_decided may_suffice overview_effort",
         "scene": "Scene epipolar_axes",
         "scene_from_images": "build_scene feature_matchers find_scene",
-        "sparse": "Matches Sparse find_motions thin",
+        "sparse": "Sparse find_motions",
         "threads": "single_threaded",
         "transfer_error": "Comparison OUTSIDE TRUNCATED",
         "warp": "Grid Layer Pyramid Transfer block_sum covered cut magnification resample sample_grey "

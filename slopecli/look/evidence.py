@@ -10,6 +10,7 @@ from slopecli.geometry.epipolar import homogeneous
 from slopecli.geometry.motion import epipolar_residual, inverse_depth
 from slopecli.geometry.plane_fit import robust_plane
 from slopecli.geometry.statistics import median
+from slopecli.look.matches import Matches
 from slopecli.look.noise import LEAST_MATCH_PX
 from slopecli.types import BoolArray, FloatArray, IntArray
 from slopecli.windows import Window
@@ -26,21 +27,15 @@ REFITS = 3
 
 
 @dataclass(frozen=True, eq=False)
-class Evidence:
-    """Matches consistent with the motion: uv1 (n, 2) px, x1, x2 (n, 2) normalised, w (n,) inverse depth, leverage (n,),
+class Evidence(Matches):
+    """Overview matches consistent with the motion: w (n,) their inverse depths, 1/baseline, leverage (n,),
     grey (n,) brightness of image 1 there; n_given: matches there were, those that contradict the motion included."""
 
-    uv1: FloatArray
-    x1: FloatArray
-    x2: FloatArray
     w: FloatArray
     leverage: FloatArray
     grey: FloatArray
     focal_px: float
     n_given: int
-
-    def __len__(self) -> int:
-        return len(self.uv1)
 
     def near(self, window: Window, grow: float) -> BoolArray:
         """(n,) within the window grown on every side by `grow` times its longer side."""
@@ -61,14 +56,15 @@ class Evidence:
         return np.abs(self.w - homogeneous(self.x1) @ normal) * self.leverage * self.focal_px
 
 
-def gather_evidence(
-    uv1: FloatArray, x1: FloatArray, x2: FloatArray, grey: FloatArray, R: FloatArray, T: FloatArray, focal_px: float
-) -> Evidence:
+def gather_evidence(matches: Matches, grey: FloatArray, R: FloatArray, T: FloatArray, focal_px: float) -> Evidence:
     """Keep matches that obey the epipolar geometry in front of the camera, and give each its inverse depth."""
-    w, leverage = inverse_depth(R, T, x1, x2)
-    keep = np.abs(epipolar_residual(R, T, x1, x2)) * focal_px < TOLERANCE_PX
+    w, leverage = inverse_depth(R, T, matches.x1, matches.x2)
+    keep = np.abs(epipolar_residual(R, T, matches.x1, matches.x2)) * focal_px < TOLERANCE_PX
     keep &= (w > 0) & (leverage > 0)
-    return Evidence(uv1[keep], x1[keep], x2[keep], w[keep], leverage[keep], grey[keep], focal_px, len(keep))
+    kept = matches.take(keep)
+    return Evidence(
+        kept.uv1, kept.uv2, kept.x1, kept.x2, w[keep], leverage[keep], grey[keep], focal_px, n_given=len(keep)
+    )
 
 
 def scene_planes(evidence: Evidence, seed: int = 0) -> list[FloatArray]:

@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 
 from slopecli.geometry.lens_misfit import LensMisfit, find_lens_misfit
+from slopecli.look.matches import pair_rays, thin
 from slopecli.look.noise import SYSTEMATIC_PX
 from slopecli.look.scene import Scene
 from slopecli.look.scene_from_images import MIN_INFORMATION
-from slopecli.look.sparse import pair_rays, thin
 
 MATCHES = 1200  # spread over the image: more add time, not certainty
 WIDEST = 1.5  # normalised coordinate beyond which one radial term is no model of a lens

@@ -13,12 +13,13 @@ from slopecli.look.dense import Cells
 from slopecli.look.evidence import gather_evidence, scene_planes
 from slopecli.look.features import EFFORTS, QUICK, FeatureMemory, Grey, match_sift, shrink
 from slopecli.look.foerstner import match_foerstner
+from slopecli.look.matches import Matches
 from slopecli.look.motions import SCORE_PX, distinct_motions
 from slopecli.look.noise import SYSTEMATIC_PX, WORST_MATCH_PX
 from slopecli.look.overview import WHOLE, OverviewEffort, overview_cells
 from slopecli.look.quick_pass import is_clear, is_decided, may_suffice, overview_effort
 from slopecli.look.scene import Scene
-from slopecli.look.sparse import FeatureMatcher, Matches, Sparse, find_motions
+from slopecli.look.sparse import FeatureMatcher, Sparse, find_motions
 from slopecli.look.threads import single_threaded
 from slopecli.look.warp import Layer, Pyramid, sample_grey
 from slopecli.options import Options
@@ -119,7 +120,7 @@ def build_scene(
     overview = max(overviews, key=lambda found: found.n_consistent(camera2.focal_px))
     matches, best = overview.matches, overview.motions[0]
     grey = sample_grey(grey1, matches.uv1)
-    evidence = gather_evidence(matches.uv1, matches.x1, matches.x2, grey, best.R, best.T, camera2.focal_px)
+    evidence = gather_evidence(matches, grey, best.R, best.T, camera2.focal_px)
     find_planes = partial(scene_planes, evidence, seed)
     scene = Scene(camera1, camera2, pyramid1, pyramid2, best.R, best.T, evidence, find_planes, overview.cells)
     return scene, overview.motions

@@ -5,74 +5,17 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
-import numpy as np
-
-from slopecli.geometry.camera import rays_from_pixels
 from slopecli.geometry.motion import MotionEstimate, epipolar_residual
 from slopecli.look.features import Grey
+from slopecli.look.matches import Matches
 from slopecli.look.motions import inliers_of, rank_motions, starting_motions
-from slopecli.types import BoolArray, Camera, FloatArray, IntArray
+from slopecli.types import BoolArray, Camera, FloatArray
 
 # two grey images -> matches uv1, uv2 (n, 2) px and how many features each image has
 FeatureMatcher = Callable[[Grey, Grey], tuple[FloatArray, FloatArray, tuple[int, int]]]
 
 ENOUGH_INLIERS = 300  # consistent matches with which no further matcher is tried
 CONSISTENT_SHARE = 0.7  # of all matches, consistent with the best motion, with which the search for it ends
-
-
-def pair_rays(
-    camera1: Camera, camera2: Camera, uv1: FloatArray, uv2: FloatArray
-) -> tuple[FloatArray, FloatArray, BoolArray]:
-    """Matched pixels (n, 2) as normalised coordinates x1, x2 (n, 2), and (n,) which have them in both images.
-
-    Pixels beyond the reach of a lens model have no ray (NaN).
-    """
-    x1, x2 = rays_from_pixels(camera1, uv1), rays_from_pixels(camera2, uv2)
-    return x1, x2, np.asarray(np.isfinite(x1).all(1) & np.isfinite(x2).all(1))
-
-
-def thin(uv: FloatArray, index: IntArray, limit: int) -> IntArray:
-    """At most `limit` of the points uv[index], spread evenly over the image: bins take turns giving one point each."""
-    if len(index) <= limit:
-        return index
-    points = uv[index]
-    low, extent = points.min(0), np.maximum(np.ptp(points, axis=0), 1.0)
-    side = np.sqrt(extent.prod() / limit)
-    bins = np.floor((points - low) / side).astype(np.int64)
-    code = bins[:, 0] * (bins[:, 1].max() + 1) + bins[:, 1]
-    order = np.argsort(code, kind="stable")
-    starts = np.flatnonzero(np.r_[True, np.diff(code[order]) > 0])
-    rank = np.arange(len(order)) - np.repeat(starts, np.diff(np.r_[starts, len(order)]))
-    by_rank = np.argsort(rank, kind="stable")
-    whole = by_rank[: np.searchsorted(rank[by_rank], rank[by_rank[limit]])]  # rounds that fit in full
-    last = by_rank[rank[by_rank] == rank[by_rank[limit]]]
-    evenly = last[np.linspace(0, len(last) - 1, limit - len(whole)).round().astype(int)]
-    chosen = order[np.concatenate([whole, evenly])]
-    return np.sort(index[chosen])
-
-
-@dataclass(frozen=True, eq=False)
-class Matches:
-    """Matches uv1 -> uv2 (n, 2) px as stored, and as normalised coordinates x1, x2 (n, 2)."""
-
-    uv1: FloatArray
-    uv2: FloatArray
-    x1: FloatArray
-    x2: FloatArray
-
-    @classmethod
-    def between(cls, camera1: Camera, camera2: Camera, uv1: FloatArray, uv2: FloatArray) -> Matches:
-        """Matched pixels (n, 2) with their rays; those without a ray in either camera are dropped."""
-        x1, x2, seen = pair_rays(camera1, camera2, uv1, uv2)
-        return cls(uv1[seen], uv2[seen], x1[seen], x2[seen])
-
-    def __len__(self) -> int:
-        return len(self.uv1)
-
-    def joined(self, other: Matches) -> Matches:
-        """These matches, then the others."""
-        uv1, uv2, x1, x2 = (np.vstack([getattr(self, name), getattr(other, name)]) for name in vars(self))
-        return Matches(uv1, uv2, x1, x2)
 
 
 @dataclass(frozen=True, eq=False)
@@ -118,8 +61,7 @@ def find_motions(
 
     thorough : repeat the search for motions with many more samples where few of the matches agree.
     """
-    none = np.empty((0, 2))
-    sparse = Sparse(Matches(none, none, none, none), [], (0, 0), camera2.focal_px)
+    sparse = Sparse(Matches.none(), [], (0, 0), camera2.focal_px)
     for matcher in matchers:
         uv1, uv2, n_features = matcher(grey1, grey2)
         sparse = _with_more(sparse, Matches.between(camera1, camera2, uv1, uv2), n_features, seed, thorough)

@@ -11,24 +11,24 @@ from collections.abc import Callable
 from slopecli.face import lazy_names
 from slopecli.look.scene import Scene
 from slopecli.options import Options
-from slopecli.patches.patch_set import Patches
+from slopecli.patches.patch import Found
 
-PlaneFinder = Callable[[Scene, Options], Patches]
+PlaneFinder = Callable[[Scene, Options], Found]
 
 
-def _windows(scene: Scene, options: Options) -> Patches:
+def _windows(scene: Scene, options: Options) -> Found:
     from slopecli.patches.windows.window_finder import find_in_windows
 
     return find_in_windows(scene, options)
 
 
-def _feature_planes(scene: Scene, options: Options) -> Patches:
+def _feature_planes(scene: Scene, options: Options) -> Found:
     from slopecli.patches.labelling.feature_planes import find_feature_planes
 
     return find_feature_planes(scene, options)
 
 
-def _regions(scene: Scene, options: Options) -> Patches:
+def _regions(scene: Scene, options: Options) -> Found:
     from slopecli.patches.regions.region_finder import find_regions
 
     return find_regions(scene, options)
@@ -43,9 +43,8 @@ __getattr__, __dir__ = lazy_names(
     {
         "labelling.without_motion": "label_planes",
         "footprint": "Footprint paint_labels region_footprints window_footprint",
-        "join": "Matched join_patches",
-        "match": "WindowMatch no_match overdispersion",
+        "join": "Joined join_patches",
         "merge_coplanar": "merge_patches",
-        "patch_set": "Patches",
+        "patch": "Found Patch overdispersion",
     },
 )

@@ -27,18 +27,18 @@ from slopecli.geometry.homography import homography_in_pixels, homography_of_pla
 from slopecli.geometry.metrics import rotation_angle
 from slopecli.geometry.slope import surface_normals
 from slopecli.geometry.statistics import median
+from slopecli.look.matches import Matches
 from slopecli.measure import Measured, judge, measure, signed_distance
 from slopecli.options import Options
 from slopecli.patches.footprint import paint_labels
 from slopecli.patches.given.given_solution import MOST_LEFT_OUT
 from slopecli.patches.given.rows import RAYS
-from slopecli.patches.join import Matched
-from slopecli.patches.match import WindowMatch
+from slopecli.patches.join import Joined
+from slopecli.patches.patch import Patch
 from slopecli.report.second_root import second_plane, what_decides
 from slopecli.types import (
     Alternative,
     AmbiguityReport,
-    BoolArray,
     Camera,
     Diagnostic,
     Fit,
@@ -68,7 +68,7 @@ def build_report(
     images: tuple[Image | ImageInfo, Image | ImageInfo],
     cameras: tuple[Camera, Camera],
     options: Options,
-    matched: Matched,
+    joined: Joined,
     solution: Solution,
     diagnostics: list[Diagnostic],
     changes: Sequence[Change] = (),
@@ -82,57 +82,58 @@ def build_report(
     InputError : up or north is no direction, or an altitude is given for a camera that looks along the horizon.
     NoAnswer : the matches of all windows leave their slopes open.
     """
-    main = measure(solution, matched, options)
-    other = _second_root(solution, matched, options)
-    scale, length = _scale(solution, matched, main.up, options)
-    every = [_plane(k, main, other, matched, cameras, options) for k in range(len(matched.answered))]
+    main = measure(solution, joined, options)
+    other = _second_root(solution, joined, options)
+    scale, length = _scale(solution, joined, main.up, options)
+    every = [_plane(k, main, other, joined, cameras, options) for k in range(len(joined.patches))]
     planes = tuple(_scaled(plane, scale, length) for plane in every if answered(plane))
-    unknown = causes(every, main, matched, options)
+    unknown = causes(every, main, options)
+    asked = [*joined.patches, *joined.unanswered]
+    source = asked[0].source
     if not planes:
-        cause, whose = commonest(unknown), f"all {len(matched.matches)} {matched.patches.noun}s"
+        cause, whose = commonest(unknown), f"all {len(asked)} {asked[0].noun}s"
         raise NoAnswer(cause.code, f"the matches of {whose} leave their slopes open: {cause.message}", cause.remedy)
-    own = {plane.id: matched.matches[i] for i, plane in zip(matched.answered, every, strict=True)}
+    own = {patch.id: patch for patch in joined.patches}
     relief = {plane.id: float(r) for plane, r in zip(every, solution.relief, strict=True)}
     epipole = epipole1_px(solution, cameras[0])
     length_m = length if scale.unit == "m" else None
     focal_px = None if cameras[1] is RAYS else cameras[1].focal_px
-    fit = _fit(solution, matched, cameras[1])
-    given = matched.patches.source == "given"
-    noise = measured_noise(solution, matched.correspondences.patch) if given else solution.noise
+    fit = _fit(solution, joined, cameras[1])
+    noise = measured_noise(solution, joined.plane) if source == "given" else solution.noise
     noise_px = fit.noise_px * noise / max(solution.noise, np.finfo(float).tiny)
-    ids = [plane.id for plane in planes]
-    labels = _labels(matched, every, ids, images[0])
-    if matched.patches.found:
+    labels = _labels(joined, {plane.id for plane in planes}, images[0])
+    if asked[0].found:
         diagnostics = [*diagnostics, unexplained(labels)]
     return Report(
         images=(_info(images[0]), _info(images[1])),
         cameras=cameras,
-        options=_options_dict(options, matched.patches.source),
+        options=_options_dict(options, source),
         up=main.up,
         scale=scale,
         motion=_motion(solution, length),
         fit=fit,
-        ambiguity=_ambiguity(main, other, matched, planes, length, options),
+        ambiguity=_ambiguity(main, other, joined, planes, length, options),
         planes=planes,
-        rejected=rejected(matched, every, unknown),
+        rejected=rejected(joined, every, unknown),
         diagnostics=(
             *diagnostics,
             *changed(changes, planes, labels),
-            *of_geometry(planes, solution, matched.correspondences, length_m, focal_px, options, own, noise),
+            *of_geometry(planes, solution, joined, length_m, focal_px, options, own, noise),
             *diagnose(planes, relief, solution, epipole, noise_px, labels),
         ),
         labels=labels,
         epipole1_px=epipole,
-        segmentation=matched.patches.segmentation,
+        segmentation=joined.segmentation,
     )
 
 
-def _labels(matched: Matched, every: list[Plane], ids: list[int], image: Image | ImageInfo) -> NDArray[np.uint16]:
-    """(h, w) id of every pixel's plane; a user's own points have no pixels, and their planes any number."""
-    if matched.patches.source == "given":
+def _labels(joined: Joined, ids: set[int], image: Image | ImageInfo) -> NDArray[np.uint16]:
+    """(h, w) id of every pixel's plane, of those with these ids; a user's own points have no pixels."""
+    shown = [patch for patch in joined.patches if patch.id in ids]
+    if any(patch.source == "given" for patch in shown):
         return np.zeros((0, 0), np.uint16)
-    shown = [matched.footprints[i] for i, plane in zip(matched.answered, every, strict=True) if plane.id in ids]
-    return paint_labels(shown, ids, (image.height or 0, image.width or 0))
+    footprints = [patch.footprint for patch in shown]
+    return paint_labels(footprints, [patch.id for patch in shown], (image.height or 0, image.width or 0))
 
 
 def _info(image: Image | ImageInfo) -> ImageInfo:
@@ -149,13 +150,13 @@ def _options_dict(options: Options, source: Source) -> dict[str, object]:
     return values
 
 
-def _second_root(solution: Solution, matched: Matched, options: Options) -> Measured | None:
+def _second_root(solution: Solution, joined: Joined, options: Options) -> Measured | None:
     """The other root, measured against its own up, where there is one."""
     other = solution.ambiguity.alternative
-    return None if other is None else measure(other, matched, options)
+    return None if other is None else measure(other, joined, options)
 
 
-def _scale(solution: Solution, matched: Matched, up: Up, options: Options) -> tuple[Scale, float]:
+def _scale(solution: Solution, joined: Joined, up: Up, options: Options) -> tuple[Scale, float]:
     """The unit of lengths, and how many of it a baseline is."""
     if options.pose is not None:
         return Scale("m", "pose"), float(np.linalg.norm(options.pose.baseline_m))
@@ -164,9 +165,9 @@ def _scale(solution: Solution, matched: Matched, up: Up, options: Options) -> tu
     if options.altitude_m is None:
         return Scale(), 1.0
     drops, distances = [], []
-    for k in range(len(matched.answered)):
-        rays = homogeneous(matched.correspondences.x1[matched.correspondences.patch == k])
-        points = rays / (rays @ solution.scaled_normals[k])[:, None]
+    for patch, normal in zip(joined.patches, solution.scaled_normals, strict=True):
+        rays = homogeneous(patch.matches.x1)
+        points = rays / (rays @ normal)[:, None]
         drops.append(median(-points @ np.array(up.vector_cam1)))
         distances.append(median(np.linalg.norm(points, axis=1)))
     drop = median(drops)
@@ -190,9 +191,9 @@ def _motion(solution: Solution, length: float) -> Motion:
     )
 
 
-def _fit(solution: Solution, matched: Matched, camera2: Camera) -> Fit:
+def _fit(solution: Solution, joined: Joined, camera2: Camera) -> Fit:
     # the solver's noise is that of a match of weight one; reported is that of the median match
-    noise = solution.noise / float(np.sqrt(median(matched.weights)))
+    noise = solution.noise / float(np.sqrt(median(joined.weight)))
     return Fit(
         solver=solution.solver,
         refine="points",
@@ -218,17 +219,16 @@ def _mrad(residual: float, camera: Camera) -> float | None:
 
 
 def _plane(
-    k: int, main: Measured, other: Measured | None, matched: Matched, cameras: tuple[Camera, Camera], options: Options
+    k: int, main: Measured, other: Measured | None, joined: Joined, cameras: tuple[Camera, Camera], options: Options
 ) -> Plane:
     """Patch k, its lengths in baselines."""
-    solution, number = main.solution, matched.answered[k]
-    match = matched.matches[number]
-    member = matched.correspondences.patch == k
+    solution, patch = main.solution, joined.patches[k]
+    member = joined.on(k)
     kept = member & solution.inlier
     slope = main.numbers[k]
     inlier_share = float(kept.sum() / max(member.sum(), 1))
-    doubts = _doubts(match, matched.patches.noun, float(solution.relief[k]), inlier_share)
-    whole = matched.footprints[number].largest_share
+    doubts = _doubts(patch, float(solution.relief[k]), inlier_share)
+    whole = patch.footprint.largest_share
     if not doubts and whole < LEAST_WHOLE:
         doubts = [f"scattered: its largest piece is {beside(100 * whole, 100 * LEAST_WHOLE)} % of it"]
     if not solution.converged:  # planes share its motion, so none of them is better than it
@@ -241,19 +241,19 @@ def _plane(
     p_safe, p_other = float(main.p_safe[k]), None if rival is None else float(rival.p_safe[k])
     both_known = known and (rival is None or np.degrees(rival.slopes.sigma_rad[k]) <= options.max_sigma_deg)
     H = homography_of_plane(solution.R, solution.T, solution.scaled_normals[k])
-    rms = _rms(H, matched, kept)
+    rms = _rms(H, joined.matches.take(kept))
     return Plane(
-        id=matched.patches.id_of(number),
-        source=matched.patches.source,
-        polygon_px=matched.footprints[number].polygon_px,
+        id=patch.id,
+        source=patch.source,
+        polygon_px=patch.footprint.polygon_px,
         normal_cam1=surface_normals(solution)[k],
-        distance=signed_distance(solution.scaled_normals[k], matched.correspondences.x1[member]),
+        distance=signed_distance(solution.scaled_normals[k], patch.matches.x1),
         **slope,
         n_correspondences=int(member.sum()),
         n_inliers=int(kept.sum()),
         rms_px=_px(rms, cameras[1]),
         rms_mrad=_mrad(rms, cameras[1]),
-        roughness=_roughness(solution, k, matched.patches.source, options),
+        roughness=_roughness(solution, k, patch.source, options),
         homography_px=homography_in_pixels(H, cameras[0].K, cameras[1].K),
         verdict=judge(p_safe, p_other, both_known and not doubts, options.confidence),
         p_safe=p_safe if p_other is None else min(p_safe, p_other),
@@ -276,22 +276,22 @@ def _too_vague(sigma_deg: float, limit_deg: float) -> str:
     return f"sigma {beside(sigma_deg, limit_deg)}° is above --max-sigma {limit_deg:g}°"
 
 
-def _rms(H: FloatArray, matched: Matched, kept: BoolArray) -> float:
-    """RMS residual per coordinate of a plane's matches, normalised coordinates of image 2; NaN when none is kept."""
-    if not kept.any():
+def _rms(H: FloatArray, matches: Matches) -> float:
+    """RMS residual per coordinate of a plane's matches, normalised coordinates of image 2; NaN when there is none."""
+    if not len(matches):
         return float("nan")
-    y = homogeneous(matched.correspondences.x1[kept]) @ H.T
-    residual = y[:, :2] / y[:, 2:] - matched.correspondences.x2[kept]
+    y = homogeneous(matches.x1) @ H.T
+    residual = y[:, :2] / y[:, 2:] - matches.x2
     return float(np.sqrt((residual**2).mean()))
 
 
-def _doubts(match: WindowMatch, noun: str, roughness: float, inlier_share: float) -> list[str]:
+def _doubts(patch: Patch, roughness: float, inlier_share: float) -> list[str]:
     """Why the plane of a patch should not be leaned on; empty when there is nothing against it."""
-    if match.reason:  # borrowed, or of a user's own and not what they were said to be
-        return [match.reason]
-    if match.share < LEAST_SEEN:
-        return [f"only {beside(100 * match.share, 100 * LEAST_SEEN)} % of the {noun} could be matched"]
-    if roughness > ROUGH or match.left_out > MOST_LEFT_OUT or inlier_share < 1 - MOST_LEFT_OUT:
+    if patch.reason:  # borrowed, or of a user's own and not what they were said to be
+        return [patch.reason]
+    if patch.share < LEAST_SEEN:
+        return [f"only {beside(100 * patch.share, 100 * LEAST_SEEN)} % of the {patch.noun} could be matched"]
+    if roughness > ROUGH or patch.left_out > MOST_LEFT_OUT or inlier_share < 1 - MOST_LEFT_OUT:
         return [NON_PLANAR]
     return []
 
@@ -306,7 +306,7 @@ def _scaled(plane: Plane, scale: Scale, length: float) -> Plane:
 def _ambiguity(
     main: Measured,
     other: Measured | None,
-    matched: Matched,
+    joined: Joined,
     planes: tuple[Plane, ...],
     length: float,
     options: Options,
@@ -318,12 +318,10 @@ def _ambiguity(
     found = main.solution.ambiguity
     if other is None:
         return AmbiguityReport(found.status)
-    length = _second_length(other, matched, length, options)
+    length = _second_length(other, joined, length, options)
     by_id = {plane.id: plane for plane in planes}
-    every = [(k, matched.patches.id_of(i)) for k, i in enumerate(matched.answered)]
-    kept = [(k, by_id[number]) for k, number in every if number in by_id]
-    points = matched.correspondences
-    seconds = [second_plane(k, plane, other, points.x1[points.patch == k], length, options) for k, plane in kept]
+    kept = [(k, by_id[patch.id]) for k, patch in enumerate(joined.patches) if patch.id in by_id]
+    seconds = [second_plane(k, plane, other, joined.patches[k].matches.x1, length, options) for k, plane in kept]
     firsts = np.array([plane.slope_deg for _, plane in kept])
     ways = what_decides(main.solution, firsts, np.array([plane.slope_deg for plane in seconds]))
     return AmbiguityReport(
@@ -335,9 +333,9 @@ def _ambiguity(
     )
 
 
-def _second_length(other: Measured, matched: Matched, length: float, options: Options) -> float:
+def _second_length(other: Measured, joined: Joined, length: float, options: Options) -> float:
     """Of a baseline in the second answer: an altitude says something else of it there, or nothing at all."""
     try:
-        return _scale(other.solution, matched, other.up, options)[1]
+        return _scale(other.solution, joined, other.up, options)[1]
     except InputError:
         return length

@@ -11,7 +11,7 @@ from slopecli.geometry.solver.flatness import Flatness, flatness
 from slopecli.geometry.solver.priors import MotionPrior
 from slopecli.geometry.solver.solve import solve_planes
 from slopecli.patches.given.rows import FEWEST
-from slopecli.patches.join import Matched
+from slopecli.patches.join import Joined
 from slopecli.types import BoolArray, Solution
 
 MOST_LEFT_OUT = 0.25  # share of a patch's rows off its plane beyond which it is not one plane
@@ -29,7 +29,7 @@ class GivenSolution:
 
 
 def solve_given(
-    matched: Matched,
+    joined: Joined,
     solver: Literal["mle", "ha", "lh"],
     noise: float | None,
     prior: MotionPrior | None = None,
@@ -41,17 +41,16 @@ def solve_given(
 
     noise : 1-sigma of a coordinate of weight 1 in image 2, normalised; None estimates it.
     """
-    points = matched.correspondences
-    given = (points.x1, points.x2, points.patch)
-    exact = solve_planes(*given, solver, noise, weights=matched.weights, prior=prior)
-    counted = points.patch >= 0
-    total, kept = (np.bincount(points.patch[chosen]) for chosen in (counted, counted & exact.inlier))
+    given = (joined.matches.x1, joined.matches.x2, joined.plane)
+    exact = solve_planes(*given, solver, noise, weights=joined.weight, prior=prior)
+    counted = joined.plane >= 0
+    total, kept = (np.bincount(joined.plane[chosen]) for chosen in (counted, counted & exact.inlier))
     emptied = kept < (1 - MOST_LEFT_OUT) * total
     unchecked = (kept <= FEWEST) & (kept < total)
     if solver == "mle":
-        rough = solve_planes(*given, solver, noise, weights=matched.weights, prior=prior, relief=True)
-        seen = flatness(rough, *given, matched.weights)
+        rough = solve_planes(*given, solver, noise, weights=joined.weight, prior=prior, relief=True)
+        seen = flatness(rough, *given, joined.weight)
         # many mismatches upset the fit with relief, which takes them for noise
         if seen.off.any() and rough.noise <= exact.noise:
             return GivenSolution(rough, seen, emptied, unchecked)
-    return GivenSolution(exact, flatness(exact, *given, matched.weights), emptied, unchecked)
+    return GivenSolution(exact, flatness(exact, *given, joined.weight), emptied, unchecked)

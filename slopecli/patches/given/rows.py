@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
@@ -10,11 +10,11 @@ import numpy as np
 from slopecli.errors import InputError
 from slopecli.geometry.camera import rays_from_pixels
 from slopecli.geometry.statistics import median
+from slopecli.look.matches import Matches
 from slopecli.patches.footprint import Footprint
-from slopecli.patches.join import Matched
-from slopecli.patches.match import WindowMatch, no_match
-from slopecli.patches.patch_set import Patches
-from slopecli.types import BoolArray, Camera, Correspondences, FloatArray, IntArray
+from slopecli.patches.join import Joined
+from slopecli.patches.patch import Patch
+from slopecli.types import BoolArray, Camera, FloatArray, IntArray
 
 WIDEST_RAY = 5.0  # tangent
 RAYS = Camera(0, 0, 1.0, 1.0, 0.0, 0.0, source="rays")  # the camera whose pixels are rays, for who has none
@@ -61,8 +61,8 @@ def _refuse_pixels(given: Given, cameras: tuple[Camera, Camera]) -> None:
         )
 
 
-def matched_from(given: Given, cameras: tuple[Camera, Camera]) -> Matched:
-    """The correspondences as patches with matches; points of a patch that makes no plane constrain the motion only.
+def join_rows(given: Given, cameras: tuple[Camera, Camera]) -> Joined:
+    """The rows as patches with their matches; rows of a patch that makes no plane constrain the motion only.
 
     Raises
     ------
@@ -71,21 +71,18 @@ def matched_from(given: Given, cameras: tuple[Camera, Camera]) -> Matched:
     """
     _refuse_pixels(given, cameras)
     x1, x2 = (_rays(camera, xy) for camera, xy in zip(cameras, (given.xy1, given.xy2), strict=True))
-    labels = [int(label) for label in np.unique(given.patch[given.patch >= 0])]
-    rows = [given.patch == label for label in labels]
-    matches = [_match(given, x1, x2, mine) for mine in rows]
-    answered = [i for i, match in enumerate(matches) if match.origin == "own"]
+    matches = Matches(given.xy1, given.xy2, x1, x2)
+    weight = np.ones(len(matches)) if given.sigma is None else (median(given.sigma) / given.sigma) ** 2
+    labels = np.unique(given.patch[given.patch >= 0])
+    patches = [_patch(int(label), matches, weight, given.patch == label) for label in labels]
+    answered = [patch.id for patch in patches if patch.origin == "own"]
     if not answered:
         raise InputError(
             f"{given.path}: no patch has {FEWEST} rows off a line (found {len(labels)} patches in {len(x1)} rows); "
             "give the rows of a plane one number in the column patch"
         )
-    patch = np.full(len(x1), -1)
-    for k, i in enumerate(answered):
-        patch[rows[i]] = k
-    weights = np.ones(len(x1)) if given.sigma is None else (median(given.sigma) / given.sigma) ** 2
-    patches = Patches("given", [_hull(given.xy1[mine]) for mine in rows], matches, ids=labels)
-    return Matched(patches, answered, Correspondences(given.xy1, given.xy2, x1, x2, patch), weights)
+    outside = ~np.isin(given.patch, answered)
+    return Joined.of(patches, matches.take(outside), weight[outside])
 
 
 def _rays(camera: Camera, xy: FloatArray) -> FloatArray:
@@ -99,17 +96,16 @@ def _rays(camera: Camera, xy: FloatArray) -> FloatArray:
     return x
 
 
-def _match(given: Given, x1: FloatArray, x2: FloatArray, mine: BoolArray) -> WindowMatch:
-    n = int(mine.sum())
+def _patch(label: int, matches: Matches, weight: FloatArray, mine: BoolArray) -> Patch:
+    """The patch of one label with its rows (mask `mine`), or with none and the reason."""
+    own = matches.take(mine)
+    patch, n = Patch(label, "given", _hull(own.uv1)), len(own)
     if n < FEWEST:
-        return no_match(f"it has {n} row{'s' if n > 1 else ''}, and a plane needs {FEWEST}", "too-few-points")
-    spread = np.linalg.svd(x1[mine] - x1[mine].mean(axis=0), compute_uv=False)
+        return patch.unmatched(f"it has {n} row{'s' if n > 1 else ''}, and a plane needs {FEWEST}", "too-few-points")
+    spread = np.linalg.svd(own.x1 - own.x1.mean(axis=0), compute_uv=False)
     if spread[1] <= ON_A_LINE * spread[0]:
-        return no_match(f"its {n} rows lie on one line, which does not fix a plane", "too-few-points")
-    index = np.zeros((n, 2), np.int64)
-    return WindowMatch(
-        given.xy1[mine], given.xy2[mine], x1[mine], x2[mine], index, np.ones((n, 2)), "own", 1.0, 1.0
-    )  # fmt: skip
+        return patch.unmatched(f"its {n} rows lie on one line, which does not fix a plane", "too-few-points")
+    return replace(patch, matches=own, weight=weight[mine], origin="own", score=1.0, share=1.0)
 
 
 def _hull(points: FloatArray) -> Hull:

@@ -9,7 +9,6 @@ import cv2
 import numpy as np
 
 from slopecli.errors import NoAnswer
-from slopecli.geometry.camera import pixels_from_rays
 from slopecli.look.gradient_components import Labels
 from slopecli.look.noise import OVERVIEW_CELL_PX
 from slopecli.look.overview import CELL
@@ -17,14 +16,13 @@ from slopecli.look.scene import Scene
 from slopecli.options import Options
 from slopecli.patches.footprint import Footprint, region_footprints
 from slopecli.patches.labelling.scene_planes import label_scene_planes
-from slopecli.patches.match import WindowMatch
-from slopecli.patches.patch_set import Patches
-from slopecli.types import FloatArray, IntArray
+from slopecli.patches.patch import Found, Patch, weight_of
+from slopecli.types import IntArray
 
 LEAST_MATCHES = 12  # through fewer a plane is hardly more than chance
 
 
-def find_feature_planes(scene: Scene, options: Options) -> Patches:
+def find_feature_planes(scene: Scene, options: Options) -> Found:
     """Planes among the dense matches of the overview, largest first; a plane's footprint is where its matches lie.
 
     Raises
@@ -44,8 +42,7 @@ def find_feature_planes(scene: Scene, options: Options) -> Patches:
         )
     members = [np.flatnonzero(label == k) for k in kept]
     footprints = region_footprints(_painted(members, scene), scene.shape1)
-    matches = [_match(which, footprint, scene) for which, footprint in zip(members, footprints, strict=True)]
-    return Patches("ransac", footprints, matches)
+    return Found([_patch(k, *pair, scene) for k, pair in enumerate(zip(footprints, members, strict=True), 1)])
 
 
 def _cell_area(scene: Scene) -> float:
@@ -70,11 +67,10 @@ def _painted(members: list[IntArray], scene: Scene) -> Labels:
     return np.asarray(full[: scene.shape1[0], : scene.shape1[1]], np.int32)
 
 
-def _match(which: IntArray, footprint: Footprint, scene: Scene) -> WindowMatch:
+def _patch(number: int, footprint: Footprint, which: IntArray, scene: Scene) -> Patch:
     e = scene.evidence
     sigma = OVERVIEW_CELL_PX / float(scene.pyramid1.overview_scale.mean())
-    index = np.floor((e.uv1[which, ::-1] + 0.5) / np.sqrt(_cell_area(scene))).astype(np.int64)
+    cell = np.floor((e.uv1[which, ::-1] + 0.5) / np.sqrt(_cell_area(scene))).astype(np.int64)
     share = min(1.0, len(which) * _cell_area(scene) / max(footprint.area_px, 1))
-    uv2: FloatArray = pixels_from_rays(scene.camera2, e.x2[which])
-    variance = np.full((len(which), 2), sigma**2)
-    return WindowMatch(e.uv1[which], uv2, e.x1[which], e.x2[which], index, variance, "own", 1.0, share)
+    weight = weight_of(np.full(len(which), sigma**2))
+    return Patch(number, "ransac", footprint, e.take(which), weight, cell, "own", score=1.0, share=share)

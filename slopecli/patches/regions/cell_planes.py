@@ -10,9 +10,9 @@ from slopecli.geometry.epipolar import homogeneous
 from slopecli.geometry.motion import epipolar_residual, inverse_depth
 from slopecli.look.dense import Cells
 from slopecli.look.gradient_components import Labels, grown
+from slopecli.look.matches import pair_rays
 from slopecli.look.noise import DIFFERENCE_GREY
 from slopecli.look.scene import Scene, axis_variance
-from slopecli.look.sparse import pair_rays
 from slopecli.look.warp import Grid
 from slopecli.patches.labelling.energy import cover
 from slopecli.types import FloatArray, IntArray

@@ -26,7 +26,7 @@ from slopecli.look.transfer_error import Comparison
 from slopecli.look.warp import Grid
 from slopecli.options import Options
 from slopecli.patches.footprint import region_footprints
-from slopecli.patches.patch_set import Patches
+from slopecli.patches.patch import Found, Patch
 from slopecli.patches.regions.block_labels import BorderCost, enlarged, label_blocks, surroundings
 from slopecli.patches.regions.cell_planes import component_planes, fewest_planes, neighbourhood_planes, region_cells
 from slopecli.patches.regions.merging import Labelled, merged, refitted
@@ -45,7 +45,7 @@ LEAST_PIECE = 3e-4  # share of the image: smaller pieces of a plane are accident
 ROUNDS = ((4, 2, 0.4), (4, 2, 1.0), (4, 1, 1.0))
 
 
-def find_regions(scene: Scene, options: Options) -> Patches:
+def find_regions(scene: Scene, options: Options) -> Found:
     """Planes of the scene, largest first, each with its pixels and its own matches.
 
     Raises
@@ -65,10 +65,9 @@ def find_regions(scene: Scene, options: Options) -> Patches:
         _refuse_without(bool(found.planes), options)
         labels, cells = match_labelled(found.labels, found.planes, scene)
     labels = _borne_out(labels, cells, scene, options, rng)
-    footprints = region_footprints(labels, scene.shape1)
-    matches = match_regions(labels, cells, footprints, scene)
+    patches = [Patch(k, "region", footprint) for k, footprint in enumerate(region_footprints(labels, scene.shape1), 1)]
     segmentation = Segmentation(gradient, threshold, components, resized(labels, grid.shape))
-    return Patches("region", footprints, matches, segmentation)
+    return Found(match_regions(labels, cells, patches, scene), segmentation)
 
 
 def _borne_out(labels: Labels, cells: Cells, scene: Scene, options: Options, rng: np.random.Generator) -> Labels:

@@ -12,12 +12,12 @@ from slopecli.geometry.metrics import normal_angle
 from slopecli.geometry.motion import inverse_depth
 from slopecli.look.dense import Cells, dense_cells
 from slopecli.look.gradient_components import Labels, grown, resized
+from slopecli.look.matches import Matches
 from slopecli.look.scene import Scene, whole_grid
 from slopecli.look.transfer_error import NOWHERE, transferred
 from slopecli.look.warp import FloatImage, Grid
-from slopecli.patches.footprint import Footprint
-from slopecli.patches.match import WindowMatch, no_match
-from slopecli.patches.windows.matching import match_of_cells
+from slopecli.patches.patch import Patch
+from slopecli.patches.windows.matching import with_cells
 from slopecli.types import FloatArray
 
 MATCHED_PIXELS = 6.0e5  # of image 1 on which matches are measured
@@ -44,14 +44,13 @@ def match_labelled(labels: Labels, planes: list[FloatArray], scene: Scene) -> tu
     return labels, dense_cells(grid, mapping, scene.pyramid2, scene.shape2, CELL, finest=0)
 
 
-def match_regions(labels: Labels, cells: Cells, footprints: list[Footprint], scene: Scene) -> list[WindowMatch]:
-    """Matches of the cells that lie inside each region of the label map, or none with the reason.
+def match_regions(labels: Labels, cells: Cells, patches: list[Patch], scene: Scene) -> list[Patch]:
+    """The regions with the matches of the cells that lie inside them, or with none and the reason.
 
-    footprints : of the regions 1, 2, ..., in image 1.
+    patches : the regions 1, 2, ... of the label map, still without matches.
     """
     number = _own_label(labels, CELL)[tuple(cells.index.T)]
-    possible = [footprint.area_px * (cells.pixel_scale / CELL) ** 2 for footprint in footprints]
-    return [_match(cells.take(number == k), most, scene) for k, most in enumerate(possible, 1)]
+    return [_matched(patch, cells.take(number == patch.id), scene) for patch in patches]
 
 
 def _mapping(grid: Grid, labels: Labels, planes: list[FloatArray], scene: Scene) -> FloatImage:
@@ -75,28 +74,29 @@ def _own_label(labels: Labels, cell: int) -> NDArray[np.int32]:
     return np.where((share > OWN_SHARE) & ~mixed, most, 0)
 
 
-def _match(cells: Cells, possible: float, scene: Scene) -> WindowMatch:
-    match = match_of_cells(cells, scene, max(1.0, possible))
-    if match.origin == "none":
-        return no_match("too little texture: few of its pixels can be matched")
-    if not _spread(match.x1):
-        return no_match("its matches lie on a line, so they leave its tilt open")
-    if match.share < SCARCE_SHARE and match.score < FAINT_SCORE:
-        return no_match("too little texture: few of its pixels can be matched, and those agree poorly")
-    return replace(match, doubt_rad=match.doubt_rad + _repeated_rad(match, scene))
+def _matched(patch: Patch, cells: Cells, scene: Scene) -> Patch:
+    possible = patch.footprint.area_px * (cells.pixel_scale / CELL) ** 2
+    matched = with_cells(patch, cells, scene, max(1.0, possible))
+    if matched.origin == "none":
+        return patch.unmatched("too little texture: few of its pixels can be matched")
+    if not _spread(matched.matches.x1):
+        return patch.unmatched("its matches lie on a line, so they leave its tilt open")
+    if matched.share < SCARCE_SHARE and matched.score < FAINT_SCORE:
+        return patch.unmatched("too little texture: few of its pixels can be matched, and those agree poorly")
+    return replace(matched, tilt_sigma_rad=matched.tilt_sigma_rad + _repeated_rad(matched.matches, scene))
 
 
-def _repeated_rad(match: WindowMatch, scene: Scene) -> float:
+def _repeated_rad(matches: Matches, scene: Scene) -> float:
     """1-sigma of the tilt that flow leaves as it was: on faint texture it repeats the plane it started from.
 
     Matches that drift by REPEATED_PX along either axis of the region tilt its plane by this much, though its residuals
     show nothing of it.
     """
-    w, leverage = inverse_depth(scene.R, scene.T, match.x1, match.x2)
-    rays = homogeneous(match.x1)
+    w, leverage = inverse_depth(scene.R, scene.T, matches.x1, matches.x2)
+    rays = homogeneous(matches.x1)
     rows = rays * leverage[:, None]
     normal = np.asarray(np.linalg.lstsq(rows, w * leverage, rcond=None)[0], float)
-    centred = match.x1 - match.x1.mean(0)
+    centred = matches.x1 - matches.x1.mean(0)
     drift = centred @ np.linalg.svd(centred, full_matrices=False)[2].T
     drift *= REPEATED_PX / scene.camera2.focal_px / drift.std(0)
     tilts = np.asarray(np.linalg.lstsq(rows, drift, rcond=None)[0].T, float)

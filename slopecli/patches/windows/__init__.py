@@ -9,5 +9,6 @@ __getattr__, __dir__ = lazy_names(
         "coverage": "gaps_of",
         "matching": "match_window",
         "unmatched_parts": "bend_rad beside_rad stepped_rad unseen_rad",
+        "window_finder": "window_patch",
     },
 )

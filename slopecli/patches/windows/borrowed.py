@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
-from slopecli.geometry.camera import pixels_from_rays
 from slopecli.geometry.statistics import median
+from slopecli.look.matches import thin
 from slopecli.look.scene import Scene, view_of
-from slopecli.look.sparse import thin
 from slopecli.look.warp import covered
-from slopecli.patches.match import WindowMatch, no_match
+from slopecli.patches.patch import Patch, weight_of
 from slopecli.types import FloatArray, IntArray
 from slopecli.windows import Window
 
@@ -28,18 +29,18 @@ UNEXPLAINED_RAD = np.radians(20.0)  # doubt about the plane around a window that
 LONELY_RAD = np.radians(60.0)  # doubt about a borrowed plane that nothing around the window supports
 
 
-def borrow(window: Window, scene: Scene) -> WindowMatch:
-    """Matches of the plane the window most likely belongs to, or is parallel to, when none are found inside.
+def borrow(patch: Patch, scene: Scene) -> Patch:
+    """The window with the matches of the plane it most likely belongs to, or is parallel to, if none are found inside.
 
     That is the plane around it where most of what lies around agrees on one; else, amid clutter, the orientation
     that most of the scene shares. The doubt says how far the candidates disagree.
     """
-    return _from_around(window, scene) or _from_scene(window, scene) or _nothing(window, scene)
+    return _from_around(patch, scene) or _from_scene(patch, scene) or _nothing(patch, scene)
 
 
-def _from_around(window: Window, scene: Scene) -> WindowMatch | None:
+def _from_around(patch: Patch, scene: Scene) -> Patch | None:
     """Matches of the plane most of what lies around agrees on; None where it agrees on none, however far one looks."""
-    evidence = scene.evidence
+    evidence, window = scene.evidence, patch.window
     for grow in REACHES:
         near = evidence.near(window, grow)
         if near.sum() < MIN_NEAR:
@@ -51,14 +52,15 @@ def _from_around(window: Window, scene: Scene) -> WindowMatch | None:
         chosen = np.flatnonzero(near & (evidence.misfit_px(planes[best]) < ON_PLANE_PX))
         if len(chosen) >= MIN_CHOSEN and vote.sum() * share[best] >= MIN_SUPPORT and share[best] >= AGREED_SHARE:
             doubt = max(_disagreement(planes, share, best), LONELY_RAD * (1 - share[best]))
-            return _as_match(chosen, window, scene, planes[best], doubt, "this is the plane around it")
+            return _borrowed(chosen, patch, scene, planes[best], doubt, "this is the plane around it")
     return None
 
 
-def _from_scene(window: Window, scene: Scene) -> WindowMatch | None:
+def _from_scene(patch: Patch, scene: Scene) -> Patch | None:
     """Matches of the scene's plane of the most common orientation, near the window above all; None without one."""
     if not scene.planes:
         return None
+    window = patch.window
     near = scene.evidence.near(window, REACHES[-1])
     local = _shares(scene.planes, scene, near * _kinship(window, scene, REACHES[-1]))
     weight = local + _shares(scene.planes, scene, np.ones(len(scene.evidence)))
@@ -68,12 +70,12 @@ def _from_scene(window: Window, scene: Scene) -> WindowMatch | None:
         return None
     doubt = _disagreement(scene.planes, weight, best)
     words = "this is the orientation most of the scene shares, its distance is not the window's"
-    return _as_match(chosen, window, scene, scene.planes[best], doubt, words)
+    return _borrowed(chosen, patch, scene, scene.planes[best], doubt, words)
 
 
-def _nothing(window: Window, scene: Scene) -> WindowMatch:
-    code, reason = _why_not(window, scene, None)
-    return no_match(f"{reason}, and nothing around the window can be matched", code)
+def _nothing(patch: Patch, scene: Scene) -> Patch:
+    code, reason = _why_not(patch.window, scene, None)
+    return patch.unmatched(f"{reason}, and nothing around the window can be matched", code)
 
 
 def _shares(planes: list[FloatArray], scene: Scene, vote: FloatArray) -> FloatArray:
@@ -98,31 +100,23 @@ def _kinship(window: Window, scene: Scene, grow: float) -> FloatArray:
     return np.asarray(np.exp(-(offset**2)) * np.exp(-(contrast**2)))
 
 
-def _as_match(
-    chosen: IntArray, window: Window, scene: Scene, plane: FloatArray, doubt: float, words: str
-) -> WindowMatch:
-    evidence = scene.evidence
+def _borrowed(chosen: IntArray, patch: Patch, scene: Scene, plane: FloatArray, doubt: float, words: str) -> Patch:
+    evidence, window = scene.evidence, patch.window
     chosen = thin(evidence.uv1, chosen, MOST)
     spacing = max(max(window[2:]) / CELLS_ACROSS, 1.0)
-    index = np.round(evidence.uv1[chosen, ::-1] / spacing).astype(np.int64)
-    x2 = evidence.x2[chosen]
-    variance = np.full((len(chosen), 2), SIGMA_PX**2)
+    cell = np.round(evidence.uv1[chosen, ::-1] / spacing).astype(np.int64)
     code, reason = _why_not(window, scene, plane)
     if code == "poor-fit":  # had it been on this plane, it would have matched there
         doubt = max(doubt, UNEXPLAINED_RAD)
-    return WindowMatch(
-        uv1=evidence.uv1[chosen],
-        uv2=pixels_from_rays(scene.camera2, x2),
-        x1=evidence.x1[chosen],
-        x2=x2,
-        index=index,
-        variance_px=variance,
+    return replace(
+        patch,
+        matches=evidence.take(chosen),
+        weight=weight_of(np.full(len(chosen), SIGMA_PX**2)),
+        cell=cell,
         origin="borrowed",
-        score=0.0,
-        share=0.0,
         reason=f"{reason}: {words}",
         code=code,
-        doubt_rad=doubt,
+        tilt_sigma_rad=doubt,
     )
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 
 import numpy as np
 
@@ -12,15 +13,15 @@ from slopecli.geometry.plane_fit import robust_plane
 from slopecli.geometry.statistics import median
 from slopecli.look.dense import Cells, dense_cells
 from slopecli.look.evidence import Evidence
+from slopecli.look.matches import Matches, pair_rays
 from slopecli.look.noise import NOISE_GREY
 from slopecli.look.overview import CELL
 from slopecli.look.photometric import PlaneFit, align_plane, plane_map, sweep_planes
 from slopecli.look.scene import FINE_PX, Scene, axis_variance, view_of, window_grid
-from slopecli.look.sparse import pair_rays
-from slopecli.patches.match import WindowMatch, no_match, overdispersion
+from slopecli.patches.patch import Patch, overdispersion, weight_of
 from slopecli.patches.windows.borrowed import borrow
 from slopecli.patches.windows.direct_alignment import polish
-from slopecli.patches.windows.unmatched_parts import with_doubt_of_gaps
+from slopecli.patches.windows.unmatched_parts import with_unmatched_parts
 from slopecli.types import FloatArray
 from slopecli.windows import MIN_SIDE_PX, Window, inside_window
 
@@ -48,15 +49,15 @@ FAINT_SCORE, FAINT_RAD = 0.8, np.radians(10.0)
 CHANCE_SCORE, CLEAR_SCORE, GUESS_RAD = 0.8, 0.95, np.radians(30.0)
 
 
-def match_window(window: Window, scene: Scene) -> WindowMatch:
-    """Dense matches of one window, or those of the plane around it, or none with the reason."""
+def match_window(patch: Patch, scene: Scene) -> Patch:
+    """The window with its dense matches, or with those of the plane around it, or with none and the reason."""
     tried: list[FloatArray] = []
-    for normal in _first_ideas(window, scene):
-        match = _dense_match(window, scene, normal)
-        if match.origin == "own":
-            return match
+    for normal in _first_ideas(patch.window, scene):
+        matched = _densely_matched(patch, scene, normal)
+        if matched.origin == "own":
+            return matched
         tried.append(normal)
-    return _part(window, scene, tried) or borrow(window, scene)
+    return _part(patch, scene, tried) or borrow(patch, scene)
 
 
 def _first_ideas(window: Window, scene: Scene) -> Iterator[FloatArray]:
@@ -67,13 +68,13 @@ def _first_ideas(window: Window, scene: Scene) -> Iterator[FloatArray]:
     yield from search_plane(window, scene)
 
 
-def _part(window: Window, scene: Scene, tried: list[FloatArray]) -> WindowMatch | None:
+def _part(patch: Patch, scene: Scene, tried: list[FloatArray]) -> Patch | None:
     """Matches of the part of the window that image 2 shows, where that is enough to speak for it, else None."""
-    normal = scene.evidence.plane_through(scene.evidence.near(window, 0.0))
+    normal = scene.evidence.plane_through(scene.evidence.near(patch.window, 0.0))
     if normal is None or any(np.array_equal(normal, earlier) for earlier in tried):
         return None
-    match = _dense_match(window, scene, normal)
-    return match if match.share >= PART_SHARE else None
+    matched = _densely_matched(patch, scene, normal)
+    return matched if matched.share >= PART_SHARE else None
 
 
 def plane_from_overview(window: Window, scene: Scene) -> FloatArray | None:
@@ -135,29 +136,31 @@ def _informed(fit: PlaneFit) -> bool:
     return bool(np.degrees(sigma) * PIXEL_CORRELATION < INFORMED_DEG)
 
 
-def _dense_match(window: Window, scene: Scene, normal: FloatArray) -> WindowMatch:
+def _densely_matched(patch: Patch, scene: Scene, normal: FloatArray) -> Patch:
+    """The window with the matches of dense flow between it and image 2 pulled onto it by a plane."""
+    window = patch.window
     grid = window_grid(window, scene, FINE_PX, border=True)
     if min(grid.shape) < MIN_SIDE_PX:
-        return no_match("too few pixels")
+        return patch.unmatched("too few pixels")
     side = max(window[2:]) * grid.mean_scale
     cell = int(np.clip(side / 16, 4, 8))
     mapping = plane_map(grid, scene.rays1, scene.pixels2, scene.R, scene.T, normal)
     possible = max(1.0, window[2] * window[3] * float(np.prod(grid.scale)) / cell**2)
 
-    def matched(smoothings: int) -> WindowMatch:
+    def flow_matched(smoothings: int) -> Patch:
         cells = dense_cells(grid, mapping, scene.pyramid2, scene.shape2, cell, finest=0, smoothings=smoothings)
-        return match_of_cells(cells.take(inside_window(cells.uv1, window)), scene, possible)
+        return with_cells(patch, cells.take(inside_window(cells.uv1, window)), scene, possible)
 
-    match = matched(SMOOTHINGS)
-    if match.score < CLEAR_SCORE:
-        smooth = matched(FAINT_SMOOTHINGS)
+    matched = flow_matched(SMOOTHINGS)
+    if matched.score < CLEAR_SCORE:
+        smooth = flow_matched(FAINT_SMOOTHINGS)
         # a smooth flow reaches from the border of bare ground into it, where it is no match
-        match = smooth if match.origin == "own" or smooth.share >= PART_SHARE else match
-    return with_doubt_of_gaps(polish(match, window, scene, cell), match, window, scene)
+        matched = smooth if matched.origin == "own" or smooth.share >= PART_SHARE else matched
+    return with_unmatched_parts(polish(matched, scene, cell), matched, scene)
 
 
-def match_of_cells(cells: Cells, scene: Scene, possible: float) -> WindowMatch:
-    """Those of the cells that are well matched and on the patch's plane; `possible`: how many the patch holds."""
+def with_cells(patch: Patch, cells: Cells, scene: Scene, possible: float) -> Patch:
+    """The patch with those of the cells that are well matched and on its plane; `possible`: how many it could hold."""
     x1, x2, seen = pair_rays(scene.camera1, scene.camera2, cells.uv1, cells.uv2)
     focal = scene.camera2.focal_px
     variance = axis_variance(cells.information, cells.uv1, scene, FLOOR_PX, NOISE_GREY) / cells.pixel_scale**2
@@ -167,19 +170,26 @@ def match_of_cells(cells: Cells, scene: Scene, possible: float) -> WindowMatch:
     good[good] &= inverse_depth(scene.R, scene.T, x1[good], x2[good])[0] > 0
     share = float(good.sum() / possible)
     if good.sum() < MIN_CELLS or share < MIN_SHARE:
-        return no_match("too few matches")
+        return patch.unmatched("too few matches")
     w, leverage = inverse_depth(scene.R, scene.T, x1[good], x2[good])
     plane = robust_plane(x1[good], w, leverage, FLOOR_PX / focal / cells.pixel_scale)
     score = median(cells.agreement[good])
-    doubt = _poor_match_rad(share, score)
-    doubt += plane.doubt_rad(homogeneous(x1[good]) * leverage[:, None], w * leverage)
+    sigma = _poor_match_rad(share, score)
+    sigma += plane.doubt_rad(homogeneous(x1[good]) * leverage[:, None], w * leverage)
     keep = np.flatnonzero(good)[plane.inlier]
-    across = epipolar_residual(scene.R, scene.T, x1[keep], x2[keep]) * focal
-    variance = variance[keep] * overdispersion(across**2 / variance[keep, 1])
-    return WindowMatch(
-        cells.uv1[keep], cells.uv2[keep], x1[keep], x2[keep], cells.index[keep], variance, "own", score, share,
-        doubt_rad=doubt, left_out=1 - float(plane.inlier.mean()),
-    )  # fmt: skip
+    matches = Matches(cells.uv1, cells.uv2, x1, x2).take(keep)
+    across = epipolar_residual(scene.R, scene.T, matches.x1, matches.x2) * focal
+    return replace(
+        patch,
+        matches=matches,
+        weight=weight_of(variance[keep, 0] * overdispersion(across**2 / variance[keep, 1])),
+        cell=cells.index[keep],
+        origin="own",
+        score=score,
+        share=share,
+        tilt_sigma_rad=sigma,
+        left_out=1 - float(plane.inlier.mean()),
+    )
 
 
 def _poor_match_rad(share: float, score: float) -> float:

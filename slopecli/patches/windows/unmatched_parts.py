@@ -14,11 +14,10 @@ from slopecli.geometry.plane_fit import plane_products, planes_of_sums
 from slopecli.geometry.unmatched_tilt import BEND_RAD, lever
 from slopecli.look.evidence import Evidence
 from slopecli.look.scene import Scene
-from slopecli.patches.match import WindowMatch
+from slopecli.patches.patch import Patch
 from slopecli.patches.windows.contradiction import contradict
 from slopecli.patches.windows.coverage import Gaps, gaps_of
 from slopecli.types import FloatArray
-from slopecli.windows import Window
 
 STEP_PX, STEP_SHARE, LEAST_STEP = 1.0, 0.05, 6  # off the plane; of the window; matches of the overview
 STEP_FILLED = 0.5  # of the matches that might be around, from which on the window is matched there
@@ -32,24 +31,25 @@ BLOCK_CELLS = 4.0  # a block is at least so many spacings of matches wide
 BEND_COUNT = 3.0  # pairs of blocks that what is believed of the ground before it is seen is worth
 
 
-def with_doubt_of_gaps(match: WindowMatch, measured: WindowMatch, window: Window, scene: Scene) -> WindowMatch:
-    """The match, its doubt grown by what its window's parts without matches leave open; a borrowed one as it is.
+def with_unmatched_parts(patch: Patch, measured: Patch, scene: Scene) -> Patch:
+    """Add the tilt variance of the window's unmatched cells; a patch with borrowed matches stays as it is.
 
-    measured : its matches as they were found one by one, where it has since been aligned as a whole: alignment of a
-        window has a match everywhere, also where the window is something else.
+    measured : the patch with its matches as they were found one by one, where it has since been aligned as a whole:
+        alignment of a window has a match everywhere, also where the window is something else.
     """
-    if match.origin != "own":
-        return match
-    plane = _Plane.through(match, scene)
-    gaps = gaps_of(window, measured.uv1, measured.share)
+    if patch.origin != "own":
+        return patch
+    plane = _Plane.through(patch, scene)
+    gaps = gaps_of(patch.window, measured.matches.uv1, measured.share)
     against = max(
         beside_rad(gaps, plane.normal, scene.evidence, scene.camera1.focal_px),
         contradicted_rad(gaps, plane.normal, scene),
         stepped_rad(gaps, plane.normal, scene.evidence),
     )
-    height_px = _height_px(match.x1, plane.inverse, scene.camera1.focal_px)
+    height_px = _height_px(patch.matches.x1, plane.inverse, scene.camera1.focal_px)
     unseen = max(against, unseen_rad(gaps, height_px, scene.evidence))
-    return replace(match, doubt_rad=match.doubt_rad + unseen, unseen_rad=unseen, against_rad=against)
+    total = patch.tilt_sigma_rad + unseen
+    return replace(patch, tilt_sigma_rad=total, unmatched_sigma_rad=unseen, off_plane_sigma_rad=against)
 
 
 class _Plane(NamedTuple):
@@ -59,9 +59,9 @@ class _Plane(NamedTuple):
     inverse: FloatArray
 
     @classmethod
-    def through(cls, match: WindowMatch, scene: Scene) -> _Plane:
-        w, _ = inverse_depth(scene.R, scene.T, match.x1, match.x2)
-        return cls(np.asarray(np.linalg.lstsq(homogeneous(match.x1), w, rcond=None)[0]), w)
+    def through(cls, patch: Patch, scene: Scene) -> _Plane:
+        w, _ = inverse_depth(scene.R, scene.T, patch.matches.x1, patch.matches.x2)
+        return cls(np.asarray(np.linalg.lstsq(homogeneous(patch.matches.x1), w, rcond=None)[0]), w)
 
 
 def beside_rad(gaps: Gaps, normal: FloatArray, evidence: Evidence, focal1_px: float) -> float:

@@ -8,20 +8,19 @@ from slopecli.look.scene import Scene
 from slopecli.look.threads import single_threaded
 from slopecli.options import Options
 from slopecli.patches.footprint import window_footprint
-from slopecli.patches.match import WindowMatch
-from slopecli.patches.patch_set import Patches
+from slopecli.patches.patch import Found, Patch
 from slopecli.patches.windows.corners import match_window_corners
 from slopecli.patches.windows.matching import match_window
 from slopecli.windows import Window, check_windows, grid_windows
 
 # what `--features` names: the matcher of a window
-WINDOW_MATCHERS: dict[str, Callable[[Window, Scene], WindowMatch]] = {
+WINDOW_MATCHERS: dict[str, Callable[[Patch, Scene], Patch]] = {
     "sift": match_window,
     "foerstner": match_window_corners,
 }
 
 
-def find_in_windows(scene: Scene, options: Options) -> Patches:
+def find_in_windows(scene: Scene, options: Options) -> Found:
     """One patch a window, matched by itself, guided by what is known of the scene.
 
     Raises
@@ -31,8 +30,12 @@ def find_in_windows(scene: Scene, options: Options) -> Patches:
     windows = wanted_windows(options, scene.camera1.width, scene.camera1.height)
     match = WINDOW_MATCHERS[options.features]
     with single_threaded():
-        matches = [match(w, scene) for w in windows]
-    return Patches("window", [window_footprint(w) for w in windows], matches)
+        return Found([match(window_patch(window, k), scene) for k, window in enumerate(windows, 1)])
+
+
+def window_patch(window: Window, number: int = 1) -> Patch:
+    """The patch of a window, still without matches; `number`: its id."""
+    return Patch(number, "window", window_footprint(window))
 
 
 def wanted_windows(options: Options, width: int, height: int) -> list[Window]:
