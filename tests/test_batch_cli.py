@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import io
 import json
 import os
 import shutil
@@ -16,11 +17,13 @@ import click
 import cv2
 import pytest
 from command import Done, in_a_process, slopemap
+from rich.console import Console
 from test_cli import DESCENT
 
 from slopecli.batch import Outcome, Progress
 from slopecli.cli.batch_table import batch_table
-from slopecli.cli.progress import ProgressLine
+from slopecli.cli.progress import BatchProgress
+from slopecli.cli.table import draw_table
 from slopecli.cli.talk import Talk
 
 SCALE = 0.16
@@ -313,50 +316,84 @@ def test_progress_has_rate_time_left_and_failures(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     clock = Clock(monkeypatch)
-    line = ProgressLine(Talk())
+    progress = BatchProgress(Talk())
     clock.now += 20.0
-    line(progress_of(50, n_kept=40, failed=True))
+    progress(progress_of(50, n_kept=40, failed=True))
+    progress.interrupted()
     assert capsys.readouterr().err.splitlines() == [
         "warning: a-b: low-texture: nothing matches; look elsewhere",
         "50 of 100 pairs, 40 kept from before, 1 without an answer, 30.0 pairs/min, 1 min 40 s left",
+        "50 of 100 pairs done and kept; the same command again goes on with the rest",
     ]
-    assert line.so_far == "50 of 100 pairs"
 
 
 def test_a_log_gets_a_line_now_and_then_not_one_a_pair(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     clock = Clock(monkeypatch)
-    line = ProgressLine(Talk())
+    progress = BatchProgress(Talk())
     for done in range(1, 101):
         clock.now += 1.0
-        line(progress_of(done))
+        progress(progress_of(done))
     lines = capsys.readouterr().err.splitlines()
     assert [int(one.split()[0]) for one in lines] == list(range(10, 101, 10))
 
 
-def test_a_terminal_has_one_line_that_is_written_over(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    clock = Clock(monkeypatch)
-    monkeypatch.setattr("sys.stderr.isatty", lambda: True)
+class Terminal(io.StringIO):
+    def isatty(self) -> bool:
+        return True
+
+
+def terminal_on(monkeypatch: pytest.MonkeyPatch) -> Terminal:
+    """In place of stderr, 60 columns wide."""
+    screen = Terminal()
+    monkeypatch.setattr("sys.stderr", screen)
     monkeypatch.setenv("TERM", "xterm")
-    monkeypatch.setenv("COLUMNS", "30")
-    monkeypatch.setattr("slopecli.cli.talk.click.echo", lambda text, nl=True, err=True: shown.append((text, nl)))
-    shown: list[tuple[str, bool]] = []
-    line = ProgressLine(Talk())
+    monkeypatch.setenv("COLUMNS", "60")
+    monkeypatch.delenv("NO_COLOR", raising=False)
+    return screen
+
+
+def test_a_terminal_has_one_line_that_is_written_over(monkeypatch: pytest.MonkeyPatch) -> None:
+    clock, terminal = Clock(monkeypatch), terminal_on(monkeypatch)
+    progress = BatchProgress(Talk())
     for done in range(1, 4):
         clock.now += 0.2
-        line(progress_of(done))
-    line.erase()
-    assert len(shown) == 4
-    assert not any(new_line for _, new_line in shown)
-    assert all(text.startswith("\r\x1b[K") and len(text) < 35 for text, _ in shown)
-    assert shown[-1][0] == "\r\x1b[K"
+        progress(progress_of(done, failed=done == 2))
+    progress.close()
+    shown = click.unstyle(terminal.getvalue())
+    assert [done for done in range(1, 4) if f" {done} of 100 pairs" in shown] == [1, 2, 3]
+    assert shown.count("\n") == 2  # the warning, and the end of the bar's line, which is then erased
+    assert "warning: a-b: low-texture: nothing matches; look elsewhere\n" in shown
+    assert terminal.getvalue().rstrip().endswith("\x1b[2K")
 
 
-def test_titles_of_the_table_have_no_colour() -> None:
-    header, row = batch_table([Outcome("a-b", "a.png", "b.png", 0)]).splitlines()
+def test_a_terminal_that_is_gone_does_not_end_the_work(monkeypatch: pytest.MonkeyPatch) -> None:
+    clock, terminal = Clock(monkeypatch), terminal_on(monkeypatch)
+    progress = BatchProgress(Talk(verbose=True))
+
+    def gone(_: str) -> int:
+        raise OSError(5, "Input/output error")
+
+    monkeypatch.setattr(terminal, "write", gone)
+    for done in range(1, 4):
+        clock.now += 0.2
+        progress(progress_of(done))
+    progress.close()
+
+
+def test_quiet_has_no_progress(monkeypatch: pytest.MonkeyPatch) -> None:
+    terminal = terminal_on(monkeypatch)
+    progress = BatchProgress(Talk(quiet=True))
+    progress(progress_of(1, failed=True))
+    progress.close()
+    assert terminal.getvalue() == ""
+
+
+def test_a_word_of_the_titles_is_no_verdict() -> None:
+    screen = io.StringIO()
+    draw_table(batch_table([Outcome("a-b", "a.png", "b.png", 0)]), [], Console(file=screen, force_terminal=True))
+    header, row, *_ = screen.getvalue().splitlines()
     assert header == click.unstyle(header)
     assert row != click.unstyle(row)
 
@@ -381,6 +418,6 @@ def test_the_table_has_both_answers_of_a_pair() -> None:
         "a-b", "a.png", "b.png", 0, steepest_deg=51.1, steepest_sigma_deg=0.04, steepest_other_deg=13.07,
         steepest_other_sigma_deg=0.03, ambiguity="unresolved",
     )  # fmt: skip
-    _, row = batch_table([outcome]).splitlines()
+    _, row = batch_table([outcome]).lines()
     assert "  13.07 ± 0.03° or 51.10 ± 0.04°  " in row
     assert row.endswith("two answers")

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import itertools
 import json
 import os
 import re
 import shutil
 import subprocess
 import sys
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -50,6 +52,26 @@ def test_help_answers_at_once(arguments: list[str]) -> None:
         return after.children_user + after.children_system - before.children_user - before.children_system
 
     assert min(seconds() for _ in range(7)) < 0.2
+
+
+@pytest.mark.parametrize("command", commands.commands)
+def test_help_is_in_groups_and_no_longer_than_a_person_reads(command: str) -> None:
+    lines = slopemap(command, "--help", COLUMNS="80").stdout.splitlines()
+    headings = [line for line in lines if re.fullmatch(r"[A-Z][a-z ]+:", line)]
+    assert headings[-1] == "General:"
+    assert {"Input:", "Output:", "Windows and planes:", "Frame and scale:"} & set(headings)
+    longest = max(len(list(lines_of_option)) for is_option, lines_of_option in option_lines(lines) if is_option)
+    assert longest <= 4
+    assert len(lines) <= (70 if command != "batch" else 90)
+
+
+def option_lines(lines: list[str]) -> Iterator[tuple[bool, Iterator[str]]]:
+    """Lines of a help text, those of one option together."""
+    number = itertools.accumulate(line.startswith("  -") for line in lines)
+    numbered = itertools.groupby(zip(number, lines, strict=True), key=lambda pair: pair[0])
+    for _, group in numbered:
+        block = [line for _, line in group]
+        yield block[0].startswith("  -"), itertools.takewhile(bool, block)
 
 
 def test_a_misspelt_command_is_a_usage_error() -> None:
@@ -359,7 +381,7 @@ def test_an_earlier_answer_survives_a_failed_run(tmp_path: Path) -> None:
 def test_colour_on_a_terminal_unless_declined(declined: bool, tmp_path: Path) -> None:
     pty = pytest.importorskip("pty")
     reader, writer = pty.openpty()
-    environment = {key: value for key, value in os.environ.items() if key != "NO_COLOR"}
+    environment = {key: value for key, value in os.environ.items() if key != "NO_COLOR"} | {"TERM": "xterm"}
     done = subprocess.run(
         [sys.executable, "-m", "slopecli", "estimate", *PAIR, *CAMERA, "-o", str(tmp_path), "-q"],
         stdout=writer,
@@ -368,4 +390,13 @@ def test_colour_on_a_terminal_unless_declined(declined: bool, tmp_path: Path) ->
     )
     os.close(writer)
     assert done.returncode == 0
-    assert (b"\x1b[" in os.read(reader, 65536)) is not declined
+    shown = os.read(reader, 65536).decode()
+    assert ("\x1b[" in shown) is not declined
+    assert [line.split()[0] for line in shown.splitlines()] == ["id", *map(str, range(1, 10))]
+
+
+def test_a_pipe_needs_no_library_for_terminals() -> None:
+    command = [sys.executable, "-X", "importtime", "-m", "slopecli", "estimate", *PAIR, *CAMERA, "--json"]
+    done = subprocess.run(command, capture_output=True, text=True, encoding="utf-8", check=True)
+    assert "slopecli.pipeline\n" in done.stderr
+    assert not re.search(r"\| +rich", done.stderr)

@@ -13,7 +13,7 @@ from slopecli.errors import DegenerateConfiguration, InputError, NoAnswer
 
 
 def command_that(body: Callable[[], object]) -> click.Command:
-    return click.command()(talk_options(lambda: body()))
+    return click.command(params=[*talk_options()])(lambda: body())
 
 
 def raises(error: BaseException) -> click.Command:

@@ -2,19 +2,29 @@
 
 from __future__ import annotations
 
+import io
 import re
 from dataclasses import replace
+from typing import Any
 
-import click
 import pytest
 from report_factory import make_ambiguity, make_region_report, make_report
+from rich.console import Console
 
-from slopecli.cli.table import result_table, talk_lines
+from slopecli.cli.report_table import result_table, talk_lines
+from slopecli.cli.table import Table, draw_table
 from slopecli.types import Rejected, Scale, Source, Up
 
 
-def rows_of(table: str) -> list[str]:
-    return click.unstyle(table).splitlines()[1:]
+def rows_of(table: Table) -> list[str]:
+    return list(table.lines())[1:]
+
+
+def drawn(table: Table, width: int = 120, **console: Any) -> str:
+    """A table as a terminal of that width shows it."""
+    screen = io.StringIO()
+    draw_table(table, ["a line below"], Console(file=screen, force_terminal=True, width=width, **console))
+    return screen.getvalue()
 
 
 def test_windows_come_in_the_order_of_ids_with_those_refused_among_them() -> None:
@@ -26,7 +36,7 @@ def test_windows_come_in_the_order_of_ids_with_those_refused_among_them() -> Non
 
 
 def test_columns_line_up() -> None:
-    lines = click.unstyle(result_table(make_report())).splitlines()
+    lines = list(result_table(make_report()).lines())
     assert len({line.index("°") for line in lines[1:9]}) == 1
     assert len({line.index(word) for line in lines[1:9] for word in ("safe", "undecided") if f" {word}" in line}) <= 2
     assert all(line == line.rstrip() for line in lines)
@@ -88,18 +98,32 @@ def test_an_unresolved_plane_has_both_slopes() -> None:
     for row, plane, other in zip(rows_of(result_table(doubtful)), doubtful.planes, others, strict=False):
         assert f"  {plane.slope_deg:.2f} ± {plane.slope_sigma_deg:.2f}° or {other.slope_deg:.2f} ± 0.70°  " in row
     resolved = replace(doubtful, ambiguity=replace(doubtful.ambiguity, status="resolved"))
-    assert "  or " not in result_table(resolved)
+    assert not any(" or " in row for row in rows_of(result_table(resolved)))
 
 
 def test_roughness_has_its_unit_once_there_is_a_scale() -> None:
     metric = make_report(scale=Scale("m", "altitude"))
-    assert "0.0040 m" in result_table(metric)
-    assert "0.0040 m" not in result_table(make_report())
+    assert any("0.0040 m" in row for row in rows_of(result_table(metric)))
+    assert not any("0.0040 m" in row for row in rows_of(result_table(make_report())))
 
 
-def test_verdicts_differ_by_colour_too() -> None:
-    codes = dict(re.findall(r"\x1b\[(\d+)m(safe|unsafe|undecided)", result_table(make_report())))
+def test_a_terminal_shows_verdicts_in_colours() -> None:
+    table = result_table(make_report())
+    codes = dict(re.findall(r"\x1b\[(\d+)m(safe|unsafe|undecided)", drawn(table)))
     assert sorted(codes.values()) == ["safe", "undecided", "unsafe"]
+    assert "\x1b" not in drawn(table, no_color=True) + "".join(table.lines())
+
+
+@pytest.mark.parametrize("width", [20, 80, 200])
+def test_a_terminal_of_any_width_shows_every_cell_and_wraps_the_note_alone(width: int) -> None:
+    note = "poor: [red] and /a/path/without/spaces " + "and more " * 9
+    table = Table(("id", "slope", "note"), [("1", "30.77 ± 0.06°", ""), ("2", "unknown (± 24°)", note)])
+    lines = drawn(table, width, no_color=True).splitlines()
+    assert lines[1].rstrip() == " 1    30.77 ± 0.06°"
+    words = " ".join(line[len(" 2  unknown (± 24°)  ") :] for line in lines[2:-1])
+    assert re.sub(r"\s", "", words) == re.sub(r"\s", "", note)
+    assert lines[-1] == "a line below"
+    assert max(map(len, lines)) <= max(width, 41)
 
 
 @pytest.mark.parametrize(
@@ -147,7 +171,7 @@ REGIONS = make_region_report()
 
 
 def test_planes_found_have_a_kind_and_a_share_of_the_image() -> None:
-    header, *rows = click.unstyle(result_table(REGIONS)).splitlines()
+    header, *rows = result_table(REGIONS).lines()
     assert header.split()[:4] == ["id", "what", "image", "slope"]
     for row, plane in zip(rows, REGIONS.planes, strict=True):
         cells = re.split(r"\s{2,}", row.strip())

@@ -130,7 +130,7 @@ def test_windows_refused_and_second_answers_are_said() -> None:
     assert re.search(r"^ 1 +- +- +\d+ %  no answer: image 2 does not show its ground$", far.stdout, re.MULTILINE)
     flat = slopemap("plan", *FLIGHT, "--roughness", "0")
     assert re.search(
-        r"^sigma: .* in the median, for who knows which of two answers is right$", flat.stdout, re.MULTILINE
+        r"^sigma: .* in the median, if it is known which of two answers is right$", flat.stdout, re.MULTILINE
     )
     assert re.search(r"^two answers: likely \(.*\); the first by itself is off by \d\d°$", flat.stdout, re.MULTILINE)
     assert "warning: single-plane: two answers are likely" in flat.stderr
@@ -148,7 +148,7 @@ def test_windows_shown_in_part_say_what_the_rest_adds() -> None:
     assert re.search(r"± \d\.\d° for the rest of it$", lines[1])
     assert re.search(r"100 %$", lines[2])
     assert lines[-1] == (
-        "the rest: sigma is of what image 2 shows of a window; estimate adds doubt for what it does not show"
+        "the rest: sigma is for the part of a window that image 2 shows; estimate adds uncertainty for the rest"
     )
     assert "the rest" not in slopemap(*level[:-1], "0.005").stdout
 

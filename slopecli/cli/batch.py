@@ -6,27 +6,23 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from slopecli.cli.pair import CAMERA_FLAGS, camera_choice, check_planes
-from slopecli.cli.parameter_types import PATH, POSITIVE, Pairing
-from slopecli.cli.progress import ProgressLine
-from slopecli.cli.shared_options import (
+from slopecli.cli import shared_options as shared
+from slopecli.cli.batch_table import batch_table, dry_table
+from slopecli.cli.checks import (
+    CAMERA_FLAGS,
     at_most_one,
-    camera_options,
+    camera_choice,
     check_known_motion,
-    file_options,
-    finder_options,
-    frame_options_with,
+    check_planes,
     given,
     options_from,
-    prior_options,
-    region_options,
-    scale_options,
-    solving_options,
-    talk_options_with,
-    verdict_options,
-    window_options,
+    refuse,
 )
-from slopecli.cli.talk import Talk, print_result
+from slopecli.cli.groups import Command, Flag, Option
+from slopecli.cli.parameter_types import PATH, POSITIVE, Pairing
+from slopecli.cli.progress import BatchProgress
+from slopecli.cli.table import print_table
+from slopecli.cli.talk import Talk
 from slopecli.orders import CameraChoice
 
 if TYPE_CHECKING:
@@ -35,64 +31,59 @@ if TYPE_CHECKING:
 
 SOME_WITHOUT_ANSWER = 4
 SEGMENT = {"planes": "regions", "up": "dominant-plane"}  # what `slopemap segment` does differently
+PAIRS, WORKERS = "Pairs", "Workers"
+
+pair_options = (
+    Option(
+        PAIRS,
+        "--pairing",
+        "HOW|FILE.csv",
+        Pairing(),
+        "Each image with the next (consecutive) or the N-th after it (stride); a pair a folder (folders); or a list of "
+        "rows image1,image2[,camera1,camera2]",
+        "consecutive",
+    ),
+    Option(PAIRS, "--stride", "N", click.IntRange(1), "For stride: how many images further"),
+    Option(PAIRS, "--command", None, click.Choice(["estimate", "segment"]), "What is done with each pair", "estimate"),
+    Flag(PAIRS, "--dry-run", "List pairs and cameras; write nothing"),
+)
+worker_options = (
+    Option(WORKERS, "--jobs", "N", click.IntRange(1), "Worker processes", shown="one per core"),
+    Option(WORKERS, "--timeout timeout_s", "SECONDS", POSITIVE, "Give up a pair that takes longer", shown="none"),
+    Option(WORKERS, "--memory memory_gb", "GB", POSITIVE, "Give up a pair that needs more memory", shown="no limit"),
+    Option(WORKERS, "--cluster", "ADDRESS", None, "A Dask cluster instead, say tcp://head:8786"),
+    Flag(WORKERS, "--ship", "Send images to the cluster, fetch its files"),
+)
 
 
-@click.command()
+@click.command(
+    cls=Command,
+    params=[
+        *pair_options,
+        *shared.camera_options,
+        Option(shared.OUTPUT, "-o --output", "DIR", PATH, "Folder for the results; optional with --dry-run"),
+        *shared.file_options,
+        *worker_options,
+        *shared.window_options,
+        *shared.finder_options,
+        *shared.region_options,
+        *shared.frame_options("camera", "camera; segment: dominant-plane"),
+        *shared.scale_options,
+        *shared.prior_options,
+        *shared.decision_options,
+        *shared.solver_options,
+        *shared.matching_options,
+        *shared.talk_options("A line for every pair"),
+    ],
+)
 @click.argument("folder", type=PATH)
-@click.option(
-    "-o", "--output", metavar="DIR", type=PATH, help="Where the files go, made if need be. Required but for --dry-run."
-)
-@click.option(
-    "--pairing",
-    metavar="consecutive|stride|folders|FILE.csv",
-    type=Pairing(),
-    default="consecutive",
-    show_default=True,
-    help="Each image with the next one, in natural order; with the N-th after it, see --stride; every folder in FOLDER "
-    "one pair; or a list: two images a row, relative to FOLDER, and if need be camera1,camera2.",
-)
-@click.option("--stride", metavar="N", type=click.IntRange(1), help="For --pairing stride: how many images further.")
-@click.option(
-    "--command",
-    type=click.Choice(["estimate", "segment"]),
-    default="estimate",
-    show_default=True,
-    help="What is done with each pair. All options below are those of that command.",
-)
-@click.option("--dry-run", is_flag=True, help="List the pairs and their cameras, and write nothing.")
-@click.option("--jobs", metavar="N", type=click.IntRange(1), help="Worker processes.  [default: one per core]")
-@click.option(
-    "--timeout",
-    "timeout_s",
-    metavar="SECONDS",
-    type=POSITIVE,
-    help="Give a pair up that takes longer; none by default.",
-)
-@click.option(
-    "--memory", "memory_gb", metavar="GB", type=POSITIVE, help="Give a pair up that needs more; no bound by default."
-)
-@click.option("--cluster", metavar="ADDRESS", help="Work on this Dask cluster instead, for example tcp://head:8786.")
-@click.option(
-    "--ship", is_flag=True, help="For --cluster: send images and fetch files, where it does not see the disk."
-)
-@camera_options
-@file_options
-@finder_options
-@window_options
-@region_options
-@frame_options_with("camera", "camera; with --command segment dominant-plane")
-@scale_options
-@prior_options
-@verdict_options
-@solving_options
-@talk_options_with("Every pair as it is done.")
 @click.pass_context
 def batch(ctx: click.Context, folder: str, **parameters: Any) -> None:
     """Every pair of images in FOLDER, each answered as by estimate or segment.
 
-    Prints one line per pair. DIR gets a folder per pair with the files of that command, a table of all (summary.csv),
-    the same for programs (results.jsonl) and a page to look at (index.html). Without a camera option a camera file is
-    looked for beside the images. Stop it when you like: the same command again goes on where it stopped.
+    Prints a table. DIR gets a folder for each pair, a table of all (summary.csv, results.jsonl) and a page to look at
+    (index.html). Without a camera option, a camera file beside the images is used. After a stop, the same command
+    continues with the pairs that are left.
 
     \b
     Example:
@@ -106,12 +97,10 @@ def batch(ctx: click.Context, folder: str, **parameters: Any) -> None:
     for note in found.notes:
         talk.say(note)
     if parameters["dry_run"]:
-        from slopecli.cli.batch_table import dry_table
-
-        print_result(dry_table(found.pairs))
+        print_table(dry_table(found.pairs))
         return
     outcomes = _run(found, parameters, talk)
-    _deliver(outcomes, parameters["output"], talk)
+    _print(outcomes, parameters["output"], talk)
     if any(outcome.exit_status for outcome in outcomes):
         ctx.exit(SOME_WITHOUT_ANSWER)
 
@@ -121,24 +110,25 @@ def _check_usage(ctx: click.Context) -> None:
     at_most_one(ctx, "grid", "windows")
     check_known_motion(ctx)
     at_most_one(ctx, "jobs", "cluster")
-    segment = ctx.params["command"] == "segment"
+    segment, stride = ctx.params["command"] == "segment", ctx.params["pairing"] == "stride"
     check_planes(ctx, SEGMENT["planes"] if segment else ctx.params["planes"])
-    for wrong, complaint in (
-        (segment and given(ctx, "planes"), "--planes is for --command estimate; leave one out."),
-        (given(ctx, "camera2") and not given(ctx, *CAMERA_FLAGS), "--camera2 is without --camera; give both."),
-        (given(ctx, "ship") and not given(ctx, "cluster"), "--ship is for --cluster ADDRESS; leave it out."),
-        (ctx.params["pairing"] == "stride" and not given(ctx, "stride"), "--pairing stride needs --stride N."),
-        (
-            ctx.params["pairing"] != "stride" and given(ctx, "stride"),
-            "--stride is for --pairing stride; leave one out.",
-        ),
-        (
-            not given(ctx, "output", "dry_run"),
-            "Nowhere to put the answers: give -o DIR, or --dry-run to list the pairs.",
-        ),
-    ):
-        if wrong:
-            raise click.UsageError(complaint, ctx)
+    refuse(
+        ctx,
+        [
+            (segment and given(ctx, "planes"), "--planes is for --command estimate; leave one out."),
+            (
+                given(ctx, "camera2") and not given(ctx, *CAMERA_FLAGS),
+                "--camera2 is without --camera; give both.",
+            ),
+            (given(ctx, "ship") and not given(ctx, "cluster"), "--ship is for --cluster ADDRESS; leave it out."),
+            (stride and not given(ctx, "stride"), "--pairing stride needs --stride N."),
+            (not stride and given(ctx, "stride"), "--stride is for --pairing stride; leave one out."),
+            (
+                not given(ctx, "output", "dry_run"),
+                "Nowhere to put the answers: give -o DIR, or --dry-run to list the pairs.",
+            ),
+        ],
+    )
 
 
 def _find_pairs(folder: str, parameters: dict[str, Any]) -> FoundPairs:
@@ -171,22 +161,20 @@ def _run(found: FoundPairs, parameters: dict[str, Any], talk: Talk) -> list[Outc
 
     keep = kept_choices(parameters)
     how = {name: parameters[name] for name in ("jobs", "timeout_s", "memory_gb", "cluster", "ship")}
-    progress = ProgressLine(talk)
+    progress = BatchProgress(talk)
     try:
         return run(found.pairs, options_from(parameters), keep, parameters["output"], **how, on_progress=progress)
     except KeyboardInterrupt:
-        progress.say(f"{progress.so_far} done and kept; the same command again goes on with the rest")
+        progress.interrupted()
         raise
     finally:
-        progress.erase()
+        progress.close()
 
 
-def _deliver(outcomes: list[Outcome], output: str, talk: Talk) -> None:
+def _print(outcomes: list[Outcome], output: str, talk: Talk) -> None:
     from pathlib import Path
 
-    from slopecli.cli.batch_table import batch_table
-
-    print_result(batch_table(outcomes))
+    print_table(batch_table(outcomes))
     failed = sum(outcome.exit_status != 0 for outcome in outcomes)
     pairs = "1 pair" if len(outcomes) == 1 else f"{len(outcomes)} pairs"
     talk.say(f"{pairs}: {len(outcomes) - failed} answered, {failed} without an answer")

@@ -1,10 +1,10 @@
-"""The tables of `slopemap batch` on stdout: what became of every pair, or which pairs there would be."""
+"""The tables of `slopemap batch`: the result of every pair, or the pairs that would be compared."""
 
 from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from slopecli.cli.table import aligned
+from slopecli.cli.table import Table
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -15,14 +15,14 @@ HEADER = ("pair", "result", "steepest", "safe", "unsafe", "undecided", "poor", "
 DRY_HEADER = ("pair", "image 1", "image 2", "camera", "note")
 
 
-def batch_table(outcomes: Sequence[Outcome]) -> str:
-    """One line per pair in their order; counts are of windows or planes, slopes in degrees."""
-    return "\n".join(aligned(HEADER, [_cells(outcome) for outcome in outcomes]))
+def batch_table(outcomes: Sequence[Outcome]) -> Table:
+    """A row for each pair in their order; counts are of windows or planes, slopes in degrees."""
+    return Table(HEADER, [_cells(outcome) for outcome in outcomes])
 
 
-def dry_table(pairs: Sequence[Pair]) -> str:
-    """One line per pair that would be compared."""
-    return "\n".join(aligned(DRY_HEADER, [_dry_cells(pair) for pair in pairs]))
+def dry_table(pairs: Sequence[Pair]) -> Table:
+    """A row for each pair that would be compared."""
+    return Table(DRY_HEADER, [_dry_cells(pair) for pair in pairs])
 
 
 def _cells(outcome: Outcome) -> tuple[str, ...]:
@@ -40,14 +40,14 @@ def _cells(outcome: Outcome) -> tuple[str, ...]:
 
 
 def _steepest(outcome: Outcome) -> str:
-    """In either answer, where two are left."""
+    """The steepest slope and its sigma, for each of the motions that remain."""
     texts = [f"{slope:.2f} ± {'-' if sigma is None else f'{sigma:.2f}'}°" for slope, sigma in outcome.steepest]
     return " or ".join(texts) or "-"
 
 
 def _note(outcome: Outcome) -> str:
-    doubt = ["two answers"] if outcome.ambiguity == "unresolved" else []
-    return ", ".join([*doubt, *dict.fromkeys(outcome.diagnostics)])
+    ambiguous = ["two answers"] if outcome.ambiguity == "unresolved" else []
+    return ", ".join([*ambiguous, *dict.fromkeys(outcome.diagnostics)])
 
 
 def _dry_cells(pair: Pair) -> tuple[str, ...]:

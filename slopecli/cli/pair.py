@@ -1,4 +1,4 @@
-"""What the commands on one pair do, once their options are read: load, solve, write, print."""
+"""The body of `slopemap estimate` and `slopemap segment`: load a pair, solve it, write and print the report."""
 
 from __future__ import annotations
 
@@ -7,61 +7,50 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from slopecli.cli.memory import keep_freed_memory
-from slopecli.cli.shared_options import at_most_one, check_known_motion, given, options_from
-from slopecli.cli.table import result_table, talk_lines
-from slopecli.cli.talk import Talk, print_result
-from slopecli.orders import CameraChoice
+from slopecli.cli.checks import (
+    CAMERA_FLAGS,
+    at_most_one,
+    camera_choice,
+    check_known_motion,
+    check_planes,
+    given,
+    options_from,
+    refuse,
+)
+from slopecli.cli.report_table import print_report
+from slopecli.cli.talk import Talk
 
 if TYPE_CHECKING:
     from slopecli.types import Camera, Image, Report
 
-CAMERA_FLAGS = ("camera", "intrinsics", "fov")
-# options that only some finders of planes have a use for, and which
-FINDERS_WITH = {
-    ("windows",): ("grid", "windows"),
-    ("ransac", "regions"): ("min_region_percent",),
-    ("regions",): ("gradient_threshold", "merge_px", "debug_images"),
-}
-
 
 def answer_pair(ctx: click.Context, image1: str, image2: str, parameters: dict[str, Any]) -> None:
-    """One pair from files to files, and a table or JSON on stdout."""
+    """Estimate one pair: files in, files out, a table or JSON on stdout."""
     _check_usage(ctx)
-    keep_freed_memory()
     talk = ctx.ensure_object(Talk)
     if parameters["output"]:
-        _check_output(parameters["output"])
+        from slopecli.io.outputs import check_directory
+
+        check_directory(parameters["output"])
     images = _load_images(image1, image2, talk)
     cameras = _load_cameras(images, parameters, talk)
-    report = _solve(images, cameras, parameters, talk)
-    _deliver(report, images[0], parameters, talk)
+
+    from slopecli.pipeline import estimate
+
+    report = estimate(*images, *cameras, options_from(parameters), on_stage=talk.stage)
+    written = _write(report, images[0], parameters, talk)
+    print_report(report, written, talk, as_json=parameters["as_json"])
 
 
 def _check_usage(ctx: click.Context) -> None:
     at_most_one(ctx, *CAMERA_FLAGS)
     at_most_one(ctx, "grid", "windows")
     check_known_motion(ctx)
-    if not given(ctx, *CAMERA_FLAGS):
-        raise click.UsageError("No camera: give --camera FILE, --intrinsics FX,FY,CX,CY or --fov DEG.", ctx)
+    no_camera = "No camera: give --camera FILE, --intrinsics FX,FY,CX,CY or --fov DEG."
+    refuse(ctx, [(not given(ctx, *CAMERA_FLAGS), no_camera)])
     check_planes(ctx, ctx.params.get("planes", "regions"))
-    if not given(ctx, "output", "as_json"):
-        raise click.UsageError("Nowhere to put the answer: give -o DIR, or --json to print it.", ctx)
-
-
-def check_planes(ctx: click.Context, finder: str) -> None:
-    """Refuse options of one finder of planes together with another finder."""
-    for finders, names in FINDERS_WITH.items():
-        flags = given(ctx, *names)
-        if flags and finder not in finders:
-            wanted = " or ".join(finders)
-            raise click.UsageError(f"{flags[0]} is for --planes {wanted}, not for {finder}; leave one out.", ctx)
-
-
-def _check_output(folder: str) -> None:
-    from slopecli.io.outputs import check_directory
-
-    check_directory(folder)
+    no_output = "Nowhere to put the answer: give -o DIR, or --json to print it."
+    refuse(ctx, [(not given(ctx, "output", "as_json"), no_output)])
 
 
 def _load_images(image1: str, image2: str, talk: Talk) -> tuple[Image, Image]:
@@ -85,30 +74,12 @@ def _load_camera(image: Image, parameters: dict[str, Any], talk: Talk) -> Camera
     return camera
 
 
-def camera_choice(parameters: dict[str, Any]) -> CameraChoice:
-    """The camera that the options of a command name; without any, one that nothing stands for."""
-    return CameraChoice(parameters["camera"] or None, parameters["intrinsics"], parameters["fov"])
-
-
-def _solve(
-    images: tuple[Image, Image], cameras: tuple[Camera, Camera], parameters: dict[str, Any], talk: Talk
-) -> Report:
-    from slopecli.pipeline import estimate as estimate_pair
-
-    return estimate_pair(*images, *cameras, options_from(parameters), on_stage=talk.stage)
-
-
-def _deliver(report: Report, image1: Image, parameters: dict[str, Any], talk: Talk) -> None:
+def _write(report: Report, image1: Image, parameters: dict[str, Any], talk: Talk) -> list[Path]:
+    """Paths of the files written, none without -o."""
     from slopecli.io.outputs import write_outputs
     from slopecli.products import kept_choices
-    from slopecli.products.slopes_json import report_to_json
 
-    written: list[Path] = []
-    if parameters["output"]:
-        with talk.timed("write"):
-            written = write_outputs(report, image1, parameters["output"], kept_choices(parameters))
-    print_result(report_to_json(report) if parameters["as_json"] else result_table(report))
-    for line in talk_lines(report):
-        talk.say(line)
-    if written:
-        talk.say(f"wrote {', '.join(map(str, written))}")
+    if not parameters["output"]:
+        return []
+    with talk.timed("write"):
+        return write_outputs(report, image1, parameters["output"], kept_choices(parameters))

@@ -1,4 +1,4 @@
-"""Types of option values: strict, each refusing with what was found, what is needed and an example."""
+"""Types of option values; each refuses a bad value with what was found, what is needed and an example."""
 
 from __future__ import annotations
 
@@ -76,15 +76,55 @@ class Grid(click.ParamType):
 
 
 class Size(click.ParamType):
-    """WIDTHxHEIGHT, px."""
+    """WIDTHxHEIGHT, px, each at least `least`."""
 
     name = "size"
 
+    def __init__(self, least: int = 1) -> None:
+        self.least = least
+
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> tuple[int, int]:
         match = re.fullmatch(r"([1-9]\d{0,5})x([1-9]\d{0,5})", str(value))
-        if match is None:
-            self.fail(f"{value!r} is not WIDTHxHEIGHT in px, for example 1024x768.", param, ctx)
+        if match is None or min(int(match[1]), int(match[2])) < self.least:
+            least = f" of at least {self.least} px each" if self.least > 1 else " in px"
+            self.fail(f"{value!r} is not WIDTHxHEIGHT{least}, for example 1024x768.", param, ctx)
         return int(match[1]), int(match[2])
+
+
+class NumberList(click.ParamType):
+    """Comma-separated numbers within bounds, none twice, 100 at most."""
+
+    name = "numbers"
+
+    def __init__(self, low: float, high: float) -> None:
+        self.low, self.high = low, high
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> tuple[float, ...]:
+        try:
+            numbers = tuple(float(part) for part in value.split(","))
+        except ValueError:
+            self.fail(f"{value!r} is not a list of numbers, for example 0,0.3,1.", param, ctx)
+        wrong = [number for number in numbers if not self.low <= number <= self.high]
+        if wrong:
+            self.fail(f"{wrong[0]:g} is not between {self.low:g} and {self.high:g}.", param, ctx)
+        if len(set(numbers)) < len(numbers) or len(numbers) > 100:
+            self.fail(f"{value!r} has a number twice, or more than 100.", param, ctx)
+        return numbers
+
+
+class NameList(click.ParamType):
+    """Some of the given names, comma-separated, none twice."""
+
+    name = "names"
+
+    def __init__(self, names: tuple[str, ...]) -> None:
+        self.names = names
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> tuple[str, ...]:
+        chosen = tuple(value.split(","))
+        if not set(chosen) <= set(self.names) or len(set(chosen)) < len(chosen):
+            self.fail(f"{value!r} is not a list of {', '.join(self.names)}.", param, ctx)
+        return chosen
 
 
 class Up(CommaSeparated):
@@ -113,7 +153,7 @@ class RotationPrior(CommaSeparated):
 
 
 class PathText(click.ParamType):
-    """A path that is not empty, as that of an unset shell variable is. What lies there is for `io` to judge."""
+    """A path that is not empty, as an unset shell variable gives. `io` checks what is there."""
 
     name = "path"
 
@@ -153,7 +193,7 @@ def _is_sigma(sigma_deg: float) -> bool:
     return 0 < sigma_deg < 90
 
 
-SIGMA_IS = "SIGMA must be > 0 and < 90 deg, as a larger one says nothing"
+SIGMA_IS = "SIGMA must be > 0 and < 90 deg"
 
 WINDOW = CommaSeparated(
     "X,Y,W,H", "100,100,200,150", int, lambda w: min(w[:2]) >= 0 < min(w[2:]), "X, Y must be 0 or more, W, H 1 or more"
@@ -186,6 +226,7 @@ GRID = Grid()
 SIZE = Size()
 PATH = PathText()
 POSITIVE = Between(min=0, min_open=True)
+SEED = click.IntRange(0, 2**31 - 1)
 
 
 def choices_of(option: str) -> click.Choice:

@@ -1,4 +1,4 @@
-"""`slopemap plan`: what a pair will tell, or how far apart its images must be taken, before the flight."""
+"""`slopemap plan`: expected slope uncertainty of a pair, or the baseline it needs, before the flight."""
 
 from __future__ import annotations
 
@@ -6,147 +6,105 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from slopecli.cli.parameter_types import INTRINSICS, PATH, POSITIVE, SIZE, UP, VECTOR, Between
-from slopecli.cli.shared_options import at_most_one, given, talk_options_with, window_options
+from slopecli.cli import shared_options as shared
+from slopecli.cli.checks import CAMERA_FLAGS, at_most_one, given, refuse
+from slopecli.cli.groups import Command, Flag, Option
+from slopecli.cli.parameter_types import PATH, POSITIVE, UP, VECTOR, Between
+from slopecli.cli.report_table import diagnostic_line
+from slopecli.cli.table import print_table
 from slopecli.cli.talk import Talk, print_result
 
 if TYPE_CHECKING:
     from slopecli.plan import Plan, PlanOptions, Window
     from slopecli.types import Camera
 
-CAMERA_FLAGS = ("camera", "intrinsics", "fov")
 # these stand in `slopecli.plan`, too, which loads more than a help text may; a test holds them to be the same
 POINTS, NOISE_PX, ROUGHNESS = 100, 0.1, 0.002
+FLIGHT, GROUND, MATCHES = "Flight", "Ground", "Matches"
+
+flight_options = (
+    Option(FLIGHT, "--direction", "X,Y,Z", VECTOR, "From camera 1 to camera 2, in camera-1 axes"),
+    Option(
+        FLIGHT,
+        "--trajectory trajectory_deg",
+        "DEG",
+        Between(0, 180),
+        "Instead: angle from the vertical; 0 descends, 90 flies level towards the image's right",
+    ),
+    Option(FLIGHT, "--height", "M", POSITIVE, "Of camera 1 above ground, m or in baselines"),
+    Option(FLIGHT, "--baseline", "M", POSITIVE, "Distance between the cameras"),
+    Option(
+        FLIGHT,
+        "--sigma sigma_deg",
+        "DEG",
+        Between(0, 60, min_open=True),
+        "Instead: the shortest baseline for this 1-sigma of slopes; a share of the height without --height",
+    ),
+    Option(FLIGHT, "--of", None, click.Choice(["worst", "median"]), "Window that --sigma is for", "worst"),
+)
+ground_options = (
+    Option(GROUND, "--ground-slope slope_deg", "DEG", Between(0, 80), "Slope of the ground as a whole", 0.0),
+    Option(GROUND, "--aspect aspect_deg", "DEG", Between(0, 360), "Its way down, clockwise from north", 0.0),
+    Option(GROUND, "--uneven uneven_deg", "DEG", Between(0, 60), "Tilt of each window's plane against it", 0.0),
+    Option(
+        GROUND,
+        "--roughness",
+        "SHARE",
+        Between(0, 0.2),
+        "RMS height off a plane over its distance",
+        ROUGHNESS,
+    ),
+)
+match_options = (
+    Option(
+        MATCHES,
+        "--points",
+        "N",
+        click.IntRange(6, 1_000_000),
+        "Independent matches in a window: a quarter of those that estimate counts",
+        POINTS,
+    ),
+    Option(MATCHES, "--noise noise_px", "PX", POSITIVE, "1-sigma of a match in image 2", NOISE_PX),
+)
+frame_options = (
+    Option(
+        shared.FRAME,
+        "--up",
+        "VERTICAL",
+        UP,
+        "What is up: camera (looks straight down), or a vector X,Y,Z",
+        "camera",
+    ),
+    *shared.frame_options()[1:],
+)
+output_options = (
+    Option(shared.OUTPUT, "-o --output", "DIR", PATH, "Folder for plan.json and a map, plan.png"),
+    Flag(shared.OUTPUT, "--json as_json", "Print plan.json instead of the table"),
+)
 
 
-@click.command()
-@click.option("--camera", metavar="FILE", type=PATH, help="Camera file; FILE#NAME takes one of several in it.")
-@click.option("--intrinsics", metavar="FX,FY,CX,CY", type=INTRINSICS, help="Instead of a camera file, px, with --size.")
-@click.option(
-    "--fov",
-    metavar="DEG",
-    type=Between(0, 180, min_open=True, max_open=True),
-    help="Instead of a camera file, with --size: horizontal field of view.",
+@click.command(
+    cls=Command,
+    params=[
+        shared.camera,
+        *shared.intrinsics_options,
+        shared.size,
+        *output_options,
+        *flight_options,
+        *shared.window_options,
+        *ground_options,
+        *match_options,
+        *frame_options,
+        *shared.talk_options("Time taken"),
+    ],
 )
-@click.option("--size", metavar="WxH", type=SIZE, help="Of the images, px.  [default: that of the camera file]")
-@click.option(
-    "--direction",
-    metavar="X,Y,Z",
-    type=VECTOR,
-    help="From camera 1 to camera 2, camera-1 axes (x right, y down, z forward).",
-)
-@click.option(
-    "--trajectory",
-    "trajectory_deg",
-    metavar="DEG",
-    type=Between(0, 180),
-    help="Instead: angle of the motion from the vertical, as in the paper. 0 descends, 45 glides, 90 flies level, "
-    "towards the image's right; 180 climbs.",
-)
-@click.option(
-    "--height", metavar="M", type=POSITIVE, help="Of camera 1 above the ground; without --baseline in baselines."
-)
-@click.option("--baseline", metavar="M", type=POSITIVE, help="Distance between the cameras.")
-@click.option(
-    "--sigma",
-    "sigma_deg",
-    metavar="DEG",
-    type=Between(0, 60, min_open=True),
-    help="Instead of --baseline: the shortest that gives slopes this 1-sigma, and enough parallax; without --height as "
-    "a share of it.",
-)
-@click.option(
-    "--of",
-    type=click.Choice(["worst", "median"]),
-    default="worst",
-    show_default=True,
-    help="The window that --sigma is about.",
-)
-@click.option(
-    "--ground-slope",
-    "slope_deg",
-    metavar="DEG",
-    type=Between(0, 80),
-    default=0.0,
-    show_default=True,
-    help="Slope of the ground as a whole.",
-)
-@click.option(
-    "--aspect",
-    "aspect_deg",
-    metavar="DEG",
-    type=Between(0, 360),
-    default=0.0,
-    show_default=True,
-    help="Where it falls to, clockwise from north.",
-)
-@click.option(
-    "--uneven",
-    "uneven_deg",
-    metavar="DEG",
-    type=Between(0, 60),
-    default=0.0,
-    show_default=True,
-    help="By how much the planes of windows tilt from it, each its own way; 0 is ground that is one plane.",
-)
-@click.option(
-    "--roughness",
-    metavar="SHARE",
-    type=Between(0, 0.2),
-    default=ROUGHNESS,
-    show_default=True,
-    help="RMS height of the ground off the plane of a window over its distance, as estimate reports it.",
-)
-@click.option(
-    "--points",
-    metavar="N",
-    type=click.IntRange(6, 1_000_000),
-    default=POINTS,
-    show_default=True,
-    help="Independent matches in a window. Of the 300 to 400 that estimate finds, about four share their errors.",
-)
-@click.option(
-    "--noise",
-    "noise_px",
-    metavar="PX",
-    type=POSITIVE,
-    default=NOISE_PX,
-    show_default=True,
-    help="1-sigma of a match in image 2, as estimate reports it (fit.noise_px).",
-)
-@click.option(
-    "--up",
-    metavar="camera|X,Y,Z",
-    type=UP,
-    default="camera",
-    show_default=True,
-    help="What is level: camera 1 looks straight down; or a vector against gravity in camera-1 axes.",
-)
-@click.option(
-    "--up-sigma",
-    "up_sigma_deg",
-    metavar="DEG",
-    type=Between(0, 90, max_open=True),
-    default=0.0,
-    show_default=True,
-    help="1-sigma uncertainty of that direction.",
-)
-@click.option(
-    "--north",
-    metavar="X,Y,Z",
-    type=VECTOR,
-    help="Where aspect is 0, in camera-1 axes.  [default: the image's up direction]",
-)
-@window_options
-@click.option("-o", "--output", metavar="DIR", type=PATH, help="Keep the plan there: plan.json and a map, plan.png.")
-@click.option("--json", "as_json", is_flag=True, help="Print plan.json on stdout instead of the table.")
-@talk_options_with("How long it took.")
 @click.pass_context
 def plan(ctx: click.Context, **parameters: Any) -> None:
     """How well two images will tell slopes, before they are taken.
 
-    Prints the 1-sigma of the slope expected in every window, and whether geometry would leave two answers. With
-    --sigma it finds how far apart the images must be taken. Camera 2 keeps the attitude of camera 1.
+    Prints the expected 1-sigma of the slope in every window, and whether two motions would explain the images. With
+    --sigma it finds the distance between the cameras. Camera 2 keeps the attitude of camera 1. Axes: x right, y down,
+    z forward.
 
     \b
     Examples:
@@ -170,29 +128,36 @@ def plan(ctx: click.Context, **parameters: Any) -> None:
 def _check_usage(ctx: click.Context) -> None:
     for names in (CAMERA_FLAGS, ("direction", "trajectory_deg"), ("baseline", "sigma_deg"), ("grid", "windows")):
         at_most_one(ctx, *names)
-    for wrong, complaint in (
-        (not given(ctx, *CAMERA_FLAGS), "No camera: give --camera FILE, or --fov DEG or --intrinsics with --size WxH."),
-        (
-            given(ctx, "fov", "intrinsics") and not given(ctx, "size"),
-            "No image size: --fov and --intrinsics need --size WxH, for example --size 1024x768.",
-        ),
-        (
-            not given(ctx, "direction", "trajectory_deg"),
-            "No direction of motion: give --direction X,Y,Z, or --trajectory DEG (0 descends, 90 flies level).",
-        ),
-        (
-            not given(ctx, "height", "sigma_deg"),
-            "No height: give --height M with --baseline M, --height alone in baselines, or --sigma DEG.",
-        ),
-        (given(ctx, "of") and not given(ctx, "sigma_deg"), "--of is for --sigma DEG; leave it out."),
-        (given(ctx, "aspect_deg") and not ctx.params["slope_deg"], "--aspect is for --ground-slope DEG; give both."),
-        (
-            ctx.params["up"] == "dominant-plane",
-            "--up dominant-plane needs images: no plane is known before the flight; give camera or X,Y,Z.",
-        ),
-    ):
-        if wrong:
-            raise click.UsageError(complaint, ctx)
+    refuse(
+        ctx,
+        [
+            (
+                not given(ctx, *CAMERA_FLAGS),
+                "No camera: give --camera FILE, or --fov DEG or --intrinsics with --size WxH.",
+            ),
+            (
+                given(ctx, "fov", "intrinsics") and not given(ctx, "size"),
+                "No image size: --fov and --intrinsics need --size WxH, for example --size 1024x768.",
+            ),
+            (
+                not given(ctx, "direction", "trajectory_deg"),
+                "No direction of motion: give --direction X,Y,Z, or --trajectory DEG (0 descends, 90 flies level).",
+            ),
+            (
+                not given(ctx, "height", "sigma_deg"),
+                "No height: give --height M with --baseline M, --height alone in baselines, or --sigma DEG.",
+            ),
+            (given(ctx, "of") and not given(ctx, "sigma_deg"), "--of is for --sigma DEG; leave it out."),
+            (
+                given(ctx, "aspect_deg") and not ctx.params["slope_deg"],
+                "--aspect is for --ground-slope DEG; give both.",
+            ),
+            (
+                ctx.params["up"] == "dominant-plane",
+                "--up dominant-plane needs images: no plane is known before the flight; give camera or X,Y,Z.",
+            ),
+        ],
+    )
 
 
 def _camera(parameters: dict[str, Any], talk: Talk) -> Camera:
@@ -230,13 +195,15 @@ def _options(parameters: dict[str, Any]) -> PlanOptions:
 
 
 def _deliver(found: Plan, parameters: dict[str, Any], talk: Talk) -> None:
-    from slopecli.cli.plan_table import plan_table
+    from slopecli.cli.plan_table import plan_summary, plan_table
     from slopecli.io.plan_files import plan_to_json, write_plan
 
     written = write_plan(found, parameters["output"]) if parameters["output"] else []
-    print_result(plan_to_json(found) if parameters["as_json"] else plan_table(found))
+    if parameters["as_json"]:
+        print_result(plan_to_json(found))
+    else:
+        print_table(plan_table(found), *plan_summary(found))
     for diagnostic in found.diagnostics:
-        remedy = f"; {diagnostic.remedy}" if diagnostic.remedy else ""
-        talk.say(f"{diagnostic.severity}: {diagnostic.code}: {diagnostic.message}{remedy}")
+        talk.say(diagnostic_line(diagnostic))
     if written:
         talk.say(f"wrote {', '.join(map(str, written))}")

@@ -1,76 +1,134 @@
-"""How far a batch is, on stderr: one line that is written over on a terminal, a few lines in a log."""
+"""How far a long command is, on stderr: a bar by rich on a terminal, now and then a line of text in a log."""
 
 from __future__ import annotations
 
+import math
 import os
-import shutil
 import sys
 import time
 from typing import TYPE_CHECKING
 
-from slopecli.cli.talk import Talk, tell
+from slopecli.cli.talk import Talk, is_terminal, stderr_may_be_gone
 
 if TYPE_CHECKING:
+    from rich.progress import Progress as Bar
+
     from slopecli.batch.jobs import Outcome, Progress
 
 REDRAW_S = 0.1  # on a terminal
-LOG_S, TENTH_S = 30.0, 2.0  # in a log: the longest silence, and the shortest from one tenth of the pairs to the next
-ERASE_LINE = "\r\x1b[K"
+SILENCE_S, TENTH_S = 30.0, 2.0  # in a log: the longest silence, and the shortest from one tenth to the next
 
 
 class ProgressLine:
-    """Says after every pair what is worth saying: rate, time left, and each pair that has no answer."""
+    """A line on stderr that says how far the work is; nothing with -q."""
 
     def __init__(self, talk: Talk) -> None:
         self._talk = talk
-        listens = sys.stderr is not None and sys.stderr.isatty()  # None: closed, as by 2>&-
-        self._live = listens and os.environ.get("TERM") != "dumb" and not talk.quiet
+        drawable = is_terminal(sys.stderr) and os.environ.get("TERM") != "dumb"
+        self._bar = _start_bar() if drawable and not talk.quiet else None
         self._start = self._last = time.monotonic()
         self._tenths = 0
+
+    @property
+    def seconds(self) -> float:
+        """Seconds since the work began."""
+        return time.monotonic() - self._start
+
+    def show(self, done: int, total: int, text: str) -> None:
+        """Show that `done` of `total` parts are done, in the words of `text`, unless that was done a moment ago."""
+        now, tenths = time.monotonic(), 10 * done // total
+        if self._bar:
+            if now - self._last >= REDRAW_S:
+                self._last = now
+                with stderr_may_be_gone():
+                    self._bar.update(self._bar.task_ids[0], completed=done, total=total, description=text, refresh=True)
+        elif now - self._last >= (TENTH_S if tenths > self._tenths else SILENCE_S):
+            self._last, self._tenths = now, tenths
+            self._talk.say(text)
+
+    def say(self, line: str) -> None:
+        """Say a line of its own, above the bar."""
+        if self._bar:
+            with stderr_may_be_gone():
+                self._bar.console.print(line, markup=False, soft_wrap=True)
+        else:
+            self._talk.say(line)
+
+    def close(self) -> None:
+        """Take the bar off the terminal."""
+        if self._bar:
+            with stderr_may_be_gone():
+                self._bar.stop()
+
+
+def _start_bar() -> Bar:
+    from rich.console import Console
+    from rich.progress import BarColumn, Progress, TextColumn
+
+    console = Console(stderr=True, highlight=False)
+    columns = BarColumn(bar_width=20), TextColumn("{task.description}", markup=False)
+    # drawn when told: no thread that could meet a terminal that is gone
+    bar = Progress(*columns, console=console, auto_refresh=False, transient=True, redirect_stdout=False)
+    bar.add_task("", total=None)
+    with stderr_may_be_gone():
+        bar.start()
+    return bar
+
+
+class BatchProgress:
+    """Progress of a batch: rate, time left, and a line for each pair that has no answer."""
+
+    def __init__(self, talk: Talk) -> None:
+        self._line, self._verbose = ProgressLine(talk), talk.verbose
         self._latest: Progress | None = None
 
     def __call__(self, progress: Progress) -> None:
+        self._latest = progress
         if progress.latest.exit_status:
-            self.say(f"warning: {failure_line(progress.latest)}")
-        elif self._talk.verbose:
-            self.say(f"{progress.latest.name}: answered")
-        self._latest, now = progress, time.monotonic()
-        tenths = 10 * progress.n_done // progress.n_pairs
-        if self._live and now - self._last >= REDRAW_S:
-            # a line that wraps cannot be erased
-            shown = self._line(progress, now)[: shutil.get_terminal_size().columns - 1]
-            tell(f"{ERASE_LINE}{shown}", end_line=False)
-            self._last = now
-        elif not self._live and now - self._last >= (TENTH_S if tenths > self._tenths else LOG_S):
-            self._talk.say(self._line(progress, now))
-            self._last, self._tenths = now, tenths
+            self._line.say(f"warning: {failure_line(progress.latest)}")
+        elif self._verbose:
+            self._line.say(f"{progress.latest.name}: answered")
+        self._line.show(progress.n_done, progress.n_pairs, batch_line(progress, self._line.seconds))
 
-    def say(self, line: str) -> None:
-        """Say a line of its own, with nothing of the progress left in it."""
-        self.erase()
-        self._talk.say(line)
+    def interrupted(self) -> None:
+        """Say how many pairs are done and kept."""
+        so_far = f"{self._latest.n_done} of {self._latest.n_pairs} pairs" if self._latest else "no pair"
+        self._line.say(f"{so_far} done and kept; the same command again goes on with the rest")
 
-    def erase(self) -> None:
-        """Take the line off the terminal."""
-        if self._live:
-            tell(ERASE_LINE, end_line=False)
+    def close(self) -> None:
+        """Take the bar off the terminal."""
+        self._line.close()
 
-    @property
-    def so_far(self) -> str:
-        """How many pairs are done."""
-        return "no pair" if self._latest is None else f"{self._latest.n_done} of {self._latest.n_pairs} pairs"
 
-    def _line(self, progress: Progress, now: float) -> str:
-        parts = [f"{progress.n_done} of {progress.n_pairs} pairs"]
-        if progress.n_kept:
-            parts.append(f"{progress.n_kept} kept from before")
-        parts.append(f"{progress.n_failed} without an answer")
-        answered, seconds = progress.n_done - progress.n_kept, now - self._start
-        if answered and seconds > 0:
-            rate = answered / seconds
-            left = (progress.n_pairs - progress.n_done) / rate
-            parts += [_rate(rate), f"{_duration(left)} left" if progress.n_done < progress.n_pairs else "done"]
-        return ", ".join(parts)
+class StageProgress:
+    """Progress of a stage of a study, with the time left; `what` names its parts. Ends with a `with` block."""
+
+    def __init__(self, talk: Talk, what: str) -> None:
+        self._line, self._what = ProgressLine(talk), what
+
+    def __enter__(self) -> StageProgress:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._line.close()
+
+    def __call__(self, done: int, total: int) -> None:
+        left_s = math.ceil(self._line.seconds * (total - done) / done)
+        self._line.show(done, total, f"{done} of {total} {self._what}, {left_s} s left")
+
+
+def batch_line(progress: Progress, seconds: float) -> str:
+    """How far a batch is after that many seconds, in one line."""
+    parts = [f"{progress.n_done} of {progress.n_pairs} pairs"]
+    if progress.n_kept:
+        parts.append(f"{progress.n_kept} kept from before")
+    parts.append(f"{progress.n_failed} without an answer")
+    answered = progress.n_done - progress.n_kept
+    if answered and seconds > 0:
+        rate = answered / seconds
+        left = (progress.n_pairs - progress.n_done) / rate
+        parts += [_rate(rate), f"{_duration(left)} left" if progress.n_done < progress.n_pairs else "done"]
+    return ", ".join(parts)
 
 
 def failure_line(outcome: Outcome) -> str:

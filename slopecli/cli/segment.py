@@ -6,41 +6,36 @@ from typing import Any
 
 import click
 
+from slopecli.cli import shared_options as shared
+from slopecli.cli.groups import Command
 from slopecli.cli.pair import answer_pair
 from slopecli.cli.parameter_types import PATH
-from slopecli.cli.shared_options import (
-    camera_options,
-    frame_options_with,
-    output_options,
-    prior_options,
-    region_options,
-    scale_options,
-    solving_options,
-    talk_options,
-    verdict_options,
+
+
+@click.command(
+    cls=Command,
+    params=[
+        *shared.camera_options,
+        *shared.output_options,
+        *shared.region_options,
+        *shared.frame_options("dominant-plane"),
+        *shared.scale_options,
+        *shared.prior_options,
+        *shared.decision_options,
+        *shared.solver_options,
+        *shared.matching_options,
+        *shared.talk_options(),
+    ],
 )
-
-
-@click.command()
 @click.argument("image1", type=PATH)
 @click.argument("image2", type=PATH)
-@camera_options
-@output_options
-@region_options
-@frame_options_with("dominant-plane")
-@scale_options
-@prior_options
-@verdict_options
-@solving_options
-@talk_options
 @click.pass_context
 def segment(ctx: click.Context, image1: str, image2: str, **parameters: Any) -> None:
     """Ground, walls and roofs, found in IMAGE1 itself.
 
-    Prints one line per plane, the largest first; -o DIR also keeps the answer as slopes.json, a picture (overlay.png),
-    the planes as coloured meshes (patches.ply) and with the image as texture (patches.glb), and a map of their ids
-    (labels.png). What is ground, wall or roof follows from what is level: the largest plane, if not told otherwise.
-    Where that is a wall, give --up X,Y,Z.
+    Prints a table, the largest plane first; -o DIR also writes slopes.json, overlay.png, the planes as coloured and as
+    textured meshes (patches.ply, patches.glb) and labels.png. The largest plane is taken as level; if it is a wall,
+    give --up X,Y,Z.
 
     \b
     Example:

@@ -1,15 +1,14 @@
-"""Options shared by the commands, in groups; parameter names are those of `Options`, and so are the defaults."""
+"""Options that several commands have: one row an option, one tuple a group.
+
+Names of parameters are those of `Options`, and so are the defaults. A command takes a group by naming it in its
+`params`; in a group the everyday options come first.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import fields
-from functools import reduce
-from typing import Any
-
 import click
-from click.core import ParameterSource
 
+from slopecli.cli.groups import GENERAL, Flag, Option
 from slopecli.cli.parameter_types import (
     DIRECTION_PRIOR,
     GRID,
@@ -17,6 +16,8 @@ from slopecli.cli.parameter_types import (
     PATH,
     POSITIVE,
     ROTATION_PRIOR,
+    SEED,
+    SIZE,
     UP,
     VECTOR,
     WINDOW,
@@ -25,17 +26,195 @@ from slopecli.cli.parameter_types import (
 )
 from slopecli.cli.talk import Talk
 from slopecli.options import MOST_SIGMA_DEG, Options
+from slopecli.products import BY_DEFAULT, CHOICES, PRODUCTS
 
-Decorator = Callable[[Any], Any]
+INPUT, OUTPUT, PLANES, FRAME = "Input", "Output", "Windows and planes", "Frame and scale"
+PRIOR, DECISION, SOLVER = "Prior knowledge", "Decision", "Solver"
+
+ANGLE = Between(0, 90, min_open=True, max_open=True)
+
+camera = Option(INPUT, "--camera", "FILE", PATH, "Camera file; FILE#NAME: one of several in it")
+camera2 = Option(INPUT, "--camera2", "FILE", PATH, "Camera file of image 2, if it has another")
+intrinsics_options = (
+    Option(INPUT, "--intrinsics", "FX,FY,CX,CY", INTRINSICS, "Instead of a file: px, no distortion"),
+    Option(
+        INPUT,
+        "--fov",
+        "DEG",
+        Between(0, 180, min_open=True, max_open=True),
+        "Instead of a file: horizontal field of view",
+    ),
+)
+size = Option(INPUT, "--size", "WxH", SIZE, "Image size, px, for --fov and --intrinsics")
+camera_options = (camera, camera2, *intrinsics_options)
+
+json_flag = Flag(OUTPUT, "--json as_json", "Print slopes.json instead of the table")
 
 
-def _group(*decorators: Decorator) -> Decorator:
-    """One decorator that adds options in the order written."""
-    return lambda command: reduce(lambda decorated, add: add(decorated), reversed(decorators), command)
+def _product_flag(choice: str) -> Flag:
+    """The flag that declines or asks for the files of one of the user's choices."""
+    products = [product for product in PRODUCTS if product.choice == choice]
+    does = "Leave out" if products[0].by_default else "Also write"
+    of = {"": "", "found": " (of planes found)", "segmentation": " (of regions)"}[products[0].requires]
+    return Flag(OUTPUT, products[0].flag, f"{does} {', '.join(product.file for product in products)}{of}")
 
 
-def _option(*names: str, **attributes: Any) -> Decorator:
-    return click.option(*names, **{"show_default": attributes.get("default") is not None, **attributes})
+file_options = tuple(map(_product_flag, sorted(CHOICES, key=lambda choice: choice not in BY_DEFAULT)))
+output_options = (
+    Option(OUTPUT, "-o --output", "DIR", PATH, "Folder for the results; optional with --json"),
+    json_flag,
+    *file_options,
+)
+
+window_options = (
+    Option(PLANES, "--grid", "COLSxROWS", GRID, "Equal windows that cover image 1", "{}x{}".format(*Options.grid)),
+    Option(
+        PLANES, "--window windows", "X,Y,W,H", WINDOW, "A window, px; repeat for more, in order of id", multiple=True
+    ),
+)
+finder_options = (
+    Option(
+        PLANES,
+        "--planes",
+        "NAME",
+        choices_of("planes"),
+        "windows; or planes found among the matches (ransac) or in the image (regions)",
+        Options.planes,
+    ),
+)
+region_options = (
+    Option(
+        PLANES,
+        "--min-region min_region_percent",
+        "PERCENT",
+        Between(0, 100, min_open=True),
+        "Smallest plane found, % of image 1",
+        Options.min_region_percent,
+    ),
+    Option(
+        PLANES,
+        "--gradient-threshold",
+        "GREY/PX",
+        POSITIVE,
+        "Largest gradient inside a region",
+        shown="60 % below",
+    ),
+    Option(
+        PLANES,
+        "--merge-px",
+        "PX",
+        POSITIVE,
+        "Merge regions whose planes agree to this",
+        Options.merge_px,
+    ),
+)
+
+
+def frame_options(up: str = str(Options.up), shown: str | None = None) -> tuple[Option, ...]:
+    """Options of the reference of slopes, with a command's own default for the vertical, shown as it says."""
+    return (
+        Option(
+            FRAME,
+            "--up",
+            "VERTICAL",
+            UP,
+            "What is up: camera (looks straight down), dominant-plane (is level), or a vector X,Y,Z",
+            up,
+            shown=shown,
+        ),
+        Option(
+            FRAME,
+            "--up-sigma up_sigma_deg",
+            "DEG",
+            Between(0, 90, max_open=True),
+            "1-sigma of the vertical",
+            Options.up_sigma_deg,
+        ),
+        Option(FRAME, "--north", "X,Y,Z", VECTOR, "Where aspect is 0, camera-1 axes", shown="image's up"),
+    )
+
+
+scale_options = (
+    Option(FRAME, "--baseline baseline_m", "M", POSITIVE, "Distance between the cameras, for metres"),
+    Option(FRAME, "--altitude altitude_m", "M", POSITIVE, "Height of camera 1 above ground, for metres"),
+)
+
+prior_options = (
+    Option(
+        PRIOR,
+        "--rotation-prior",
+        "R,SIGMA",
+        ROTATION_PRIOR,
+        "R = RX,RY,RZ (deg) or QW,QX,QY,QZ, camera 2 from camera 1; its 1-sigma, deg",
+    ),
+    Option(
+        PRIOR,
+        "--direction-prior",
+        "D,SIGMA",
+        DIRECTION_PRIOR,
+        "D = X,Y,Z to camera 2; its 1-sigma, deg",
+    ),
+    Option(
+        PRIOR,
+        "--pose pose_file",
+        "FILE",
+        PATH,
+        'Known motion, JSON: "R" (3x3), "T" (metres).',
+    ),
+    Option(
+        PRIOR,
+        "--pose-sigma pose_sigma_deg",
+        "DEG",
+        ANGLE,
+        "1-sigma of the pose",
+        shown="exact",
+    ),
+)
+
+decision_options = (
+    Option(
+        DECISION, "--tolerance tolerance_deg", "DEG", ANGLE, "The steepest slope that is safe", Options.tolerance_deg
+    ),
+    Option(
+        DECISION,
+        "--confidence",
+        "P",
+        Between(0.5, 1, min_open=True, max_open=True),
+        "Probability needed for a verdict",
+        Options.confidence,
+    ),
+    Option(
+        DECISION,
+        "--max-sigma max_sigma_deg",
+        "DEG",
+        Between(0, MOST_SIGMA_DEG, min_open=True),
+        "Largest 1-sigma of a slope that is told",
+        Options.max_sigma_deg,
+    ),
+)
+
+solver_options = (
+    Option(
+        SOLVER,
+        "--solver",
+        None,
+        choices_of("solver"),
+        "Joint least squares (mle), homography alignment (ha) or Longuet-Higgins (lh)",
+        Options.solver,
+    ),
+    Flag(SOLVER, "--merge-coplanar", "Solve coplanar and parallel planes as such"),
+)
+matching_options = (
+    Option(
+        SOLVER,
+        "--features",
+        None,
+        choices_of("features"),
+        "Image features; foerstner: the paper's",
+        Options.features,
+    ),
+    Option(SOLVER, "--seed", "N", SEED, "Of random sampling; same seed, same bytes", Options.seed),
+)
 
 
 def _set_talk(ctx: click.Context, parameter: click.Parameter, value: bool) -> None:
@@ -45,281 +224,9 @@ def _set_talk(ctx: click.Context, parameter: click.Parameter, value: bool) -> No
         raise click.UsageError("-v and -q contradict each other; give one.", ctx)
 
 
-camera_options = _group(
-    _option(
-        "--camera",
-        metavar="FILE",
-        type=PATH,
-        help="Camera file of both images; FILE#NAME takes one of several in it.",
-    ),
-    _option("--camera2", metavar="FILE", type=PATH, help="Camera file of image 2 where it differs."),
-    _option(
-        "--intrinsics", metavar="FX,FY,CX,CY", type=INTRINSICS, help="Instead of a camera file, px; no distortion."
-    ),
-    _option(
-        "--fov",
-        metavar="DEG",
-        type=Between(0, 180, min_open=True, max_open=True),
-        help="Instead of a camera file: horizontal field of view, principal point in the centre.",
-    ),
-)
-
-window_options = _group(
-    _option(
-        "--grid",
-        metavar="COLSxROWS",
-        type=GRID,
-        default="{}x{}".format(*Options.grid),
-        help="Windows that divide image 1 evenly.",
-    ),
-    _option(
-        "--window",
-        "windows",
-        metavar="X,Y,W,H",
-        type=WINDOW,
-        multiple=True,
-        help="A window of image 1, px; repeat it for more. They get ids 1, 2, ... in this order.",
-    ),
-)
-
-finder_options = _group(
-    _option(
-        "--planes",
-        type=choices_of("planes"),
-        default=Options.planes,
-        help="What is held to be a plane: windows, given or of a grid; ransac: what many matches lie on; regions: what "
-        "explains the pixels, as slopemap segment does. --grid and --window are for windows, --min-region for the "
-        "other two, the options after it for regions.",
-    ),
-)
-
-region_options = _group(
-    _option(
-        "--min-region",
-        "min_region_percent",
-        metavar="PERCENT",
-        type=Between(0, 100, min_open=True),
-        default=Options.min_region_percent,
-        help="Of image 1: smaller planes are not reported.",
-    ),
-    _option(
-        "--gradient-threshold",
-        metavar="GREY/PX",
-        type=POSITIVE,
-        help="Of the smoothed image: a pixel below it is inside a surface, one above it at a border.  "
-        "[default: what 60 % of the image stay below]",
-    ),
-    _option(
-        "--merge-px",
-        metavar="PX",
-        type=POSITIVE,
-        default=Options.merge_px,
-        help="Two regions that send the smaller's pixels this close together in image 2 may be one plane; they are if "
-        "one plane transfers both as well as two. px of an image of at most half a million.",
-    ),
-    _option(
-        "--debug-images",
-        is_flag=True,
-        help="Add pictures of how regions were found: step1_gradient.png, step2_components.png, step3_merged.png.",
-    ),
-)
-
-solver_options = _group(
-    _option(
-        "--solver",
-        type=choices_of("solver"),
-        default=Options.solver,
-        help="mle: joint least squares; ha: homography alignment as printed; lh: Longuet-Higgins, averaged. "
-        "Sigmas of ha and lh are lower bounds.",
-    ),
-    _option(
-        "--merge-coplanar",
-        is_flag=True,
-        help="Solve windows or planes that may well lie on one plane, or face one way, as such: level fields are known "
-        "several times better. It says which.",
-    ),
-)
-
-solving_options = _group(
-    _option(
-        "--features",
-        type=choices_of("features"),
-        default=Options.features,
-        help="What is matched first; foerstner: the paper's corners and correlation.",
-    ),
-    solver_options,
-    _option(
-        "--seed",
-        metavar="N",
-        type=click.IntRange(0, 2**31 - 1),
-        default=Options.seed,
-        help="Seed of random sampling; the same seed gives the same bytes.",
-    ),
-)
-
-
-def frame_options_with(up: str, shown: str | None = None) -> Decorator:
-    """Options of the reference of slopes, with the command's own default for what is level, shown as it says."""
-    return _group(
-        _option(
-            "--up",
-            metavar="camera|dominant-plane|X,Y,Z",
-            type=UP,
-            default=up,
-            show_default=shown or True,
-            help="What is level: camera 1 looks straight down; the largest plane, which must not be a wall then; or a "
-            "vector against gravity in camera-1 axes (x right, y down, z forward).",
-        ),
-        _option(
-            "--up-sigma",
-            "up_sigma_deg",
-            metavar="DEG",
-            type=Between(0, 90, max_open=True),
-            default=Options.up_sigma_deg,
-            help="1-sigma uncertainty of that direction; it enters the slopes' intervals.",
-        ),
-        _option(
-            "--north",
-            metavar="X,Y,Z",
-            type=VECTOR,
-            help="Where aspect is 0, in camera-1 axes.  [default: the image's up direction]",
-        ),
-    )
-
-
-frame_options = frame_options_with(str(Options.up))
-
-scale_options = _group(
-    _option("--baseline", "baseline_m", metavar="M", type=POSITIVE, help="Distance between the cameras, for metres."),
-    _option(
-        "--altitude", "altitude_m", metavar="M", type=POSITIVE, help="Height of camera 1 above the ground, for metres."
-    ),
-)
-
-prior_options = _group(
-    _option(
-        "--rotation-prior",
-        metavar="RX,RY,RZ,SIGMA",
-        type=ROTATION_PRIOR,
-        help="Rotation of camera 2 from camera 1 as another sensor measured it: rotation vector in camera axes, deg, "
-        "or a quaternion QW,QX,QY,QZ; and its 1-sigma about each axis, deg.",
-    ),
-    _option(
-        "--direction-prior",
-        metavar="X,Y,Z,SIGMA",
-        type=DIRECTION_PRIOR,
-        help="Direction from camera 1 to camera 2 in camera-1 axes, and its 1-sigma to each side, deg.",
-    ),
-    _option(
-        "--pose",
-        "pose_file",
-        metavar="FILE",
-        type=PATH,
-        help='The motion itself, in metres, as JSON: "R" (3x3, camera 2 from camera 1) and "T" (where camera 2 is, in '
-        "camera-1 axes). Only planes are solved then, and lengths are metres.",
-    ),
-    _option(
-        "--pose-sigma",
-        "pose_sigma_deg",
-        metavar="DEG",
-        type=Between(0, 90, min_open=True, max_open=True),
-        help="1-sigma of that rotation about each axis, and of the direction of T to each side; the motion is solved "
-        "too then.  [default: exact]",
-    ),
-)
-
-verdict_options = _group(
-    _option(
-        "--tolerance",
-        "tolerance_deg",
-        metavar="DEG",
-        type=Between(0, 90, min_open=True, max_open=True),
-        default=Options.tolerance_deg,
-        help="The steepest slope that is safe.",
-    ),
-    _option(
-        "--confidence",
-        metavar="P",
-        type=Between(0.5, 1, min_open=True, max_open=True),
-        default=Options.confidence,
-        help="A window or plane is safe if its slope is below the tolerance with this probability, unsafe if it is "
-        "above with this one, undecided in between.",
-    ),
-    _option(
-        "--max-sigma",
-        "max_sigma_deg",
-        metavar="DEG",
-        type=Between(0, MOST_SIGMA_DEG, min_open=True),
-        default=Options.max_sigma_deg,
-        help="No slope is told whose 1-sigma is larger: a window is then unknown and never safe, a plane found is "
-        "dropped.",
-    ),
-)
-
-file_options = _group(
-    _option("--no-overlay", is_flag=True, help="Leave out overlay.png."),
-    _option("--no-ply", is_flag=True, help="Leave out patches.ply."),
-    _option("--no-glb", is_flag=True, help="Leave out patches.glb, which there is of planes, not of windows."),
-)
-
-output_options = _group(
-    _option(
-        "-o",
-        "--output",
-        metavar="DIR",
-        type=PATH,
-        help="Where the files go, made if need be. Required unless --json is given.",
-    ),
-    _option("--json", "as_json", is_flag=True, help="Print slopes.json on stdout instead of the table."),
-    file_options,
-)
-
-
-def talk_options_with(verbose: str) -> Decorator:
+def talk_options(verbose: str = "Time of every stage") -> tuple[Option, ...]:
     """How much is said on stderr; `verbose` says what more -v gives."""
-    return _group(
-        _option("-v", "--verbose", is_flag=True, expose_value=False, callback=_set_talk, help=verbose),
-        _option("-q", "--quiet", is_flag=True, expose_value=False, callback=_set_talk, help="Only errors on stderr."),
+    return (
+        Flag(GENERAL, "-v --verbose", verbose, expose_value=False, callback=_set_talk),
+        Flag(GENERAL, "-q --quiet", "Only errors on stderr", expose_value=False, callback=_set_talk),
     )
-
-
-talk_options = talk_options_with("Time of every stage.")
-
-
-def given(ctx: click.Context, *names: str) -> list[str]:
-    """Flags, as the user writes them, of those of the named parameters that are on the command line."""
-    return [
-        parameter.opts[-1]
-        for parameter in ctx.command.params
-        if parameter.name in names and ctx.get_parameter_source(parameter.name) is not ParameterSource.DEFAULT
-    ]
-
-
-def at_most_one(ctx: click.Context, *names: str) -> None:
-    """Refuse a command line that has more than one of the named parameters."""
-    flags = given(ctx, *names)
-    if len(flags) > 1:
-        raise click.UsageError(f"{' and '.join(flags)} contradict each other; give one.", ctx)
-
-
-def check_known_motion(ctx: click.Context) -> None:
-    """Refuse ways to give the motion or the scale that contradict each other, and what only one solver can use."""
-    at_most_one(ctx, "baseline_m", "altitude_m", "pose_file")
-    for other in ("rotation_prior", "direction_prior"):
-        at_most_one(ctx, "pose_file", other)
-    if given(ctx, "pose_sigma_deg") and not given(ctx, "pose_file"):
-        raise click.UsageError("--pose-sigma is of a --pose; give both.", ctx)
-    if ctx.params["merge_coplanar"] and ctx.params["solver"] != "mle":
-        raise click.UsageError("--merge-coplanar is for --solver mle; leave one out.", ctx)
-    known = given(ctx, "rotation_prior", "direction_prior", "pose_file")
-    if known and ctx.params["solver"] != "mle":
-        raise click.UsageError(f"{known[0]} is for --solver mle; leave one out.", ctx)
-
-
-def options_from(parameters: dict[str, Any]) -> Options:
-    """The library's options out of a command's parameters of the same names; the pose is read from its file."""
-    if parameters.get("pose_file"):
-        from slopecli.io.poses import load_pose
-
-        parameters = {**parameters, "pose": load_pose(parameters["pose_file"])}
-    return Options(**{field.name: parameters[field.name] for field in fields(Options) if field.name in parameters})

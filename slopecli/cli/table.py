@@ -1,145 +1,68 @@
-"""A Report as the table on stdout and the talk on stderr."""
+"""Tables on stdout: drawn by rich on a terminal, plain aligned text elsewhere."""
 
 from __future__ import annotations
 
-import math
-from collections.abc import Iterator
+import sys
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-import click
+from slopecli.cli.talk import is_terminal, print_result
 
 if TYPE_CHECKING:
-    from slopecli.types import AlternativePlane, Plane, Rejected, Report
+    from rich.console import Console
 
-HEADER = ("id", "slope", "95 % interval", "aspect", "verdict", "P(safe)", "roughness", "points", "note")
-# of planes found in the image, of which it is asked what they are and how large
-FOUND_HEADER = ("id", "what", "image", "slope", "95 % interval", "aspect", "verdict", "P(safe)", "points", "note")
-LEAST_SIGMA_DEG = 0.005  # below it two decimals would be zeros
-LEFT_ALIGNED = ("what", "verdict", "note", "pair", "result", "image 1", "image 2", "camera")
-VERDICT_COLOURS = {"safe": "green", "unsafe": "red", "undecided": "yellow"}
-VERDICT_COLOURS |= {"answered": "green", "failed": "red", "no answer": "yellow"}
+WORD_COLUMNS = {"what", "verdict", "note", "pair", "result", "image 1", "image 2", "camera"}
+WORD_COLUMNS |= {"held", "claim", "measured", "limit", "source"}
+COLOURS = {"safe": "green", "unsafe": "red", "undecided": "yellow"}
+COLOURS |= {"answered": "green", "failed": "red", "no answer": "yellow"}
 
 
-def result_table(report: Report) -> str:
-    """One line per window or plane in the order of ids, those without an answer included; angles in degrees."""
-    return "\n".join(_found_table(report) if report.found else _window_table(report))
+@dataclass(frozen=True)
+class Table:
+    """A table as text: titles of the columns, and rows with a cell for each; the last column may be long."""
+
+    header: tuple[str, ...]
+    rows: Sequence[tuple[str, ...]]
+
+    def lines(self) -> Iterator[str]:
+        """Lines of plain text: words to the left, numbers to the right, two spaces between columns."""
+        widths = [max(map(len, column)) for column in zip(self.header, *self.rows, strict=True)]
+        for row in (self.header, *self.rows):
+            cells = [
+                cell.ljust(width) if title in WORD_COLUMNS else cell.rjust(width)
+                for title, cell, width in zip(self.header, row, widths, strict=True)
+            ]
+            yield "  ".join(cells).rstrip()
 
 
-def _window_table(report: Report) -> Iterator[str]:
-    others = report.ambiguity.others
-    rows = [(plane.id, _plane_cells(plane, report.scale.unit, others.get(plane.id))) for plane in report.planes]
-    rows += [(window.id, _rejected_cells(window, len(HEADER))) for window in report.rejected]
-    return aligned(HEADER, [cells for _, cells in sorted(rows)])
+def print_table(table: Table, *below: str) -> None:
+    """Print a table and lines below it: with colours where a terminal takes them, as plain text in a pipe or a file."""
+    if is_terminal(sys.stdout):
+        from rich.console import Console
+
+        draw_table(table, below, Console(highlight=False))
+    else:
+        print_result("\n".join([*table.lines(), *below]))
 
 
-def _found_table(report: Report) -> Iterator[str]:
-    from slopecli.report.kinds import plane_kinds, plane_shares
+def draw_table(table: Table, below: Sequence[str], console: Console) -> None:
+    """Print a table on a terminal: cells that are verdicts in colour, a long last column wrapped inside its column.
 
-    kinds, shares, others = plane_kinds(report), plane_shares(report), report.ambiguity.others
-    rows = [
-        (plane.id, _found_cells(plane, kinds[plane.id] or "-", shares[plane.id], others.get(plane.id)))
-        for plane in report.planes
-    ]
-    rows += [(region.id, _rejected_cells(region, len(FOUND_HEADER))) for region in report.rejected]
-    return aligned(FOUND_HEADER, [cells for _, cells in sorted(rows)])
+    rich honours NO_COLOR. On a terminal too narrow for the other columns, lines are longer than it is wide.
+    """
+    from rich.table import Table as RichTable
+    from rich.text import Text
 
-
-def _plane_cells(plane: Plane, unit: str, other: AlternativePlane | None) -> tuple[str, ...]:
-    return (
-        str(plane.id),
-        *_slope_cells(plane, other),
-        plane.verdict,
-        _number(plane.p_safe, 3),
-        _number(plane.roughness, 4) + (" m" if unit == "m" and math.isfinite(plane.roughness) else ""),
-        f"{plane.n_inliers}/{plane.n_correspondences}",
-        ": ".join(part for part in (plane.status, plane.reason) if part and part != "ok"),
-    )
-
-
-def _slope_cells(plane: Plane, other: AlternativePlane | None) -> tuple[str, str, str]:
-    """Slope, of two that may be true both, interval and aspect; of one that is not known only how little is."""
-    slope = _slope(plane) if other is None else f"{_slope(plane)} or {_slope(other)}"
-    if not plane.slope_known:
-        return slope, "-", "-"
-    low, high = plane.slope_ci95_deg
-    aspect = "-" if plane.aspect_deg is None else f"{_number(plane.aspect_deg, 0)}°"
-    return slope, f"{_number(low, 2)} to {_number(high, 2)}°", aspect
-
-
-def _slope(plane: Plane | AlternativePlane) -> str:
-    if not plane.slope_known:
-        return f"unknown (± {_two_figures(plane.slope_sigma_deg)}°)"
-    return f"{_number(plane.slope_deg, 2)} ± {_sigma(plane.slope_sigma_deg)}°"
-
-
-def _sigma(sigma_deg: float) -> str:
-    """To 0.01 degrees, but nothing that is uncertain reads as if it were not."""
-    return "<0.01" if 0 < sigma_deg < LEAST_SIGMA_DEG else _number(sigma_deg, 2)
-
-
-def _two_figures(value: float) -> str:
-    """Whole numbers, but two figures of what is below ten."""
-    return f"{value:.2g}" if value < 10 else _number(value, 0)
-
-
-def _found_cells(plane: Plane, kind: str, share: float, other: AlternativePlane | None) -> tuple[str, ...]:
-    number, slope, interval, aspect, verdict, safe, _, points, note = _plane_cells(plane, "", other)
-    return number, kind, f"{100 * share:.1f} %", slope, interval, aspect, verdict, safe, points, note
-
-
-def _rejected_cells(rejected: Rejected, columns: int) -> tuple[str, ...]:
-    return (str(rejected.id), *"-" * (columns - 2), f"no answer: {rejected.reason}")
-
-
-def _number(value: float, decimals: int) -> str:
-    return f"{value:.{decimals}f}" if math.isfinite(value) else "-"
-
-
-def aligned(header: tuple[str, ...], rows: list[tuple[str, ...]]) -> Iterator[str]:
-    """Lines of a table: numbers to the right, words to the left, verdicts in colour."""
-    widths = [max(map(len, column)) for column in zip(header, *rows, strict=True)]
-    for row in (header, *rows):
-        cells = [_padded(*cell) for cell in zip(header, row, widths, strict=True)]
-        yield "  ".join(cells).rstrip()
-
-
-def _padded(column: str, cell: str, width: int) -> str:
-    padded = cell.ljust(width) if column in LEFT_ALIGNED else cell.rjust(width)
-    # the escape codes have no width, so they come after padding
-    coloured = cell in VERDICT_COLOURS and cell != column  # a title is no verdict
-    return click.style(padded, fg=VERDICT_COLOURS[cell]) if coloured else padded
-
-
-def talk_lines(report: Report) -> Iterator[str]:
-    """What a reader of the table should know besides: the reference of the slopes, ambiguity, refusals, diagnostics."""
-    yield _up_line(report)
-    if report.ambiguity.status != "none":
-        yield _ambiguity_line(report)
-    for one in report.rejected:
-        yield f"{report.noun} {one.id}: no answer: {one.reason}: {one.message}"
-    for diagnostic in report.diagnostics:
-        remedy = f"; {diagnostic.remedy}" if diagnostic.remedy else ""
-        yield f"{diagnostic.severity}: {diagnostic.code}: {diagnostic.message}{remedy}"
-
-
-def _up_line(report: Report) -> str:
-    x, y, z = report.up.vector_cam1
-    meaning = {
-        "camera": "camera 1 taken to look straight down; see --up",
-        "given": "given",
-        "dominant-plane": "the largest plane taken as level; if it is a wall, give --up X,Y,Z",
-    }[report.up.source]
-    sigma = f" ± {report.up.sigma_deg:g}°" if report.up.sigma_deg else ""
-    return f"up: ({x:.4f}, {y:.4f}, {z:.4f}){sigma} in camera-1 axes ({meaning})"
-
-
-def _ambiguity_line(report: Report) -> str:
-    from slopecli.report.second_root import margin
-
-    worse, remedy = margin(report.ambiguity, report.fit.n_inliers), report.ambiguity.resolve_with
-    if report.ambiguity.status == "resolved":
-        return f"info: a second motion is ruled out{worse}; slopes.json has it"
-    doubt = f'two answers: a second motion, with the slopes after "or", fits as well{worse}'
-    verdict = f"no {report.noun} is called safe unless it is in both, P(safe) is the smaller of the two; "
-    verdict += "interval and aspect are the first answer's, slopes.json has the second's"
-    return f"warning: {doubt}; {verdict}" + (f"; resolve it with {remedy}" if remedy else "")
+    drawn = RichTable(box=None, pad_edge=False, header_style="", padding=(0, 2, 0, 0))
+    for title in table.header[:-1]:
+        drawn.add_column(title, justify="left" if title in WORD_COLUMNS else "right", no_wrap=True)
+    *fixed, last = (max(map(len, column)) for column in zip(table.header, *table.rows, strict=True))
+    last = min(last, 20)  # a note needs no more: it is wrapped
+    drawn.add_column(table.header[-1], overflow="fold", min_width=last)
+    for row in table.rows:
+        drawn.add_row(*(Text(cell, COLOURS.get(cell, "")) for cell in row))
+    console.width = max(console.width, sum(fixed) + 2 * len(fixed) + last)
+    console.print(drawn)
+    for line in below:
+        console.print(Text(line), soft_wrap=True)

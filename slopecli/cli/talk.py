@@ -32,33 +32,42 @@ class Talk:
 
     @contextmanager
     def timed(self, name: str) -> Iterator[None]:
-        """Time the body as one stage."""
+        """Time the body as one stage, seconds of processor time."""
         start = time.process_time()
         yield
         self.stage(name, time.process_time() - start)
 
 
-def print_result(text: str) -> None:
-    """Print a result on stdout, in colour only on a terminal and without NO_COLOR (https://no-color.org).
+def is_terminal(stream: TextIO | None) -> bool:
+    """Whether a person reads the stream. None stands for one that is closed, as by 2>&-."""
+    return stream is not None and stream.isatty()
 
-    A reader that has gone (`| head`) has seen what it wanted: the rest is dropped and the exit status stays 0.
-    """
+
+def print_result(text: str) -> None:
+    """Print a result on stdout. If its reader has gone (`| head`), the rest is dropped and the exit status stays 0."""
     try:
-        click.echo(text.rstrip("\n"), color=False if os.environ.get("NO_COLOR") else None)
+        click.echo(text.rstrip("\n"))
     except BrokenPipeError:
         drop_stdout()
 
 
-def tell(text: str, *, end_line: bool = True) -> None:
-    """Write to stderr. If nobody listens any more (`2>&1 | head`, a terminal that is gone), the work goes on."""
+def tell(text: str) -> None:
+    """Print a line on stderr; the work goes on if nothing reads it any more."""
+    with stderr_may_be_gone():
+        click.echo(text, err=True)
+
+
+@contextmanager
+def stderr_may_be_gone() -> Iterator[None]:
+    """Ignore that stderr cannot be written to, and send it nowhere from then on."""
     try:
-        click.echo(text, nl=end_line, err=True)
+        yield
     except OSError:
         _drop(sys.stderr)
 
 
 def drop_stdout() -> None:
-    """Send what stdout still holds nowhere: Python flushes it once more at exit, which would complain."""
+    """Discard what stdout still holds: Python flushes it once more at exit, which would fail."""
     _drop(sys.stdout)
 
 

@@ -1,0 +1,90 @@
+"""Checks of a command line as a whole: options that exclude or need each other. All raise `click.UsageError`."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import fields
+from typing import Any
+
+import click
+from click.core import ParameterSource
+
+from slopecli.options import Options
+from slopecli.orders import CameraChoice
+
+CAMERA_FLAGS = ("camera", "intrinsics", "fov")
+# options that only some finders of planes use, and which these are
+FINDERS_WITH = {
+    ("windows",): ("grid", "windows"),
+    ("ransac", "regions"): ("min_region_percent",),
+    ("regions",): ("gradient_threshold", "merge_px", "debug_images"),
+}
+
+
+def given(ctx: click.Context, *names: str) -> list[str]:
+    """Flags, as the user writes them, of those of the named parameters that are on the command line."""
+    return [
+        parameter.opts[-1]
+        for parameter in ctx.command.params
+        if parameter.name in names and ctx.get_parameter_source(parameter.name) is not ParameterSource.DEFAULT
+    ]
+
+
+def at_most_one(ctx: click.Context, *names: str) -> None:
+    """Refuse a command line that has more than one of the named parameters."""
+    flags = given(ctx, *names)
+    if len(flags) > 1:
+        raise click.UsageError(f"{' and '.join(flags)} contradict each other; give one.", ctx)
+
+
+def refuse(ctx: click.Context, complaints: Iterable[tuple[object, str]]) -> None:
+    """Refuse with the first complaint whose condition is true; each is (condition, message)."""
+    for wrong, message in complaints:
+        if wrong:
+            raise click.UsageError(message, ctx)
+
+
+def check_known_motion(ctx: click.Context) -> None:
+    """Refuse contradicting ways to give the motion or the scale, and what only the solver mle can use."""
+    at_most_one(ctx, "baseline_m", "altitude_m", "pose_file")
+    for other in ("rotation_prior", "direction_prior"):
+        at_most_one(ctx, "pose_file", other)
+    known = given(ctx, "rotation_prior", "direction_prior", "pose_file")
+    other_solver = ctx.params["solver"] != "mle"
+    refuse(
+        ctx,
+        (
+            (
+                given(ctx, "pose_sigma_deg") and not given(ctx, "pose_file"),
+                "--pose-sigma is of a --pose; give both.",
+            ),
+            (
+                ctx.params["merge_coplanar"] and other_solver,
+                "--merge-coplanar is for --solver mle; leave one out.",
+            ),
+            (known and other_solver, f"{known[0] if known else ''} is for --solver mle; leave one out."),
+        ),
+    )
+
+
+def check_planes(ctx: click.Context, finder: str) -> None:
+    """Refuse options of one finder of planes together with another finder."""
+    for finders, names in FINDERS_WITH.items():
+        flags = given(ctx, *names)
+        if flags and finder not in finders:
+            wanted = " or ".join(finders)
+            raise click.UsageError(f"{flags[0]} is for --planes {wanted}, not for {finder}; leave one out.", ctx)
+
+
+def camera_choice(parameters: dict[str, Any]) -> CameraChoice:
+    """The camera that the options of a command name; an empty choice if they name none."""
+    return CameraChoice(parameters["camera"] or None, parameters["intrinsics"], parameters["fov"])
+
+
+def options_from(parameters: dict[str, Any]) -> Options:
+    """The library's options out of a command's parameters of the same names; the pose is read from its file."""
+    if parameters.get("pose_file"):
+        from slopecli.io.poses import load_pose
+
+        parameters = {**parameters, "pose": load_pose(parameters["pose_file"])}
+    return Options(**{field.name: parameters[field.name] for field in fields(Options) if field.name in parameters})
