@@ -32,7 +32,6 @@ from slopecli.products.drawing import (
     downhill_px,
     footprints_of,
     place_labels,
-    place_region_labels,
     slope_colours,
     slope_text,
     text_width,
@@ -288,7 +287,7 @@ def test_long_sentences_are_broken_to_the_width() -> None:
 def placed_on(report: Report, text_px: int = 15) -> list[Placed]:
     """Labels of a report drawn at the size of its image."""
     shape = report.labels.shape
-    return place_region_labels(footprints_of(report, 1.0, shape, text_px), [], shape, text_px)
+    return place_labels(footprints_of(report, 1.0, shape, text_px), [], shape, text_px)
 
 
 def region_report(width: int = 1280, height: int = 960, **changes: object) -> Report:

@@ -11,26 +11,15 @@ from numpy.typing import NDArray
 from slopecli.plan import Plan, PlannedWindow, sigma_text
 from slopecli.products.drawing import marks
 from slopecli.products.drawing.canvas import LARGEST_PX, SMALLEST_PX, converted, text_size
-from slopecli.products.drawing.colormap import SLOPE_RANGE_DEG, slope_colours
-from slopecli.products.drawing.legend import Strip, banner, focus_sign, swatch
-from slopecli.products.drawing.lettering import (
-    LEADING,
-    Box,
-    Label,
-    Text,
-    box_around,
-    find_room,
-    label_texts,
-    wrapped,
-    write,
-)
+from slopecli.products.drawing.colormap import slope_range_colours
+from slopecli.products.drawing.label_text import SMALLEST_TEXT_PX
+from slopecli.products.drawing.legend import ColourBar, Sign, banner, draw_sheet, focus_sign, swatch
+from slopecli.products.drawing.lettering import Label, Text, label_texts, write
 from slopecli.products.drawing.marks import Picture
+from slopecli.products.drawing.placement import Box, box_around, find_room
 from slopecli.types import FloatArray
 
-SIGMA_RANGE_DEG = (0.03, 10.0)  # logarithmic and fixed, so that plans compare
-TICKS_DEG = (0.03, 0.1, 0.3, 1.0, 3.0, 10.0)
-GROUND = (214, 214, 210)  # there is no image yet
-SMALLEST_TEXT_PX = 9
+TICKS_DEG = (0.03, 0.1, 0.3, 1.0, 3.0, 10.0)  # of the bar of colours; fixed, so that plans compare
 SIGNS = {"ok": "safe", "poor": "undecided", "refused": "rejected"}
 MEANINGS = {"ok": "answered", "poor": "less than half of it in image 2", "refused": "no answer"}
 UNITS = {"m": " m", "baseline": " baselines", "height": " of the height"}
@@ -39,7 +28,8 @@ UNITS = {"m": " m", "baseline": " baselines", "height": " of the height"}
 def draw_plan(plan: Plan) -> NDArray[np.uint8]:
     """Draw a plan, (h, w, 3) uint8 BGR, with a legend below and a warning above where two answers are likely."""
     scale = _scale(plan)
-    picture = np.full((round(plan.camera.height * scale), round(plan.camera.width * scale), 3), GROUND, np.uint8)
+    shape = round(plan.camera.height * scale), round(plan.camera.width * scale), 3
+    picture = np.full(shape, (214, 214, 210), np.uint8)  # light grey: there is no image yet
     text_px = text_size(picture)
     for one in sorted(plan.windows, key=lambda window: -window.window[2] * window.window[3]):
         _draw_window(picture, one, scale, text_px)
@@ -47,22 +37,20 @@ def draw_plan(plan: Plan) -> NDArray[np.uint8]:
     width = picture.shape[1]
     sheets = [picture, _legend(plan, width, text_px)]
     if plan.second_answer.likely:
-        sheets.insert(
-            0,
-            banner(
-                "Two answers are likely: a second motion will explain the pair as well. Sigmas are the right one's.",
-                width,
-                text_px,
-            ),
-        )
+        warning = "Two answers are likely: a second motion will explain the pair as well. Sigmas are the right one's."
+        sheets.insert(0, banner(warning, width, text_px))
     return converted(np.vstack(sheets), cv2.COLOR_RGB2BGR)
 
 
 def sigma_colours(sigma_deg: FloatArray) -> NDArray[np.uint8]:
     """(n, 3) uint8 RGB of sigmas (n,), deg, by the logarithm, with the colours of slopes."""
-    low, high = np.log(SIGMA_RANGE_DEG)
-    fraction = (np.log(np.maximum(sigma_deg, 1e-9)) - low) / (high - low)
-    return slope_colours(SLOPE_RANGE_DEG[0] + fraction * (SLOPE_RANGE_DEG[1] - SLOPE_RANGE_DEG[0]))
+    return slope_range_colours(_place(np.maximum(sigma_deg, 1e-9)))
+
+
+def _place(sigma_deg: FloatArray | float) -> FloatArray:
+    """Place of a sigma, deg, on the bar of colours: 0 at the first tick, 1 at the last, by the logarithm."""
+    low, high = np.log([TICKS_DEG[0], TICKS_DEG[-1]])
+    return np.asarray((np.log(sigma_deg) - low) / (high - low))
 
 
 def _scale(plan: Plan) -> float:
@@ -116,24 +104,17 @@ def _label(one: PlannedWindow, scale: float, taken: list[Box], text_px: int) -> 
 
 
 def _legend(plan: Plan, width: int, text_px: int) -> Picture:
-    strip = Strip(width, max(11, round(0.87 * text_px)))
-    bar_v, bar_height = 2.3 * strip.size, 1.1 * strip.size
-    strip.start(bar_v + bar_height + 3.1 * strip.size)
     found = {one.status for one in plan.windows}
-    for status, sign in SIGNS.items():
-        if status in found:
-            strip.add(MEANINGS[status], partial(swatch, sign))
+    entries: list[tuple[str, Sign]] = [
+        (meaning, partial(swatch, SIGNS[status])) for status, meaning in MEANINGS.items() if status in found
+    ]
     if plan.epipole1_px is not None:
-        strip.add("focus of expansion", focus_sign)
-    strip.start(strip.v + strip.row)
-    for line in wrapped(_caption(plan), strip.size, width - 2 * strip.size):
-        strip.note(line, strip.size)
-        strip.v += LEADING * strip.size
-    sheet = strip.sheet(strip.v + 0.3 * strip.size)
-    _draw_bar(sheet, strip, bar_v, bar_height, plan)
-    for draw, centre in strip.signs:
-        draw(sheet, centre, 0.55 * strip.size)
-    return write(sheet, strip.texts)
+        entries.append(("focus of expansion", focus_sign))
+    ticks = [(float(_place(tick)), f"{tick:g}°{'+' if tick == TICKS_DEG[-1] else ''}") for tick in TICKS_DEG]
+    mark = None
+    if plan.wanted is not None:
+        mark = float(np.clip(_place(plan.wanted.sigma_deg), 0.0, 1.0)), f"wanted {plan.wanted.sigma_deg:g}°"
+    return draw_sheet(width, text_px, _caption(plan), ColourBar(slope_range_colours, ticks, mark), entries)
 
 
 def _caption(plan: Plan) -> str:
@@ -148,36 +129,3 @@ def _caption(plan: Plan) -> str:
         f"direction {x:.3g}, {y:.3g}, {z:.3g} in camera-1 axes. {plan.points} points a window, "
         f"noise {plan.noise_px:g} px, roughness {plan.ground.roughness:g}. Median parallax {plan.parallax_px:.0f} px."
     )
-
-
-def _draw_bar(sheet: Picture, strip: Strip, top: float, height: float, plan: Plan) -> None:
-    """Colour bar with its ticks, and the sigma that was wanted marked on it."""
-    left, right = 2.2 * strip.size, min(strip.width - 2.2 * strip.size, 36.0 * strip.size)
-    low, high = np.log(SIGMA_RANGE_DEG)
-    columns = np.arange(round(left), round(right))
-    sigmas = np.exp(low + (columns - left) / (right - left) * (high - low))
-    sheet[round(top) : round(top + height), columns] = sigma_colours(sigmas)
-    for tick in TICKS_DEG:
-        u = left + (np.log(tick) - low) / (high - low) * (right - left)
-        marks.stroke(sheet, np.array([[u, top + height], [u, top + height + 0.35 * strip.size]]), marks.INK, 1)
-        more = "+" if tick == TICKS_DEG[-1] else ""
-        strip.texts.append(_bar_text(f"{tick:g}°{more}", u, top + height + 1.1 * strip.size, strip))
-    if plan.wanted is not None:
-        _mark_wanted(sheet, strip, top, height, plan.wanted.sigma_deg, (left, right))
-
-
-def _mark_wanted(
-    sheet: Picture, strip: Strip, top: float, height: float, sigma_deg: float, ends: tuple[float, float]
-) -> None:
-    low, high = np.log(SIGMA_RANGE_DEG)
-    fraction = float(np.clip((np.log(sigma_deg) - low) / (high - low), 0.0, 1.0))
-    u = ends[0] + fraction * (ends[1] - ends[0])
-    marks.cased_stroke(sheet, np.array([[u, top - 2], [u, top + height + 2]]), marks.PAPER, 2)
-    margin = 4.5 * strip.size
-    strip.texts.append(
-        _bar_text(f"wanted {sigma_deg:g}°", float(np.clip(u, margin, strip.width - margin)), top - strip.size, strip)
-    )
-
-
-def _bar_text(text: str, u: float, v: float, strip: Strip) -> Text:
-    return Text((u, v), text, strip.size, "mm", marks.INK, halo=None)

@@ -134,7 +134,7 @@ __getattr__, __dir__ = lazy_names(
     {
         "glb": "LARGEST_TEXTURE_PX model_from_camera1 report_to_glb",
         "overlay": "draw_overlay",
-        "ply": "plane_mesh report_to_ply triangulate",
+        "ply": "plane_mesh report_to_ply",
         "region_mesh": "MOST_TRIANGLES region_grid region_surfaces",
         "slopes_json": "report_to_json",
         "steps": "draw_components draw_gradient draw_merged",

@@ -8,7 +8,6 @@ processor time as all files together.
 from __future__ import annotations
 
 import json
-import math
 import struct
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -20,17 +19,13 @@ from numpy.typing import NDArray
 
 from slopecli import __version__
 from slopecli.products.region_mesh import surfaces_of
+from slopecli.products.slopes_json import rounded
 from slopecli.products.surface import Surface
 from slopecli.types import AlternativePlane, FloatArray, Image, Plane, Report
 
 LARGEST_TEXTURE_PX = 2048  # what every device can show
-JPEG_QUALITY = 92
-LEVEL_VIEW = 0.5  # horizontal part of the optical axis from which on the way ahead is along it
-
-_ARRAY, _INDICES = 34962, 34963  # targets of buffer views
-_FLOAT, _UINT16, _UINT32 = 5126, 5123, 5125  # types of components
-_CLAMP = 33071  # of a texture at its borders
-_ALIGNMENT = 4
+# by the type of the numbers: glTF's code for it, and for what a buffer of such numbers holds (vertices or indices)
+COMPONENTS = {"<f4": (5126, 34962), "<u2": (5123, 34963), "<u4": (5125, 34963)}
 
 
 def encode(report: Report, image: Image) -> bytes:
@@ -81,7 +76,7 @@ def model_from_camera1(up_cam1: FloatArray) -> FloatArray:
     up_cam1 = up_cam1 / np.linalg.norm(up_cam1)
     view, image_up = np.array([0.0, 0.0, 1.0]), np.array([0.0, -1.0, 0.0])
     ahead = view - (view @ up_cam1) * up_cam1
-    if np.linalg.norm(ahead) < LEVEL_VIEW:
+    if np.linalg.norm(ahead) < 0.5:  # the view is steeper than 60 deg
         ahead = image_up - (image_up @ up_cam1) * up_cam1
     ahead /= np.linalg.norm(ahead)
     return np.array([np.cross(ahead, up_cam1), up_cam1, -ahead])
@@ -98,11 +93,12 @@ class _Contents:
     def add_bytes(self, content: bytes, **facts: int) -> int:
         """Append bytes and return the index of their view."""
         self.views.append({"buffer": 0, "byteOffset": len(self.data), "byteLength": len(content), **facts})
-        self.data += content + bytes(-len(content) % _ALIGNMENT)
+        self.data += content + bytes(-len(content) % 4)
         return len(self.views) - 1
 
-    def add_array(self, array: NDArray[Any], component: int, target: int) -> int:
+    def add_array(self, array: NDArray[Any]) -> int:
         """Append rows of vectors, or numbers, and return the index of their accessor."""
+        component, target = COMPONENTS[array.dtype.str]
         view = self.add_bytes(array.tobytes(), target=target)
         kind = "SCALAR" if array.ndim == 1 else f"VEC{array.shape[1]}"
         low, high = (np.atleast_1d(end(array, axis=0)).tolist() for end in (np.min, np.max))
@@ -121,12 +117,9 @@ def _mesh(
     """Store one surface. Without normals, viewers take those of the triangles, which is what a plane has."""
     points = (surface.points @ rotation.T).astype("<f4")
     texture = ((surface.uv + 0.5) / [image.width, image.height]).astype("<f4")
-    kind, component = ("<u2", _UINT16) if len(points) < 0xFFFF else ("<u4", _UINT32)
-    attributes = {
-        "POSITION": contents.add_array(points, _FLOAT, _ARRAY),
-        "TEXCOORD_0": contents.add_array(texture, _FLOAT, _ARRAY),
-    }
-    indices = contents.add_array(surface.triangles.astype(kind).ravel(), component, _INDICES)
+    attributes = {"POSITION": contents.add_array(points), "TEXCOORD_0": contents.add_array(texture)}
+    kind = "<u2" if len(points) < 0xFFFF else "<u4"
+    indices = contents.add_array(surface.triangles.astype(kind).ravel())
     slopes = [_slope(plane) for plane in (surface.plane, other) if plane is not None]
     name = f"plane {surface.plane.id} ({' or '.join(slopes)})"
     return {"name": name, "primitives": [{"attributes": attributes, "indices": indices, "material": 0}]}
@@ -142,7 +135,7 @@ def _texture(image: Image, contents: _Contents) -> dict[str, Any]:
     scale = LARGEST_TEXTURE_PX / max(pixels.shape)
     if scale < 1.0:
         pixels = np.asarray(cv2.resize(pixels, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA), np.uint8)
-    encoded = cv2.imencode(".jpg", pixels, [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY])[1].tobytes()
+    encoded = cv2.imencode(".jpg", pixels, [cv2.IMWRITE_JPEG_QUALITY, 92])[1].tobytes()
     view = contents.add_bytes(encoded)
     # read by viewers that do not know the extension: neither metal nor gloss
     surface = {"baseColorTexture": {"index": 0}, "metallicFactor": 0.0, "roughnessFactor": 1.0}
@@ -150,7 +143,7 @@ def _texture(image: Image, contents: _Contents) -> dict[str, Any]:
     return {
         "materials": [{"name": "image 1", "pbrMetallicRoughness": surface, "doubleSided": True, "extensions": unlit}],
         "textures": [{"source": 0, "sampler": 0}],
-        "samplers": [{"wrapS": _CLAMP, "wrapT": _CLAMP}],
+        "samplers": [{"wrapS": 33071, "wrapT": 33071}],  # clamped at the borders
         "images": [{"name": "image 1", "bufferView": view, "mimeType": "image/jpeg"}],
     }
 
@@ -159,7 +152,7 @@ def _frame(report: Report, rotation: FloatArray) -> dict[str, Any]:
     return {
         "unit": report.scale.unit,
         "axes": "x right, y up, -z ahead; the origin is camera 1",
-        "model_from_camera1": [[_rounded(value) for value in row] for row in rotation],
+        "model_from_camera1": [[rounded(value) for value in row] for row in rotation],
         "ambiguity": report.ambiguity.status,
     }
 
@@ -172,18 +165,13 @@ def _facts(plane: Plane, other: AlternativePlane | None) -> dict[str, Any]:
 def _slope_facts(plane: Plane | AlternativePlane) -> dict[str, float | None]:
     slope_deg = plane.slope_deg if plane.slope_known else None
     numbers = {"slope_deg": slope_deg, "slope_sigma_deg": plane.slope_sigma_deg, "aspect_deg": plane.aspect_deg}
-    return {name: None if value is None else _rounded(value) for name, value in numbers.items()}
-
-
-def _rounded(value: float) -> float | None:
-    """Nine digits, as in slopes.json; the others only record the processor's rounding."""
-    return float(f"{value:.9g}") + 0.0 if math.isfinite(value) else None
+    return {name: None if value is None else rounded(value) for name, value in numbers.items()}
 
 
 def _packed(tree: dict[str, Any], binary: bytes) -> bytes:
     """Join both parts of the file, each padded to four bytes as the format wants: text with blanks, data with zeros."""
     text = json.dumps(tree, separators=(",", ":"), allow_nan=False).encode("ascii")
-    text += b" " * (-len(text) % _ALIGNMENT)
+    text += b" " * (-len(text) % 4)
     chunks = struct.pack("<I4s", len(text), b"JSON") + text
     if binary:
         chunks += struct.pack("<I4s", len(binary), b"BIN\0") + binary

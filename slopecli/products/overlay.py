@@ -12,15 +12,12 @@ from slopecli.products.drawing import marks
 from slopecli.products.drawing.canvas import converted, drawing_scale, ground, resized, text_size
 from slopecli.products.drawing.colormap import slope_colours
 from slopecli.products.drawing.legend import draw_banner, draw_legend
-from slopecli.products.drawing.lettering import Text, badge_centre, box_around, label_texts, write
-from slopecli.products.drawing.marks import Picture
+from slopecli.products.drawing.lettering import Text, badge_centre, label_texts, write
+from slopecli.products.drawing.marks import TINT, Picture
 from slopecli.products.drawing.outlines import Footprint, footprints_of
-from slopecli.products.drawing.placement import Placed, place_labels
+from slopecli.products.drawing.placement import Placed, box_around, place_labels
 from slopecli.products.drawing.png import encode_picture
-from slopecli.products.drawing.region_numbers import place_region_labels
 from slopecli.types import FloatArray, Image, Report
-
-TINT = 0.6  # share of the slope's colour; the rest keeps the ground recognisable
 
 
 def encode(report: Report, image: Image) -> bytes:
@@ -86,8 +83,7 @@ def _focus(report: Report, scale: float, picture: Picture) -> FloatArray | None:
 def _annotate(picture: Picture, footprints: Sequence[Footprint], focus: FloatArray | None, text_px: int) -> Picture:
     """Draw the focus and all labels."""
     obstacles = [] if focus is None else [box_around(focus, np.full(2, 2.6 * text_px))]
-    place = place_labels if all(footprint.pieces is None for footprint in footprints) else place_region_labels
-    placed = place(footprints, obstacles, (picture.shape[0], picture.shape[1]), text_px)
+    placed = place_labels(footprints, obstacles, (picture.shape[0], picture.shape[1]), text_px)
     if focus is not None:
         marks.focus_mark(picture, focus, 0.75 * text_px)
     return draw_labels(picture, placed, text_px)

@@ -12,7 +12,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import lru_cache
 
 import cv2
 import numpy as np
@@ -27,16 +26,13 @@ from slopecli.products.surface import Surface, lay_on_plane
 from slopecli.types import Camera, FloatArray, Image, IntArray, Plane, Report
 
 SUBDIVISIONS = 2  # of every edge by two: enough to follow the curve that a lens makes of a straight border
-CAMERA_SIZE = 0.06  # of the median distance of the planes
 UNKNOWN_SLOPE = -1.0  # no slope, and a number, as NaN upsets viewers
-CAMERA_COLOURS = ((40, 40, 40), (150, 150, 150))
 
 VERTEX = np.dtype(
     [(name, "<f4") for name in ("x", "y", "z", "nx", "ny", "nz")]
     + [(name, "u1") for name in ("red", "green", "blue")]
     + [(name, "<f4") for name in ("quality", "scalar_slope_deg", "scalar_sigma_slope_deg", "scalar_patch_id")]
 )
-FACE = np.dtype([("count", "u1"), ("vertex_indices", "<i4", (3,))])
 _PLY_TYPES = {"<f4": "float", "|u1": "uchar"}
 
 
@@ -66,10 +62,10 @@ def report_to_ply(report: Report, image: Image | None = None, surfaces: Sequence
     """
     windows = (plane_mesh(plane, report.cameras[0]) for plane in report.planes if not plane.found)
     meshes = [*(mesh for mesh in windows if mesh is not None), *_surface_meshes(report, image, surfaces)]
-    size = CAMERA_SIZE * _median_distance(report.planes)
+    size = 0.06 * (median([plane.distance for plane in report.planes]) if report.planes else 1.0)
     rotation, centre = report.motion.rotation_cam2_from_cam1, report.motion.baseline_cam1
-    meshes.append(camera_mesh(report.cameras[0], np.eye(3), np.zeros(3), size, CAMERA_COLOURS[0]))
-    meshes.append(camera_mesh(report.cameras[1], rotation, centre, size, CAMERA_COLOURS[1]))
+    meshes.append(camera_mesh(report.cameras[0], np.eye(3), np.zeros(3), size, (40, 40, 40)))
+    meshes.append(camera_mesh(report.cameras[1], rotation, centre, size, (150, 150, 150)))
     comments = [
         f"slopemap {__version__}",
         "frame camera 1: x right, y down, z forward",
@@ -94,15 +90,14 @@ def plane_mesh(plane: Plane, camera: Camera) -> Mesh | None:
 
     Parameters
     ----------
-    plane : plane with `normal_cam1 . P = -distance`, polygon in px of `camera`.
+    plane : plane with `normal_cam1 . P = -distance`, its polygon convex, in px of `camera`.
     camera : camera 1.
 
     Returns
     -------
     The mesh, or None where no part of the footprint meets the plane in front of the camera.
     """
-    uv, triangles = _subdivided(np.asarray(plane.polygon_px, float), triangulate(plane.polygon_px))
-    surface = lay_on_plane(plane, camera, uv, triangles)
+    surface = lay_on_plane(plane, camera, *_subdivided(np.asarray(plane.polygon_px, float)))
     return None if surface is None else _surface_mesh(surface, _colour(plane))
 
 
@@ -147,79 +142,25 @@ def camera_mesh(camera: Camera, rotation: FloatArray, centre: FloatArray, size: 
     return Mesh(_vertices(local @ rotation + centre, normals @ rotation, colour), np.array(sides))
 
 
-def triangulate(polygon: FloatArray) -> IntArray:
-    """Cut a simple polygon into triangles by clipping ears.
-
-    Source: Meisters, "Polygons have ears", 1975. Of the ears the one with the widest narrowest angle goes first.
-
-    Parameters
-    ----------
-    polygon : (k, 2) corners, k >= 3, either way round, not crossing itself.
+def _subdivided(polygon: FloatArray) -> tuple[FloatArray, IntArray]:
+    """Cut a convex polygon (k, 2) into triangles, and each of these into four, `SUBDIVISIONS` times.
 
     Returns
     -------
-    (k - 2, 3) indices of corners.
+    points : (n, 2), the polygon's corners first; neighbours share theirs.  triangles : (m, 3) indices of points.
     """
-    points = np.asarray(polygon, float)
-    if _cross(points, np.roll(points, -1, axis=0)).sum() < 0:
-        points = points * [1.0, -1.0]
-    left, triangles = np.arange(len(points)), []
-    while len(left) > 3:
-        ear = int(np.argmax(_ear_quality(points[left])))
-        triangles.append(np.roll(left, 1 - ear)[:3])
-        left = np.delete(left, ear)
-    return np.array([*triangles, left])
-
-
-def _ear_quality(points: FloatArray) -> FloatArray:
-    """(k,) area over squared longest side of the triangle at every corner, lowered by 1 where it is no ear."""
-    before, after = np.roll(points, 1, axis=0), np.roll(points, -1, axis=0)
-    sides = [(before, points), (points, after), (after, before)]
-    longest = np.max([((end - start) ** 2).sum(axis=1) for start, end in sides], axis=0)
-    area = _cross(points - before, after - points)
-    covered = np.all([_cross((end - start)[:, None], points - start[:, None]) > 0 for start, end in sides], axis=0)
-    return area / np.maximum(longest, 1e-300) - (covered.any(axis=1) | (area <= 0))
-
-
-def _cross(a: FloatArray, b: FloatArray) -> FloatArray:
-    return a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0]
-
-
-def _subdivided(points: FloatArray, triangles: IntArray) -> tuple[FloatArray, IntArray]:
-    """Cut every triangle into four, `SUBDIVISIONS` times; neighbours share the new points."""
-    cuts, smallest = _cuts(len(points), tuple(map(tuple, triangles.tolist())))
-    for ends in cuts:
-        points = np.vstack([points, points[ends].mean(axis=1)])
-    return points, smallest
-
-
-@lru_cache(maxsize=32)
-def _cuts(n: int, corners: tuple[tuple[int, ...], ...]) -> tuple[list[IntArray], IntArray]:
-    """Edges (k, 2) that are halved in every round, and the triangles (m, 3) after the last; windows all are cut alike.
-
-    n : points there are at first.  corners : the triangles' at first.
-    """
-    triangles, cuts = np.array(corners), list[IntArray]()
+    last = len(polygon) - 1
+    triangles = np.array([(last, 0, 1), *((1, i, i + 1) for i in range(2, last))])
+    points = polygon
     for _ in range(SUBDIVISIONS):
         edges = np.sort(triangles[:, [[0, 1], [1, 2], [2, 0]]], axis=2).reshape(-1, 2)
-        ends, inverse = _without_repeats(edges)
-        (a, b, c), (ab, bc, ca) = triangles.T, inverse.reshape(-1, 3).T + n
+        ends, inverse = np.unique(edges, axis=0, return_inverse=True)
+        (a, b, c), (ab, bc, ca) = triangles.T, inverse.reshape(-1, 3).T + len(points)
         triangles = np.vstack(
             [np.column_stack(corner) for corner in ((a, ab, ca), (ab, b, bc), (ca, bc, c), (ab, bc, ca))]
         )
-        cuts.append(ends)
-        n += len(ends)
-    return cuts, triangles
-
-
-def _without_repeats(edges: IntArray) -> tuple[IntArray, IntArray]:
-    """Every edge (k, 2) once, in order, and for each of all edges (n,) which of them it is."""
-    order = np.lexsort(edges.T[::-1])
-    ordered = edges[order]
-    new = np.append(True, (ordered[1:] != ordered[:-1]).any(axis=1))
-    inverse = np.empty(len(edges), np.int64)
-    inverse[order] = np.cumsum(new) - 1
-    return ordered[new], inverse
+        points = np.vstack([points, points[ends].mean(axis=1)])
+    return points, triangles
 
 
 def _facing(points: FloatArray, triangles: IntArray, normal: FloatArray) -> IntArray:
@@ -237,10 +178,6 @@ def _vertices(points: FloatArray, normals: FloatArray, colour: ArrayLike) -> NDA
     return vertices
 
 
-def _median_distance(planes: Sequence[Plane]) -> float:
-    return median([plane.distance for plane in planes]) if planes else 1.0
-
-
 def _joined(meshes: Sequence[Mesh]) -> Mesh:
     starts = np.cumsum([0] + [len(mesh.vertices) for mesh in meshes])
     triangles = [mesh.triangles + start for mesh, start in zip(meshes, starts, strict=False)]
@@ -248,7 +185,7 @@ def _joined(meshes: Sequence[Mesh]) -> Mesh:
 
 
 def _encode(mesh: Mesh, comments: Sequence[str]) -> bytes:
-    faces = np.zeros(len(mesh.triangles), FACE)
+    faces = np.zeros(len(mesh.triangles), [("count", "u1"), ("vertex_indices", "<i4", (3,))])
     faces["count"], faces["vertex_indices"] = 3, mesh.triangles
     header = [
         "ply",

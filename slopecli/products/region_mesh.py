@@ -18,11 +18,8 @@ from slopecli.products.surface import Surface, lay_on_plane, trimmed
 from slopecli.types import FloatArray, IntArray, Report
 
 MOST_TRIANGLES = 200_000  # of all regions: a file of 7 MB, a vertex for every third or fourth pixel of a megapixel
-ON_BORDERS = 0.2  # share of the triangles that goes into borders, a first guess
 CELLS_DEEP = 4  # between the border of a narrow region and its middle: its grid is finer, down to a quarter of the step
 FARTHEST = 20.0  # times the scene's distance; beyond it lies what a plane's last rays before its horizon hit
-BORDER_BLUR_PX = 1.0  # takes the staircase out of a slanting border, which a plane seen at an angle would enlarge
-LEAST_CUT = 0.05  # of a cell's side, that a border keeps from a node: no triangle is without an area
 
 
 _SURFACES: WeakKeyDictionary[Report, list[Surface]] = WeakKeyDictionary()
@@ -51,7 +48,8 @@ def region_surfaces(report: Report) -> list[Surface]:
     boxes = boxes_of(report.labels)
     ids = [plane.id for plane in report.planes if plane.found and plane.id in boxes]
     masks = {i: mask_of(report.labels[boxes[i]], i) for i in ids}
-    step = max(1.0, np.sqrt(2 * sum(map(cv2.countNonZero, masks.values())) / (1 - ON_BORDERS) / MOST_TRIANGLES))
+    n_pixels = sum(map(cv2.countNonZero, masks.values()))
+    step = max(1.0, np.sqrt(2 * n_pixels / 0.8 / MOST_TRIANGLES))  # a first guess: a fifth lies along borders
     meshes = {i: region_grid(masks[i], boxes[i], step) for i in ids}
     while (count := sum(len(triangles) for _, triangles in meshes.values())) > MOST_TRIANGLES:
         step *= np.sqrt(1.1 * count / MOST_TRIANGLES)  # borders as rough as this are rare
@@ -92,7 +90,7 @@ def region_grid(mask: Mask, box: Box, step: float) -> tuple[FloatArray, IntArray
     for crossing, axis in ((across, 1), (along, 0)):
         r, c = np.nonzero(crossing >= 0)
         here, there = depth[r, c], depth[r + (axis == 0), c + (axis == 1)]
-        share = np.clip(here / (here - there), LEAST_CUT, 1.0 - LEAST_CUT)
+        share = np.clip(here / (here - there), 0.05, 0.95)  # clear of the nodes: no triangle is without an area
         uv.append(np.column_stack([c + share * (axis == 1), r + share * (axis == 0)]))
     return np.concatenate(uv) * step + origin, np.concatenate(list(_triangles(inside, corner, across, along)))
 
@@ -101,7 +99,8 @@ def _signed_distance(mask: Mask, margin: int) -> NDArray[np.float32]:
     """Distance of every pixel to the border, positive inside, of the mask with a margin around it, px."""
     padded = np.pad(mask, margin)
     outer = cv2.distanceTransform(255 - padded, cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
-    return np.asarray(cv2.GaussianBlur(inner_distance(padded) - outer, (0, 0), BORDER_BLUR_PX), np.float32)
+    # the blur of 1 px takes the staircase out of a slanting border, which a plane seen at an angle would enlarge
+    return np.asarray(cv2.GaussianBlur(inner_distance(padded) - outer, (0, 0), 1.0), np.float32)
 
 
 def _at_nodes(values: NDArray[np.float32], corner: FloatArray, step: float) -> tuple[NDArray[np.float32], FloatArray]:

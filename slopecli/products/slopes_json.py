@@ -15,10 +15,7 @@ from slopecli.types import Image, Report
 
 SCHEMA_VERSION = "1.0"
 SIGNIFICANT_DIGITS = 9  # 1e-9 of a rotation is 6e-8 deg; more digits would only record the processor's rounding
-NEGLIGIBLE = 1e-12  # what is left of an exact zero after arithmetic; its digits differ from machine to machine
-LINE_LENGTH = 110
-
-# written as labels.png, drawn on overlay.png and the steps; what follows from other keys
+# written as labels.png, drawn on overlay.png and the steps; properties that follow from other keys
 _NOT_IN_JSON = {"labels", "epipole1_px", "segmentation", "slope_known"}
 _LEFT_OUT_IF_NONE = {"rms_mrad", "noise_mrad"}  # only of correspondences without a camera
 
@@ -62,22 +59,22 @@ def _plain(value: Any) -> Any:
     if isinstance(value, list | tuple):
         return [_plain(item) for item in value]
     if isinstance(value, float):
-        return _rounded(value)
+        # what is left of an exact zero after arithmetic has other digits on every machine
+        return 0.0 if abs(value) < 1e-12 else rounded(value)
     return str(value) if isinstance(value, PurePath) else value
 
 
-def _rounded(value: float) -> float | None:
+def rounded(value: float) -> float | None:
+    """Round to `SIGNIFICANT_DIGITS`; None for what is not finite."""
     if not math.isfinite(value):
         return None
-    if abs(value) < NEGLIGIBLE:
-        return 0.0  # also drops the sign of -0.0
-    return float(f"{value:.{SIGNIFICANT_DIGITS}g}")
+    return float(f"{value:.{SIGNIFICANT_DIGITS}g}") + 0.0  # which drops the sign of -0.0
 
 
 def _layout(value: Any, indent: str = "", before: str = "") -> str:
     """Indent by two, but keep on one line whatever fits: a matrix reads better in a row than in nine."""
     compact = before + json.dumps(value, allow_nan=False)
-    if len(indent) + len(compact) <= LINE_LENGTH or not isinstance(value, dict | list):
+    if len(indent) + len(compact) <= 110 or not isinstance(value, dict | list):
         return compact
     inner = indent + "  "
     if isinstance(value, dict):

@@ -7,10 +7,10 @@ __getattr__, __dir__ = lazy_names(
     {
         "canvas": "LARGEST_PX SMALLEST_MAP_PX SMALLEST_PX",
         "colormap": "slope_colours",
+        "label_text": "slope_text",
         "lettering": "text_width wrapped",
         "map_palette": "NO_REGION map_colours",
         "outlines": "Footprint downhill_px footprints_of",
-        "placement": "Placed place_labels slope_text",
-        "region_numbers": "place_region_labels",
+        "placement": "Placed place_labels",
     },
 )

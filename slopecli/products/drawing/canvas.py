@@ -11,7 +11,6 @@ from slopecli.types import Image, Report
 
 SMALLEST_PX, LARGEST_PX = 640, 2000  # long side of the drawing: legible below, quick to write and to open above
 SMALLEST_MAP_PX = 1200  # of a scene of planes found as regions: they are many, and their numbers need room
-TEXT_PX = 15  # at a long side of 1024 px
 
 
 def drawing_scale(report: Report, image: Image) -> float:
@@ -28,8 +27,8 @@ def ground(image: Image, scale: float) -> Picture:
 
 
 def text_size(picture: Picture) -> int:
-    """Return the size of the text on a drawing, px."""
-    return max(12, round(TEXT_PX * max(picture.shape) / 1024))
+    """Return the size of the text on a drawing, px: 15 at a long side of 1024 px."""
+    return max(12, round(max(picture.shape) * 15 / 1024))
 
 
 def resized(pixels: NDArray[np.uint8], scale: float) -> NDArray[np.uint8]:

@@ -8,6 +8,8 @@ import cv2
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from slopecli.types import FloatArray
+
 SLOPE_RANGE_DEG = (0.0, 30.0)  # twice what landers bear; fixed, never stretched to the data
 
 
@@ -28,6 +30,12 @@ def slope_colours(slope_deg: ArrayLike) -> NDArray[np.uint8]:
     fraction = np.clip((np.atleast_1d(np.asarray(slope_deg, float)) - low) / (high - low), 0.0, 1.0)
     level = np.rint(255.0 * fraction).astype(np.uint8)
     return _cividis()[level]
+
+
+def slope_range_colours(places: FloatArray) -> NDArray[np.uint8]:
+    """Return colours (n, 3) uint8 RGB along `SLOPE_RANGE_DEG`; places (n,) run from 0 at its low end to 1."""
+    low, high = SLOPE_RANGE_DEG
+    return slope_colours(low + places * (high - low))
 
 
 @lru_cache(maxsize=1)

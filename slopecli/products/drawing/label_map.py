@@ -8,8 +8,6 @@ from numpy.typing import NDArray
 
 from slopecli.types import FloatArray
 
-STAIRCASE = 0.7  # pixels by which an outline may leave theirs: steps of one become the line they stand for
-
 Mask = NDArray[np.uint8]
 Box = tuple[slice, slice]  # rows and columns
 
@@ -55,5 +53,6 @@ def outlines_of(mask: Mask, step: float = 1.0) -> list[FloatArray]:
     if hierarchy is None:
         return []
     hole = hierarchy.reshape(-1, 4)[:, 3] >= 0
+    tolerance = 0.7 * step  # steps of one pixel become the line they stand for
     order = sorted(range(len(contours)), key=lambda i: (bool(hole[i]), -cv2.contourArea(contours[i])))
-    return [cv2.approxPolyDP(contours[i], STAIRCASE * step, True).reshape(-1, 2).astype(float) for i in order]
+    return [cv2.approxPolyDP(contours[i], tolerance, True).reshape(-1, 2).astype(float) for i in order]

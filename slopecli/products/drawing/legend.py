@@ -1,20 +1,21 @@
-"""The strips above and below the overlay: what its colours and signs mean, and whether its answer is the only one."""
+"""Legends below pictures, and the warning above them that a second root is left."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 
 import numpy as np
+from numpy.typing import NDArray
 
 from slopecli.options import Options
 from slopecli.products.drawing import marks
-from slopecli.products.drawing.colormap import SLOPE_RANGE_DEG, slope_colours
+from slopecli.products.drawing.colormap import SLOPE_RANGE_DEG, slope_range_colours
 from slopecli.products.drawing.lettering import LEADING, Text, text_width, wrapped, write
 from slopecli.products.drawing.marks import Picture
 from slopecli.report.second_root import margin
-from slopecli.types import Report
+from slopecli.types import FloatArray, Report
 
 WARNING = (255, 224, 130)
 SIGN_WIDTH = 4.0  # of the text size, with the gap to the text
@@ -59,27 +60,53 @@ class Strip:
         """Write on the current line."""
         self.texts.append(Text((u, self.v), text, self.size, "lm", marks.INK, halo=None))
 
-    def sheet(self, bottom: float) -> Picture:
-        """An empty sheet down to a height."""
-        return np.full((round(bottom), self.width, 3), marks.PAPER, np.uint8)
+
+@dataclass(frozen=True)
+class ColourBar:
+    """A scale of colours; places along it run from 0 at its left end to 1.
+
+    colours : places (n,) -> (n, 3) uint8 RGB.  ticks, mark : place and text.
+    """
+
+    colours: Callable[[FloatArray], NDArray[np.uint8]]
+    ticks: Sequence[tuple[float, str]]
+    mark: tuple[float, str] | None = None
 
 
-def draw_legend(report: Report, width: int, text_px: int, with_focus: bool) -> Picture:
-    """Draw the legend, (h, width, 3) uint8 RGB: the colour bar with the tolerance, the signs, what up means."""
+def draw_sheet(
+    width: int, text_px: int, caption: str, bar: ColourBar | None = None, entries: Sequence[tuple[str, Sign]] = ()
+) -> Picture:
+    """Draw a legend, (h, width, 3) uint8 RGB: a bar of colours, signs with their meaning, a caption."""
     strip = Strip(width, max(11, round(0.87 * text_px)))
     bar_v, bar_height = 2.3 * strip.size, 1.1 * strip.size
-    strip.start(bar_v + bar_height + 3.1 * strip.size)
-    for text, sign in _entries(report, with_focus):
+    strip.start(strip.size if bar is None else bar_v + bar_height + 3.1 * strip.size)
+    for text, sign in entries:
         strip.add(text, sign)
-    strip.start(strip.v + strip.row)
-    for line in wrapped(_caption(report), strip.size, width - 2 * strip.size):
+    strip.start(strip.v + strip.row if entries else strip.v)
+    for line in wrapped(caption, strip.size, width - 2 * strip.size):
         strip.note(line, strip.size)
         strip.v += LEADING * strip.size
-    sheet = strip.sheet(strip.v + 0.3 * strip.size)
-    _draw_bar(sheet, strip, bar_v, bar_height, tolerance_deg(report))
+    sheet = np.full((round(strip.v + 0.3 * strip.size), width, 3), marks.PAPER, np.uint8)
+    if bar is not None:
+        _draw_bar(sheet, strip, bar_v, bar_height, bar)
     for sign, centre in strip.signs:
         sign(sheet, centre, 0.55 * strip.size)
     return write(sheet, strip.texts)
+
+
+def draw_legend(report: Report, width: int, text_px: int, with_focus: bool) -> Picture:
+    """Draw the legend of the overlay, (h, width, 3) uint8 RGB: colours with the tolerance, signs, what up means."""
+    low, high = SLOPE_RANGE_DEG
+    tolerance = tolerance_deg(report)
+    bar = ColourBar(
+        slope_range_colours,
+        [
+            ((tick - low) / (high - low), f"{tick:g}°{'+' if tick == high else ''}")
+            for tick in np.arange(low, high + 1, 5)
+        ],
+        ((tolerance - low) / (high - low), f"tolerance {tolerance:g}°") if low <= tolerance <= high else None,
+    )
+    return draw_sheet(width, text_px, _caption(report), bar, _entries(report, with_focus))
 
 
 def draw_banner(report: Report, width: int, text_px: int) -> list[Picture]:
@@ -153,31 +180,26 @@ def focus_sign(picture: Picture, centre: np.ndarray, radius: float) -> None:
     marks.focus_mark(picture, centre, 1.1 * radius)
 
 
-def _draw_bar(sheet: Picture, strip: Strip, top: float, height: float, tolerance: float) -> None:
-    """Colour bar over the fixed range with ticks every 5 degrees and the tolerance marked across it."""
-    low, high = SLOPE_RANGE_DEG
+def _draw_bar(sheet: Picture, strip: Strip, top: float, height: float, bar: ColourBar) -> None:
+    """Draw a bar of colours with its ticks, and a mark across it."""
     left, right = 1.6 * strip.size, min(strip.width - 1.6 * strip.size, 36.0 * strip.size)
     columns = np.arange(round(left), round(right))
-    slopes = low + (columns - left) / (right - left) * (high - low)
-    sheet[round(top) : round(top + height), columns] = slope_colours(slopes)
-    ticks = np.arange(low, high + 1, 5.0)
-    for tick in ticks:
-        u = left + (tick - low) / (high - low) * (right - left)
+    places = np.asarray((columns - left) / (right - left), float)
+    sheet[round(top) : round(top + height), columns] = bar.colours(places)
+    for place, text in bar.ticks:
+        u = left + place * (right - left)
         marks.stroke(sheet, np.array([[u, top + height], [u, top + height + 0.35 * strip.size]]), marks.INK, 1)
-        label = f"{tick:g}°" if tick < high else f"{tick:g}°+"
-        strip.texts.append(_bar_text(label, u, top + height + 1.1 * strip.size, strip))
-    if low <= tolerance <= high:
-        _mark_tolerance(sheet, strip, left + (tolerance - low) / (high - low) * (right - left), top, height, tolerance)
-
-
-def _mark_tolerance(sheet: Picture, strip: Strip, u: float, top: float, height: float, tolerance: float) -> None:
-    marks.cased_stroke(sheet, np.array([[u, top - 2], [u, top + height + 2]]), marks.PAPER, 2)
-    half = 0.4 * strip.size
-    marks.fill(sheet, np.array([[u - half, top - 1.6 * half], [u + half, top - 1.6 * half], [u, top]]), marks.HAZARD)
-    text = f"tolerance {tolerance:g}°"
-    margin = 0.5 * text_width(text, strip.size) + 2
-    u = float(np.clip(u, margin, strip.width - margin))
-    strip.texts.append(_bar_text(text, u, top - 1.4 * strip.size, strip))
+        strip.texts.append(_bar_text(text, u, top + height + 1.1 * strip.size, strip))
+    if bar.mark is not None:
+        place, text = bar.mark
+        u, half = left + place * (right - left), 0.4 * strip.size
+        marks.cased_stroke(sheet, np.array([[u, top - 2], [u, top + height + 2]]), marks.PAPER, 2)
+        pointer = np.array([u, top]) + half * np.array([[-1.0, -1.6], [1.0, -1.6], [0.0, 0.0]])
+        marks.fill(sheet, pointer, marks.HAZARD)
+        margin = 0.5 * text_width(text, strip.size) + 2
+        strip.texts.append(
+            _bar_text(text, float(np.clip(u, margin, strip.width - margin)), top - 1.4 * strip.size, strip)
+        )
 
 
 def _bar_text(text: str, u: float, v: float, strip: Strip) -> Text:

@@ -1,4 +1,4 @@
-"""Text of the overlay: what a label says, where it finds room, and its drawing by Pillow."""
+"""Text on pictures: its size and layout, and its drawing by Pillow."""
 
 from __future__ import annotations
 
@@ -8,18 +8,13 @@ from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from typing import Any
 
-import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from slopecli.products.drawing.marks import INK, PAPER, Colour, Picture
 from slopecli.types import FloatArray
 
 LEADING = 1.22  # row height over font size
 MARGIN = 3.0  # px kept free around a label
-_SEARCH = 80  # longest side, in cells, of the grid that is searched for room
-
-Box = tuple[float, float, float, float]  # left, top, right, bottom, px
 
 
 @dataclass(frozen=True)
@@ -129,50 +124,3 @@ def _font(size: int) -> Any:
     from PIL import ImageFont
 
     return ImageFont.load_default(size)
-
-
-def find_room(
-    mask: NDArray[np.uint8], corner: FloatArray, extent: FloatArray, wish: FloatArray, taken: Sequence[Box]
-) -> FloatArray | None:
-    """Find the place nearest to `wish` where a box lies wholly on the mask and on nothing taken.
-
-    Parameters
-    ----------
-    mask : (h, w) uint8, non-zero where the box may lie.
-    corner : (2,) px of the mask's first pixel in the picture; the other points are in the picture too.
-    extent : (2,) width and height of the box, px.
-    wish : (2,) wanted centre of the box.
-    taken : boxes to keep clear of.
-
-    Returns
-    -------
-    (2,) centre of the box, or None when it fits nowhere.
-    """
-    step = max(1.0, max(mask.shape) / _SEARCH)
-    shape = [max(1, round(side / step)) for side in mask.shape]
-    cells = cv2.resize(mask, (shape[1], shape[0]), interpolation=cv2.INTER_NEAREST)
-    for left, top, right, bottom in _within(taken, corner, mask.shape, step):
-        cells[top:bottom, left:right] = 0
-    kernel = np.ones([max(1, int(np.ceil(side / step))) for side in extent[::-1]], np.uint8)
-    free = cv2.erode(cells, kernel, borderType=cv2.BORDER_CONSTANT, borderValue=0)
-    rows, columns = np.nonzero(free)
-    if not len(rows):
-        return None
-    centres = (np.column_stack([columns, rows]) + 0.5) * step - 0.5 + corner
-    best: FloatArray = centres[np.argmin(((centres - wish) ** 2).sum(axis=1))]
-    return best
-
-
-def _within(taken: Sequence[Box], corner: FloatArray, shape: tuple[int, ...], step: float) -> NDArray[np.int64]:
-    """Boxes that touch the mask, in its cells: (n, 4) of left, top, right, bottom."""
-    boxes = (np.array(taken, float).reshape(-1, 4) - np.tile(corner, 2)) / step
-    ends = np.tile(np.array(shape[1::-1]) / step, 2)
-    cells = np.clip(np.column_stack([np.floor(boxes[:, :2]), np.ceil(boxes[:, 2:])]), 0, np.ceil(ends)).astype(np.int64)
-    touching: NDArray[np.int64] = cells[(cells[:, 2:] > cells[:, :2]).all(axis=1)]
-    return touching
-
-
-def box_around(centre: FloatArray, extent: FloatArray) -> Box:
-    """Return the box of a given width and height around a centre."""
-    left, top = np.asarray(centre) - extent / 2
-    return (float(left), float(top), float(left + extent[0]), float(top + extent[1]))

@@ -23,17 +23,23 @@ CAUTION: Colour = (255, 208, 64)
 CALM: Colour = (225, 240, 255)
 NO_ANSWER: Colour = (165, 165, 165)
 NO_ANSWER_INK: Colour = (70, 70, 70)
-FOCUS: Colour = (255, 110, 200)
 BADGE_COLOURS = {"safe": CALM, "undecided": CAUTION, "unsafe": HAZARD, "rejected": NO_ANSWER}
+TINT = 0.6  # share of a patch's colour; the rest keeps the ground recognisable
 
 SHIFT = 4  # OpenCV draws at 1/16 px
-_ONE = 1 << SHIFT
-_DASH = 0.45  # share of the period; round line ends make it look longer
+DASH = 0.45  # share of the period; round line ends make it look longer
+# lines of the signs in a badge of radius 1: a tick, a cross, a question mark without its dot, a bar
+SIGNS = {
+    "safe": ([[-0.5, 0.05], [-0.12, 0.42], [0.52, -0.4]],),
+    "unsafe": ([[-0.42, -0.42], [0.42, 0.42]], [[-0.42, 0.42], [0.42, -0.42]]),
+    "undecided": ([[-0.4, -0.35], [-0.25, -0.6], [0.1, -0.68], [0.4, -0.42], [0.3, -0.1], [0.0, 0.08], [0.0, 0.25]],),
+    "rejected": ([[-0.6, 0.0], [0.6, 0.0]],),
+}
 
 
 def fixed_point(points: FloatArray) -> NDArray[np.int32]:
     """Round points (k, 2) to the 1/16 px integers of OpenCV's `shift` argument."""
-    return np.rint(np.asarray(points, float) * _ONE).astype(np.int32)
+    return np.rint(np.asarray(points, float) * 2**SHIFT).astype(np.int32)
 
 
 def stroke(picture: Picture, points: FloatArray, colour: Colour, width: int, *, closed: bool = False) -> None:
@@ -55,7 +61,7 @@ def fill(picture: Picture, points: FloatArray, colour: Colour) -> None:
 def disc(picture: Picture, centre: FloatArray, radius: float, colour: Colour, width: int = cv2.FILLED) -> None:
     """Draw a disc, or a ring where `width` is positive."""
     u, v = fixed_point(centre)
-    cv2.circle(picture, (int(u), int(v)), round(radius * _ONE), colour, width, cv2.LINE_AA, SHIFT)
+    cv2.circle(picture, (int(u), int(v)), round(radius * 2**SHIFT), colour, width, cv2.LINE_AA, SHIFT)
 
 
 def polygon_mask(points: FloatArray, shape: tuple[int, int]) -> NDArray[np.uint8]:
@@ -128,7 +134,7 @@ def dashes(points: FloatArray, period: float) -> list[FloatArray]:
     pieces = []
     for start, end in zip(points, np.roll(points, -1, axis=0), strict=True):
         count = max(1, round(float(np.linalg.norm(end - start)) / period))
-        cuts = np.clip((np.arange(count + 1)[:, None] + [-_DASH / 2, _DASH / 2]) / count, 0.0, 1.0)
+        cuts = np.clip((np.arange(count + 1)[:, None] + [-DASH / 2, DASH / 2]) / count, 0.0, 1.0)
         pieces += [start + cut[:, None] * (end - start) for cut in cuts]
     return pieces
 
@@ -139,7 +145,7 @@ def curve_dashes(points: FloatArray, period: float) -> list[FloatArray]:
     reached = np.append(0.0, np.cumsum(np.linalg.norm(np.diff(closed, axis=0), axis=1)))
     count = max(1, round(float(reached[-1]) / period))
     pieces = []
-    for start, end in (np.arange(count)[:, None] + [0.0, _DASH]) * reached[-1] / count:
+    for start, end in (np.arange(count)[:, None] + [0.0, DASH]) * reached[-1] / count:
         stops = np.r_[start, reached[(reached > start) & (reached < end)], end]
         pieces.append(np.column_stack([np.interp(stops, reached, axis) for axis in closed.T]))
     return pieces
@@ -167,8 +173,8 @@ def badge(picture: Picture, kind: str, centre: FloatArray, radius: float) -> Non
     else:
         disc(picture, centre, radius + 1, INK)
         disc(picture, centre, radius, BADGE_COLOURS[kind])
-    for line in _SIGNS[kind]:
-        stroke(picture, centre + radius * line, PAPER if kind == "unsafe" else INK, width)
+    for line in SIGNS[kind]:
+        stroke(picture, centre + radius * np.array(line), PAPER if kind == "unsafe" else INK, width)
     if kind == "undecided":
         disc(picture, centre + radius * np.array([0.0, 0.6]), 0.55 * width, INK)
 
@@ -176,18 +182,9 @@ def badge(picture: Picture, kind: str, centre: FloatArray, radius: float) -> Non
 def focus_mark(picture: Picture, centre: FloatArray, radius: float) -> None:
     """Mark the epipole: a ring with four outward ticks, as image motion radiates from it."""
     width = max(2, round(0.18 * radius))
-    ticks = [centre + radius * np.array([[0.45 * c, 0.45 * s], [1.5 * c, 1.5 * s]]) for c, s in _QUARTERS]
-    for colour, extra in ((INK, 2), (FOCUS, 0)):
+    quarters = np.array([[1, 0], [0, 1], [-1, 0], [0, -1]])
+    ticks = [centre + radius * np.outer([0.45, 1.5], quarter) for quarter in quarters]
+    for colour, extra in ((INK, 2), ((255, 110, 200), 0)):
         disc(picture, centre, radius, colour, width + extra)
         for tick in ticks:
             stroke(picture, tick, colour, width + extra)
-
-
-_QUARTERS = ((1, 0), (0, 1), (-1, 0), (0, -1))
-_HOOK = np.array([[-0.4, -0.35], [-0.25, -0.6], [0.1, -0.68], [0.4, -0.42], [0.3, -0.1], [0.0, 0.08], [0.0, 0.25]])
-_SIGNS = {
-    "safe": (np.array([[-0.5, 0.05], [-0.12, 0.42], [0.52, -0.4]]),),
-    "unsafe": (np.array([[-0.42, -0.42], [0.42, 0.42]]), np.array([[-0.42, 0.42], [0.42, -0.42]])),
-    "undecided": (_HOOK,),
-    "rejected": (np.array([[-0.6, 0.0], [0.6, 0.0]]),),
-}

@@ -18,7 +18,6 @@ from slopecli.products.drawing.label_map import Mask, boxes_of, inner_distance, 
 from slopecli.types import AlternativePlane, BoolArray, Camera, FloatArray, Plane, Rejected, Report
 
 Pixel = TypeVar("Pixel", bound=np.generic)
-DEEP = 0.95  # share of the greatest depth: a long region is deepest all along its middle line
 
 
 @dataclass(frozen=True, eq=False)
@@ -238,6 +237,6 @@ def _pieces(mask: Mask, free: BoolArray, corner: tuple[int, int], step: float, t
 
 def _pole(depth: NDArray[np.float32]) -> FloatArray:
     """(2,) u, v of the point deepest inside a region; of those nearly as deep the one nearest to their middle."""
-    deep = np.argwhere(depth >= DEEP * depth.max())
+    deep = np.argwhere(depth >= 0.95 * depth.max())  # a long region is deepest all along its middle line
     offsets = deep - deep.mean(axis=0)
     return deep[np.argmin((offsets**2).sum(axis=1)), ::-1].astype(float)

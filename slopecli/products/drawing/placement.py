@@ -1,27 +1,25 @@
-"""Where the labels of the overlay go: inside their patch with the downhill arrow, beside it, or small."""
+"""Where labels go on a picture: in their patch together with the downhill arrow, beside it, or small."""
 
 from __future__ import annotations
 
-import math
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from slopecli.products.drawing.lettering import Box, Label, box_around, find_room
+from slopecli.products.drawing.label_text import full_labels, number_label, shorter_labels, tiny_label
+from slopecli.products.drawing.lettering import Label
 from slopecli.products.drawing.outlines import Footprint
-from slopecli.types import AlternativePlane, FloatArray, Plane, Rejected
+from slopecli.types import FloatArray
 
-LARGE, SMALL, TINY = 1.4, 0.8, 0.62  # text sizes over that of the overlay
-SMALLEST_TEXT_PX = 9
-UNKNOWN = "?"  # in place of a slope that is not known
-NARROW_FROM = 6.0  # side of a patch over the text size below which a label in three rows would crowd it
+Box = tuple[float, float, float, float]  # left, top, right, bottom, px
 
 
 @dataclass(frozen=True, eq=False)
 class Placed:
-    """A label with its place, its downhill arrow and, if it stands outside its patch, the need of a leader."""
+    """A label with its centre (2,), its downhill arrow (length 0: none), and whether it lies outside its patch."""
 
     footprint: Footprint
     label: Label
@@ -34,8 +32,16 @@ class Placed:
     def box(self) -> Box:
         return box_around(self.centre, self.label.extent)
 
+    @property
+    def boxes(self) -> list[Box]:
+        """What label and arrow take up."""
+        if self.footprint.downhill is None or self.arrow_length == 0:
+            return [self.box]
+        ends = np.array([self.arrow_tail, self.arrow_tail + self.arrow_length * self.footprint.downhill])
+        return [self.box, box_around(ends.mean(axis=0), np.ptp(ends, axis=0) + 0.6 * self.label.size)]
+
     def leader(self) -> FloatArray:
-        """(2, 2) shortest way from the label to the border of its patch."""
+        """(2, 2) shortest line from the label to the border of its patch."""
         start = np.clip(self.footprint.centre, self.box[:2], self.box[2:])
         corners = self.footprint.polygon
         edges = np.roll(corners, -1, axis=0) - corners
@@ -45,87 +51,110 @@ class Placed:
         return np.array([start, end])
 
 
+Inside = Callable[[Footprint, Sequence[Box]], Placed | None]
+Outside = Callable[[Footprint, Sequence[Box]], Placed]
+
+
 def place_labels(
     footprints: Sequence[Footprint], obstacles: Sequence[Box], shape: tuple[int, int], text_px: int
 ) -> list[Placed]:
     """Place one label for every patch.
 
-    Labels that fit into their patches come first, then those that find ground beside theirs, then small ones; only
-    these may overlap something, when nothing else is left.
+    Labels that fit into their patches come first, the largest patch first. A window without room gets its label on
+    free ground beside it, or a small one across it, which alone may overlap something. Where there are regions, which
+    are many and of any shape, a label says what there is room for, in the end the id alone, in the region or near it.
 
     Parameters
     ----------
-    footprints : patches on the picture, in the order of their right to a place.
+    footprints : patches on the picture.
     obstacles : boxes that labels keep clear of.
     shape : height and width of the picture, px.
     text_px : size of the text.
     """
+    ground = np.full(shape, 255, np.uint8)
+    if any(footprint.pieces is not None for footprint in footprints):
+        return _place(
+            footprints,
+            obstacles,
+            lambda footprint, taken: _place_what_fits(footprint, taken, text_px),
+            lambda footprint, taken: _place_number(footprint, ground, taken, text_px),
+        )
+    for footprint in footprints:
+        footprint.crop(ground)[footprint.mask > 0] = 0
+    return _place(
+        footprints,
+        obstacles,
+        lambda footprint, taken: _place_inside(footprint, full_labels(footprint, text_px), taken, footprint.downhill),
+        lambda footprint, taken: (
+            _place_beside(footprint, ground, taken, text_px) or _place_tiny(footprint, taken, text_px)
+        ),
+    )
+
+
+def place_numbers(footprints: Sequence[Footprint], shape: tuple[int, int], text_px: int) -> list[Placed]:
+    """Place the id of every patch and nothing else: in it, across it or near it."""
+    ground = np.full(shape, 255, np.uint8)
+    return _place(
+        footprints,
+        [],
+        lambda footprint, taken: _place_inside(footprint, [Label((str(footprint.item.id),), text_px)], taken, None),
+        lambda footprint, taken: _place_number(footprint, ground, taken, text_px),
+    )
+
+
+def _place(footprints: Sequence[Footprint], obstacles: Sequence[Box], inside: Inside, outside: Outside) -> list[Placed]:
+    """Place labels inside all patches that have room, largest first, then those of the others."""
     placed: list[Placed] = []
     taken, waiting = list(obstacles), []
-    for footprint in footprints:
-        size = round(np.clip(footprint.size / 14, text_px, LARGE * text_px))
-        one = place_inside(footprint, full_labels(footprint, size, text_px), taken)
+    for footprint in sorted(footprints, key=lambda one: -one.size):
+        one = inside(footprint, taken)
         if one is None:
             waiting.append(footprint)
         else:
             placed.append(one)
-            taken.append(one.box)
-    free = _free_of(footprints, shape)
+            taken += one.boxes
     for footprint in waiting:
-        one = _place_beside(footprint, free, taken, text_px) or _place_tiny(footprint, taken, text_px)
-        placed.append(one)
-        taken.append(one.box)
+        placed.append(outside(footprint, taken))
+        taken.append(placed[-1].box)
     return placed
 
 
-def slope_text(plane: Plane) -> tuple[str, str]:
-    """Return slope and sigma as a label says them, "12.3°" and "± 0.4°"; "?" for a slope, "" for a sigma not known."""
-    sigma = plane.slope_sigma_deg
-    if not math.isfinite(sigma):
-        return f"{plane.slope_deg:.1f}°", ""
-    digits = 0 if sigma >= 9.95 else 1 if sigma >= 0.095 else 2
-    slope = f"{plane.slope_deg:.{min(digits, 1)}f}°" if plane.slope_known else UNKNOWN
-    return slope, "± <0.01°" if 0 < sigma < 0.005 else f"± {sigma:.{digits}f}°"
+def _place_what_fits(footprint: Footprint, taken: Sequence[Box], text_px: int) -> Placed | None:
+    """Fullest label that fits into the patch, with its arrow if that fits too."""
+    for labels in (full_labels(footprint, text_px), *shorter_labels(footprint, text_px)):
+        one = _place_with_or_without_arrow(footprint, labels, taken)
+        if one is not None:
+            return one
+    return None
 
 
-def degrees_text(plane: Plane, other: AlternativePlane | None) -> str:
-    """Return the slope as a label without room says it; of two that may be true both."""
-    either = (plane,) if other is None else (plane, other)
-    return " or ".join(f"{one.slope_deg:.0f}°" if one.slope_known else UNKNOWN for one in either)
+def _place_with_or_without_arrow(footprint: Footprint, labels: Sequence[Label], taken: Sequence[Box]) -> Placed | None:
+    return _place_inside(footprint, labels, taken, footprint.downhill) or _place_inside(footprint, labels, taken, None)
 
 
-def full_labels(footprint: Footprint, size: int, text_px: int) -> list[Label]:
-    """Return what a label of a patch with room may say, the fullest first."""
-    small, name = max(SMALLEST_TEXT_PX, round(SMALL * text_px)), str(footprint.item.id)
-    if isinstance(footprint.item, Rejected):
-        full = Label((name, footprint.item.reason), size, "rejected")
-        return [full, replace(full, size=small)]
-    slope, sigma = slope_text(footprint.item)
-    if slope == UNKNOWN:
-        full = Label((f"{name} {UNKNOWN}", sigma), size, footprint.badge)
-        return [full, replace(full, size=small)]
-    other = footprint.other
-    notes = [] if other is None else [f"or {other.slope_deg:.1f}°" if other.slope_known else f"or {UNKNOWN}"]
-    notes += ["poor"] if footprint.item.status == "poor" else []
-    full = Label((name, f"{slope} {sigma}".strip(), *notes), size, footprint.badge)
-    labels = [full, replace(full, size=small)]
-    if sigma and footprint.size >= NARROW_FROM * text_px:
-        labels.append(replace(full, rows=(name, slope, sigma, *notes), size=small))
-    return labels
-
-
-def place_inside(footprint: Footprint, labels: Sequence[Label], taken: Sequence[Box]) -> Placed | None:
-    """Place the fullest label that fits into the patch together with its arrow, the pair centred as well as can be."""
+def _place_inside(
+    footprint: Footprint, labels: Sequence[Label], taken: Sequence[Box], downhill: FloatArray | None
+) -> Placed | None:
+    """First label that fits into the patch together with an arrow along `downhill`, the pair as central as can be."""
     for label in labels:
-        tail, least = _arrow_from(label, footprint.downhill)
+        if not _may_fit(footprint, label):
+            continue
+        tail, least = _arrow_from(label, downhill)
         points = np.array([-label.extent / 2, label.extent / 2, tail + least])
         low, high = points.min(axis=0), points.max(axis=0)
         extent = high - low + 0.5 * label.size
         room = find_room(footprint.ground, np.array(footprint.corner), extent, footprint.centre, taken)
         if room is not None:
             centre = room - (low + high) / 2
-            return Placed(footprint, label, centre, centre + tail, _arrow_length(footprint, centre + tail, label.size))
+            length = 0.0 if downhill is None else _arrow_length(footprint, downhill, centre + tail, label.size)
+            return Placed(footprint, label, centre, centre + tail, length)
     return None
+
+
+def _may_fit(footprint: Footprint, label: Label) -> bool:
+    """Whether a patch is large and wide enough for a label, which spares looking for its place."""
+    wide = footprint.pieces is None or label.extent.min() <= 2 * footprint.pieces.radius
+    return wide and bool(label.extent.prod() <= footprint.size**2)
 
 
 def _arrow_from(label: Label, downhill: FloatArray | None) -> tuple[FloatArray, FloatArray]:
@@ -136,35 +165,20 @@ def _arrow_from(label: Label, downhill: FloatArray | None) -> tuple[FloatArray, 
     return reach * downhill, 1.6 * label.size * downhill
 
 
-def _arrow_length(footprint: Footprint, tail: FloatArray, size: int) -> float:
-    """As long as the patch allows, up to a fifth of its size; 0 without a downhill direction."""
-    if footprint.downhill is None:
-        return 0.0
+def _arrow_length(footprint: Footprint, downhill: FloatArray, tail: FloatArray, size: int) -> float:
+    """As long as the patch allows, up to a fifth of its size, px."""
     lengths = np.linspace(1.0, max(1.6 * size, 0.2 * footprint.size), 24)
-    ahead = tail + (lengths + 0.5 * size)[:, None] * footprint.downhill - footprint.corner
-    columns, rows = np.rint(ahead).astype(int).T
-    height, width = footprint.ground.shape
-    within = (columns >= 0) & (rows >= 0) & (columns < width) & (rows < height)
-    within[within] = footprint.ground[rows[within], columns[within]] > 0
-    usable = lengths if within.all() else lengths[: int(np.argmin(within))]
+    within = [_lies_on(footprint, tail + (length + 0.5 * size) * downhill) for length in lengths]
+    usable = lengths if all(within) else lengths[: within.index(False)]
     return float(max([1.4 * size, *usable[-1:]]))
 
 
-def _free_of(footprints: Sequence[Footprint], shape: tuple[int, int]) -> NDArray[np.uint8]:
-    """(h, w) uint8, 255 where there is no patch."""
-    free = np.full(shape, 255, np.uint8)
-    for footprint in footprints:
-        footprint.crop(free)[footprint.mask > 0] = 0
-    return free
-
-
 def _place_beside(footprint: Footprint, free: NDArray[np.uint8], taken: Sequence[Box], text_px: int) -> Placed | None:
-    """Label next to a patch too small for it, on ground that no other patch needs; the arrow stays inside."""
-    label = full_labels(footprint, text_px, text_px)[1]
-    low = np.maximum(np.floor(footprint.corner - 2.2 * label.extent).astype(int), 0)
-    high = np.ceil(footprint.corner + 2.2 * label.extent + footprint.mask.shape[::-1]).astype(int)
-    around = free[low[1] : high[1], low[0] : high[0]]
-    centre = find_room(around, low.astype(float), label.extent + 0.5 * text_px, footprint.centre, taken)
+    """Label next to a patch too small for it, on ground that no patch needs; the arrow stays inside."""
+    label, corner = full_labels(footprint, text_px)[1], np.array(footprint.corner)
+    reach = 2.2 * label.extent
+    low, high = corner - reach, corner + footprint.mask.shape[::-1] + reach
+    centre = _room_near(footprint, free, (low, high), label.extent + 0.5 * text_px, taken)
     if centre is None:
         return None
     if footprint.downhill is None:
@@ -175,9 +189,82 @@ def _place_beside(footprint: Footprint, free: NDArray[np.uint8], taken: Sequence
 
 def _place_tiny(footprint: Footprint, taken: Sequence[Box], text_px: int) -> Placed:
     """Id and whole degrees for a small patch among others, with the arrow only where it fits."""
-    item = footprint.item
-    second = (degrees_text(item, footprint.other),) if isinstance(item, Plane) else ()
-    label = Label((str(item.id), *second), max(SMALLEST_TEXT_PX, round(TINY * text_px)), footprint.badge)
-    still = replace(footprint, downhill=None)
-    placed = place_inside(footprint, [label], taken) or place_inside(still, [label], taken)
-    return placed or Placed(still, label, footprint.centre, footprint.centre, 0.0)
+    label = tiny_label(footprint, text_px)
+    inside = _place_with_or_without_arrow(footprint, [label], taken)
+    return inside or Placed(footprint, label, footprint.centre, footprint.centre, 0.0)
+
+
+def _place_number(footprint: Footprint, ground: NDArray[np.uint8], taken: Sequence[Box], text_px: int) -> Placed:
+    """Id of a patch it does not fit into, at the free place nearest to the patch's centre."""
+    label, centre = number_label(footprint, text_px), footprint.centre
+    reach = 8 * label.size
+    found = _room_near(footprint, ground, (centre - reach, centre + reach + 1), label.extent, taken)
+    place = centre if found is None else found
+    return Placed(footprint, label, place, centre, 0.0, outside=not _lies_on(footprint, place))
+
+
+def _lies_on(footprint: Footprint, point: FloatArray) -> bool:
+    """Whether a point (2,) of the picture is one of the patch's ground."""
+    u, v = np.rint(point - footprint.corner).astype(int)
+    height, width = footprint.ground.shape
+    return bool(0 <= u < width and 0 <= v < height and footprint.ground[v, u])
+
+
+def _room_near(
+    footprint: Footprint,
+    free: NDArray[np.uint8],
+    within: tuple[FloatArray, FloatArray],
+    extent: FloatArray,
+    taken: Sequence[Box],
+) -> FloatArray | None:
+    """Free place for a box near a patch, as `find_room`; `within` : two corners (2,) of the part to search, px."""
+    low = np.clip(np.floor(within[0]), 0, None).astype(int)
+    high = np.ceil(within[1]).astype(int)
+    return find_room(free[low[1] : high[1], low[0] : high[0]], low.astype(float), extent, footprint.centre, taken)
+
+
+def find_room(
+    mask: NDArray[np.uint8], corner: FloatArray, extent: FloatArray, wish: FloatArray, taken: Sequence[Box]
+) -> FloatArray | None:
+    """Find the place nearest to `wish` where a box lies wholly on the mask and on nothing taken.
+
+    Parameters
+    ----------
+    mask : (h, w) uint8, non-zero where the box may lie.
+    corner : (2,) px of the mask's first pixel in the picture; the other points are in the picture too.
+    extent : (2,) width and height of the box, px.
+    wish : (2,) wanted centre of the box.
+    taken : boxes to keep clear of.
+
+    Returns
+    -------
+    (2,) centre of the box, or None when it fits nowhere.
+    """
+    step = max(1.0, max(mask.shape) / 80)  # a grid of at most 80 cells a side is searched
+    shape = [max(1, round(side / step)) for side in mask.shape]
+    cells = cv2.resize(mask, (shape[1], shape[0]), interpolation=cv2.INTER_NEAREST)
+    for left, top, right, bottom in _in_cells(taken, corner, mask.shape, step):
+        cells[top:bottom, left:right] = 0
+    kernel = np.ones([max(1, int(np.ceil(side / step))) for side in extent[::-1]], np.uint8)
+    free = cv2.erode(cells, kernel, borderType=cv2.BORDER_CONSTANT, borderValue=0)
+    rows, columns = np.nonzero(free)
+    if not len(rows):
+        return None
+    centres = (np.column_stack([columns, rows]) + 0.5) * step - 0.5 + corner
+    best: FloatArray = centres[np.argmin(((centres - wish) ** 2).sum(axis=1))]
+    return best
+
+
+def _in_cells(taken: Sequence[Box], corner: FloatArray, shape: tuple[int, ...], step: float) -> NDArray[np.int64]:
+    """Boxes that touch the mask, in its cells: (n, 4) of left, top, right, bottom."""
+    boxes = (np.array(taken, float).reshape(-1, 4) - np.tile(corner, 2)) / step
+    ends = np.tile(np.array(shape[1::-1]) / step, 2)
+    cells = np.clip(np.column_stack([np.floor(boxes[:, :2]), np.ceil(boxes[:, 2:])]), 0, np.ceil(ends)).astype(np.int64)
+    touching: NDArray[np.int64] = cells[(cells[:, 2:] > cells[:, :2]).all(axis=1)]
+    return touching
+
+
+def box_around(centre: FloatArray, extent: FloatArray) -> Box:
+    """Return the box of a given width and height around a centre."""
+    left, top = np.asarray(centre) - extent / 2
+    return (float(left), float(top), float(left + extent[0]), float(top + extent[1]))
