@@ -10,17 +10,19 @@ import shlex
 import subprocess
 import sys
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import click
 
 from slopecli.cli.app import slopemap
+from slopecli.findings.codes import CODES
 from slopecli.io.cameras import CAMERA_FORMATS
 
 ROOT = Path(__file__).resolve().parent.parent
 README = ROOT / "README.md"
 REFERENCE = ROOT / "docs" / "cli.md"
+DIAGNOSTICS = ROOT / "docs" / "diagnostics.md"
 SEGMENT = ROOT / "docs" / "segment.md"
 CAMERAS = ROOT / "docs" / "cameras.md"
 BATCH = ROOT / "docs" / "batch.md"
@@ -53,6 +55,11 @@ def camera_formats_table() -> str:
         ("---",) * 5,
         *((f.name, f.files, f.recognised_by, f.lenses, f.converted) for f in CAMERA_FORMATS),
     ]
+    return table(rows)
+
+
+def table(rows: Sequence[Sequence[str]]) -> str:
+    """A table of Markdown."""
     return "".join(f"| {' | '.join(row)} |\n" for row in rows).replace("|  |", "| |")
 
 
@@ -61,6 +68,27 @@ def rewrite_table(document: Path, table: str) -> None:
     header = re.escape(table.splitlines()[0])
     text = document.read_text(encoding="utf-8")
     document.write_text(re.sub(rf"^{header}\n(\|.*\n)*", lambda _: table, text, flags=re.MULTILINE), encoding="utf-8")
+
+
+def codes_table() -> str:
+    """The table of docs/diagnostics.md: a row a code and severity."""
+    rows = [
+        ("code", "severity", "value", "what was found, and why it matters", "what to do"),
+        ("---",) * 5,
+        *((f"`{c.code}`", c.severity, c.value, c.meaning, _sentence(c.remedy)) for c in CODES if not c.is_rejection),
+    ]
+    return table(rows)
+
+
+def rejections_table() -> str:
+    """The table of docs/diagnostics.md with the reasons of patches without an answer."""
+    rows = [("reason", "what was found"), ("---",) * 2]
+    return table([*rows, *((f"`{c.code}`", c.meaning) for c in CODES if c.is_rejection)])
+
+
+def _sentence(remedy: str) -> str:
+    marked = re.sub(r"(?<!`)--[a-z-]+(?: [A-Z]+)?", lambda option: f"`{option[0]}`", remedy)
+    return f"{marked[:1].upper()}{marked[1:]}." if marked else ""
 
 
 def run_example(command: str, folder: Path) -> str:
@@ -97,6 +125,8 @@ def main() -> None:
 
     rewrite_table(CAMERAS, camera_formats_table())
     REFERENCE.write_text(cli_reference(), encoding="utf-8")
+    rewrite_table(DIAGNOSTICS, codes_table())
+    rewrite_table(DIAGNOSTICS, rejections_table())
     IMAGES.mkdir(exist_ok=True)
     for document in (README, SEGMENT, BATCH, PLAN, SOLVE):
         with tempfile.TemporaryDirectory() as folder:

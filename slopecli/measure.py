@@ -15,9 +15,7 @@ from slopecli.geometry.slope import CAMERA_UP, measure_slopes, probability_below
 from slopecli.geometry.statistics import median
 from slopecli.options import Options
 from slopecli.patches.join import Joined
-from slopecli.types import FloatArray, Slopes, Solution, Up
-
-Verdict = Literal["safe", "unsafe", "undecided"]
+from slopecli.types import FloatArray, Slopes, Solution, Up, Verdict
 
 SAME_AREA = 0.99  # footprints this alike count as equally large
 BORROWED_SIGMA_DEG = 5.0  # terrain next to a window tells its slope no better than this

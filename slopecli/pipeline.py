@@ -7,23 +7,15 @@ from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
 
-from slopecli.findings.changes import find_changes
-from slopecli.findings.given_rows import alike, refuse_strangers, review
-from slopecli.findings.known_motion import contradiction, known_length_m, motion_prior
-from slopecli.findings.pair_checks import (
-    Apart,
-    check_lens,
-    check_parallax,
-    check_strangers,
-    image_notes,
-    parallax_px,
-    refuse_identical,
-    refuse_mirrored,
-    refuse_unmatched,
-)
+from slopecli.findings.checks import check_pair
+from slopecli.findings.facts import PairFacts
+from slopecli.findings.flat_scene import merged_groups
+from slopecli.findings.given_checks import alike, refuse_unrelated, review
+from slopecli.findings.known_motion import contradiction, motion_prior
+from slopecli.findings.pair_checks import refuse_identical, refuse_mirrored, refuse_unmatched
 from slopecli.geometry.statistics import median
+from slopecli.look.changes import find_changes
 from slopecli.look.features import FeatureMemory
-from slopecli.look.lens import lens_misfit
 from slopecli.look.scene_from_images import find_scene
 from slopecli.look.sparse import Sparse
 from slopecli.options import Options
@@ -78,13 +70,7 @@ def estimate(
     scene, motions = find_scene(
         *greys, camera1, camera2, options, windows, check_sparse=_refuse, memory=memory, on_lap=clock.lap
     )
-    parallax = parallax_px(scene.evidence.x1, scene.evidence.x2, camera2.focal_px)
-    refuse_mirrored(scene.evidence.x1, scene.evidence.x2)
-    diagnostics = image_notes(image1, image2)
-    diagnostics += check_strangers(scene.evidence.n_given, len(scene.evidence))
-    apart = Apart(median(scene.evidence.w), known_length_m(options))
-    diagnostics += check_parallax(parallax, motions[0].scale * camera2.focal_px, apart)
-    diagnostics += check_lens(lens_misfit(scene), camera1)
+    diagnostics = check_pair(PairFacts((image1, image2), scene, motions[0].scale * camera2.focal_px, options))
     changes = find_changes(scene)
     clock.tick("overview")
 
@@ -98,10 +84,10 @@ def estimate(
     alone = partial(solve_jointly, joined, scene, motions, options.solver)
     if prior and (against := contradiction(prior, solution, alone, camera2.focal_px, options)):
         diagnostics.append(against.diagnostic)
-        solution = alone(prior, against.doubt) if against.doubt else alone()
+        solution = alone(prior, against.noise_factor) if against.noise_factor else alone()
     if options.merge_coplanar:
-        joined, solution, notes = merge_patches(joined, solution)
-        diagnostics += notes
+        joined, solution, groups = merge_patches(joined, solution)
+        diagnostics += merged_groups(groups)
     clock.tick("solve")
 
     report = build_report((image1, image2), (camera1, camera2), options, joined, solution, diagnostics, changes)
@@ -137,13 +123,13 @@ def solve(given: Given, cameras: tuple[Camera, Camera] | None, options: Options,
     if prior and (found := contradiction(prior, solved.solution, lambda: given_alone().solution, None, options)):
         diagnostics.append(found.diagnostic)
         solved = given_alone()
-    refuse_strangers(solved.solution, joined, both[1])
+    refuse_unrelated(solved.solution, joined, both[1])
     joined, notes = review(solved, joined, sigma_rad, both[1])
     diagnostics += notes
     solution = solved.solution
     if options.merge_coplanar:
-        joined, solution, notes = merge_patches(joined, solution)
-        diagnostics += notes
+        joined, solution, groups = merge_patches(joined, solution)
+        diagnostics += merged_groups(groups)
     image1, image2 = (ImageInfo(given.path, c.width or None, c.height or None, given.sha256) for c in both)
     report = build_report((image1, image2), both, options, joined, solution, diagnostics)
     return replace(report, options={**report.options, "noise": noise})

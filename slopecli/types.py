@@ -1,9 +1,7 @@
-"""The nouns every room shares: frozen dataclasses, no behaviour beyond what their own fields give.
+"""Frozen dataclasses that all rooms share: camera, image, solution, and the report that slopes.json is written from.
 
-Frames and units are those of docs/conventions.md: camera frame x right, y down, z forward; pixel centres at
-integers; `P2 = R (P1 - T)`; a plane in the solver is a scaled normal N with `N.P = 1`. A field whose unit is not
-that of `geometry/` (radians, normalised coordinates, baselines) carries it in its name. The dataclasses from
-`ImageInfo` to `Report` mirror slopes.json key by key.
+Frames and units: docs/conventions.md. A field whose unit is not that of `geometry/` (radians, normalised coordinates,
+baselines) has it in its name. The dataclasses from `ImageInfo` to `Report` have the keys of slopes.json.
 """
 
 from __future__ import annotations
@@ -14,23 +12,20 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from slopecli.segmentation import Segmentation
-
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 BoolArray = NDArray[np.bool_]
 
 CameraModel = Literal["pinhole", "brown", "fisheye"]
 Source = Literal["window", "ransac", "region", "given"]  # how a patch was found
+Verdict = Literal["safe", "unsafe", "undecided"]
 NOUNS: dict[Source, str] = {"window": "window", "ransac": "plane", "region": "region", "given": "plane"}  # in messages
 
 
 @dataclass(frozen=True)
 class Camera:
-    """Intrinsics of one camera, in pixels, pixel centres at integer coordinates (OpenCV).
-
-    distortion: () for "pinhole"; OpenCV order k1 k2 p1 p2 k3 k4 k5 k6 (missing = 0) for "brown", which covers the
-    radial-tangential and the rational model; k1 k2 k3 k4 for "fisheye" (equidistant).
+    """Intrinsics of one camera, px; distortion: () for "pinhole"; OpenCV order k1 k2 p1 p2 k3 k4 k5 k6 (missing = 0)
+    for "brown" (radial-tangential and rational); k1 k2 k3 k4 for "fisheye" (equidistant).
     """
 
     width: int
@@ -56,10 +51,7 @@ class Camera:
 
 @dataclass(frozen=True, eq=False)
 class Image:
-    """One image in memory: `grey` (h, w) uint8 for matching, `colour` (h, w, 3) uint8 BGR or None when it is grey.
-
-    note: what a user should know of how the file was read, "" when there is nothing to say.
-    """
+    """One image: `grey` (h, w), `colour` (h, w, 3) BGR or None when it is grey; note: how its file was read, or ""."""
 
     grey: NDArray[np.uint8]
     colour: NDArray[np.uint8] | None = None
@@ -78,8 +70,8 @@ class Image:
 
 @dataclass(frozen=True, eq=False)
 class Ambiguity:
-    """Whether geometry leaves a second answer. delta_chi2: how much worse the alternative fits, None without one;
-    delta_chi2_prior: the part of it that is the prior's, None without. joined: two dents of one broad minimum.
+    """Whether a second root is left. delta_chi2: how much worse it fits, None without one; delta_chi2_prior: the part
+    of it that is due to the prior, None without. joined: both roots lie in one broad minimum.
     """
 
     status: Literal["none", "resolved", "unresolved"] = "none"
@@ -93,21 +85,17 @@ class Ambiguity:
 class Solution:
     """One motion and one scaled normal per patch, consistent with a single epipolar geometry.
 
-    Attributes
-    ----------
     R : (3, 3) rotation, camera 1 to camera 2.  T : (3,) unit vector, position of camera 2 in camera-1 axes.
-    scaled_normals : (m, 3), unit 1/baseline, N.P = 1.
-    normal_covariance : (m, 3, 3) of the scaled normals, motion uncertainty included.
+    scaled_normals : (m, 3), unit 1/baseline, N.P = 1, with their normal_covariance (m, 3, 3), motion included.
     motion_covariance : (5, 5) of (rotation vector w in R <- exp([w]x) R, rad; two coordinates of T, rad, in `tangent`).
     tangent : (3, 2) orthonormal basis of the plane perpendicular to T that the last two coordinates refer to.
     normal_gain : (m, 3, 5) d N_i / d motion at the optimum, so that cov(N_i, N_j) = G_i C G_j^T for i != j.
-    noise : 1-sigma of a normalised coordinate in image 2, given, or estimated from the residuals where none was given
-        or they exceed it.
+    noise : 1-sigma of a normalised coordinate in image 2, given, or estimated where residuals exceed it.
     relief : (m,) RMS height of the points off their plane over its distance, 0 where points are held coplanar.
-    rms : RMS residual of the inliers in image 2, normalised coordinates.
     joint_normals : (3m, 3m) covariance of all normals, where they share more than the motion; None where they do not.
-    prior_chi2 : by how much chi-square grew when what was known of the motion was added; None when nothing was.
-    chi2 : weighted sum of squares at the optimum.  inlier : (n,) which correspondences were kept.
+    prior_chi2 : growth of chi-square due to the prior of the motion; None without one.
+    inlier : (n,) which correspondences were kept.  rms : of their residuals in image 2, normalised coordinates.
+    chi2 : weighted sum of squares at the optimum.
     """
 
     R: FloatArray
@@ -147,7 +135,7 @@ class Solution:
 class Slopes:
     """Per plane: slope (0..pi), its 1-sigma, aspect (downhill azimuth, NaN when undefined) and its 1-sigma, rad.
 
-    tilt_covariance (m, 2, 2): of the normal's tilt from up, rad^2, along the slope (row 0) and across it (row 1).
+    tilt_covariance (m, 2, 2) of the normal, rad^2: along the slope (row 0) and across it (row 1).
     """
 
     slope_rad: FloatArray
@@ -157,7 +145,18 @@ class Slopes:
     tilt_covariance: FloatArray = field(default_factory=lambda: np.zeros((0, 2, 2)))
 
 
-# ---- what is written: these mirror slopes.json ----
+@dataclass(frozen=True, eq=False)
+class Segmentation:
+    """How image 1 was divided into regions, (h, w) of a working image, for pictures of the steps.
+
+    gradient: grey levels per px; threshold: of it, below which a pixel is inside a surface; components: connected
+    regions below it, 1 the largest, 0 for none; merged: the same after those on one plane were merged, 1..k.
+    """
+
+    gradient: NDArray[np.float32]
+    threshold: float
+    components: NDArray[np.int32]
+    merged: NDArray[np.int32]
 
 
 @dataclass(frozen=True)
@@ -208,7 +207,7 @@ class Fit:
 
 @dataclass(frozen=True, eq=False)
 class AlternativePlane:
-    """A plane in the second answer; as of a `Plane`, but `p_safe` is that of this answer alone."""
+    """A plane in the second root; as a `Plane`, but `p_safe` is that of this root alone."""
 
     id: int
     normal_cam1: FloatArray
@@ -218,7 +217,7 @@ class AlternativePlane:
     slope_ci95_deg: tuple[float, float]
     aspect_deg: float | None
     dip_direction_deg: float | None
-    verdict: Literal["safe", "unsafe", "undecided"]
+    verdict: Verdict
     p_safe: float
     slope_known: bool = True
 
@@ -239,7 +238,7 @@ class AmbiguityReport:
 
     @property
     def others(self) -> dict[int, AlternativePlane]:
-        """Planes by id in the second answer, where the images do not tell which of the two is true."""
+        """Planes of the second root by id, where it is not ruled out."""
         if self.status != "unresolved" or self.alternative is None:
             return {}
         return {plane.id: plane for plane in self.alternative.planes}
@@ -264,16 +263,16 @@ class Plane:
     rms_px: float
     roughness: float
     homography_px: FloatArray
-    verdict: Literal["safe", "unsafe", "undecided"]
+    verdict: Verdict
     p_safe: float
     status: Literal["ok", "poor"] = "ok"
     reason: str | None = None
-    slope_known: bool = True  # to `max_sigma_deg`; not in JSON, which has both numbers
+    slope_known: bool = True  # its sigma is at most `max_sigma_deg`; not in JSON, which has both numbers
     rms_mrad: float | None = None
 
     @property
     def found(self) -> bool:
-        """Whether it was found in the image, where it may have any shape, rather than asked about."""
+        """Whether it was found in the image (any shape), rather than given as a window or as correspondences."""
         return self.source not in ("window", "given")
 
     @property
@@ -301,10 +300,10 @@ class Diagnostic:
 
 @dataclass(frozen=True, eq=False)
 class Report:
-    """Everything the files and the table are made from. `labels` (h, w) uint16: plane id per pixel, 0 for none.
+    """Everything the files and the table are made from. `labels` (h, w): plane id per pixel, 0 for none.
 
-    A plane from "window" has the outline `polygon_px`; one from "ransac" or "region" has the pixels of its id in
-    `labels`, which may be in several pieces, and the outline of the largest piece as its polygon.
+    A window is the rectangle `polygon_px`; a plane from "ransac" or "region" is the pixels of its id in `labels`,
+    which may be in several pieces, with the outline of the largest as its polygon.
     """
 
     images: tuple[ImageInfo, ImageInfo]
@@ -324,7 +323,7 @@ class Report:
 
     @property
     def found(self) -> bool:
-        """Whether any of its planes was found in the image, rather than asked about as a window."""
+        """Whether any of its planes was found in the image, rather than given."""
         return any(plane.found for plane in self.planes)
 
     @property

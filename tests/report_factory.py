@@ -8,7 +8,6 @@ from collections.abc import Sequence
 import cv2
 import numpy as np
 
-from slopecli.segmentation import Segmentation
 from slopecli.types import (
     Alternative,
     AlternativePlane,
@@ -23,6 +22,7 @@ from slopecli.types import (
     Rejected,
     Report,
     Scale,
+    Segmentation,
     Up,
 )
 

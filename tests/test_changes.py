@@ -115,7 +115,7 @@ def test_a_thing_that_moved_across_the_epipolar_lines_is_found(side: int) -> Non
     grey1 = with_thing(pair.grey1, corner, side)
     grey2 = with_thing(pair.grey2, pair.transfer(corner[None])[0] + [0.0, 8.0], side)
     (warning,) = found(grey1, grey2)
-    assert "moves otherwise" in warning.message
+    assert "moves differently" in warning.message
     assert "window 5 (" in warning.message
     assert 0.4 * side**2 < float(warning.value or 0.0) * CAMERA.width * CAMERA.height < 1.3 * side**2
 

@@ -9,9 +9,9 @@ from solution_factory import make_patch, make_solution, with_second_root
 from slopecli.geometry import measure_slopes, solve_planes
 from slopecli.geometry.solver import AT, MotionPrior, chi2_quantile, merge_coplanar
 from slopecli.look import Matches
-from slopecli.patches import Joined, merge_patches
+from slopecli.patches import Joined, MergedGroup, merge_patches
 from slopecli.study import UP, Scene, make_scene, project
-from slopecli.types import Diagnostic, FloatArray, Solution
+from slopecli.types import FloatArray, Solution
 from slopecli.windows import grid_windows
 
 EVERY = np.arange(9)
@@ -170,7 +170,7 @@ def test_the_quantile_is_that_of_chi_square() -> None:
 # ---- patches, with what speaks against them ----
 
 
-def merged_windows(*doubts_deg: tuple[float, float]) -> tuple[Joined, list[Diagnostic]]:
+def merged_windows(*doubts_deg: tuple[float, float]) -> tuple[Joined, list[MergedGroup]]:
     """The windows of a level scene, merged; doubts_deg: of each, all of it and what is owed to parts not seen."""
     scene = make_scene(
         np.random.default_rng(3), slopes_deg=[0.0] * 9, height_spread=0.0, noise_px=0.3, trajectory_deg=90
@@ -182,18 +182,18 @@ def merged_windows(*doubts_deg: tuple[float, float]) -> tuple[Joined, list[Diagn
         make_patch(window, number, normal, solution, **sigma)
         for number, (window, normal, sigma) in enumerate(zip(windows, solution.scaled_normals, sigmas, strict=True), 1)
     ]
-    found, _, notes = merge_patches(Joined.of(patches, Matches.none(), np.empty(0)), solution)
-    return found, notes
+    found, _, groups = merge_patches(Joined.of(patches, Matches.none(), np.empty(0)), solution)
+    return found, groups
 
 
 def test_a_window_in_much_doubt_does_not_lie_on_the_plane_of_others() -> None:
     """Something stands in window 3: it agrees with any plane, and would be level and sure by the others."""
-    found, (note,) = merged_windows((0.1, 0.0), (0.1, 0.0), (20.0, 20.0), *[(0.1, 0.0)] * 6)
-    assert note.message.startswith("1, 2, 4, 5, 6, 7, 8, 9 lie on one plane")
+    found, (group,) = merged_windows((0.1, 0.0), (0.1, 0.0), (20.0, 20.0), *[(0.1, 0.0)] * 6)
+    assert (group.ids, group.shares) == ((1, 2, 4, 5, 6, 7, 8, 9), "plane")
     assert np.degrees(found.patches[2].tilt_sigma_rad) == pytest.approx(20.0)
 
 
 def test_what_no_window_shows_stays_in_doubt_when_they_are_merged() -> None:
-    found, (note,) = merged_windows(*[(0.5, 0.3)] * 9)
-    assert note.message.startswith("1, 2, 3, 4, 5, 6, 7, 8, 9 lie on one plane")
+    found, (group,) = merged_windows(*[(0.5, 0.3)] * 9)
+    assert (group.ids, group.shares) == (tuple(range(1, 10)), "plane")
     assert [np.degrees(patch.tilt_sigma_rad) for patch in found.patches] == pytest.approx([0.3] * 9)

@@ -4,19 +4,22 @@ from __future__ import annotations
 
 import re
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 from report_factory import grid_polygons, make_camera, make_image, make_labels, make_planes, make_region_report
 from scenery import warped_pair
 from solution_factory import WINDOWS, make_report_of, make_solution, with_second_root
 
 from slopecli.errors import NoAnswer
 from slopecli.findings import (
-    Apart,
+    AnswerFacts,
+    Separation,
     check_parallax,
-    diagnose,
     epipole1_px,
+    focus_of_expansion_in_plane,
     parallax_px,
     refuse_identical,
     refuse_mirrored,
@@ -26,7 +29,7 @@ from slopecli.geometry import homogeneous, pixels_from_rays, rotation_from_vecto
 from slopecli.options import Options
 from slopecli.pipeline import estimate
 from slopecli.study import project
-from slopecli.types import Diagnostic, FloatArray, Image, Report
+from slopecli.types import Diagnostic, FloatArray, Image, Plane, Report
 
 CAMERA = make_camera()
 FOCAL = CAMERA.focal_px
@@ -136,7 +139,7 @@ def test_little_parallax_is_a_warning_with_its_number_and_how_much_farther_to_mo
 @pytest.mark.parametrize("length_m", [None, 0.4])
 def test_little_parallax_has_a_remedy_in_lengths_where_the_distance_is_known(length_m: float | None) -> None:
     parallax = parallax_px(*matches(baseline=0.02, noise_px=0.05), FOCAL)
-    (warning,) = check_parallax(parallax, 0.05, Apart(0.02, length_m))
+    (warning,) = check_parallax(parallax, 0.05, Separation(0.02, length_m))
     factor = 3 / np.median(parallax)
     if length_m is None:
         percent, now, example = map(float, re.findall(r"([\d.]+) (?:%|m at)", str(warning.remedy)))
@@ -182,7 +185,7 @@ def test_a_window_seen_by_half_is_told_and_no_longer_move_is_recommended_for_it(
     (info,) = report.diagnostics
     assert (info.code, info.severity, info.value) == ("partly-seen", "info", 1.0)
     assert "only 55 % of window 1 could be matched" in info.message
-    assert "2°, is for ground that is not seen" in info.message
+    assert "2°, is due to ground without matches" in info.message
 
 
 def test_a_window_across_a_step_is_told_so() -> None:
@@ -244,31 +247,32 @@ def test_the_epipole_is_in_the_image_as_stored() -> None:
     assert np.hypot(*np.subtract(found, ideal)) > 5
 
 
+def in_planes(
+    planes: tuple[Plane, ...], labels: NDArray[np.uint16], epipole: tuple[float, float] | None
+) -> list[Diagnostic]:
+    """The findings about an epipole, for which nothing but planes and labels is looked at."""
+    nothing: Any = None
+    facts = AnswerFacts(planes, nothing, nothing, CAMERA, Options(), 0.0, labels, epipole1_px=epipole)
+    return focus_of_expansion_in_plane(facts)
+
+
 def test_the_window_that_holds_the_epipole_is_named() -> None:
     planes = make_planes(CAMERA, grid_polygons(CAMERA.width, CAMERA.height, 3, 3))
-    relief = {plane.id: 0.0 for plane in planes}
     labels = make_labels(CAMERA, planes)
-    (found,) = diagnose(planes, relief, make_solution([10]), (600.0, 30.0), 0.1, labels)
+    (found,) = in_planes(planes, labels, (600.0, 30.0))
     assert (found.code, found.severity, found.value) == ("foe-in-window", "info", 3)
     assert "window 3" in found.message
-    assert diagnose(planes, relief, make_solution([10]), None, 0.1, labels) == []
+    assert in_planes(planes, labels, None) == []
 
 
 def test_of_regions_that_reach_around_one_another_the_one_that_holds_the_epipole_is_named() -> None:
     labels = np.ones((CAMERA.height, CAMERA.width), np.uint16)
     labels[100:200, 100:300] = 2
     labels[150:160, 150:160] = 0
-    planes, relief = make_region_report(CAMERA, labels).planes, {1: 0.0, 2: 0.0}
-
-    def named(u: float, v: float) -> list[str]:
-        return [
-            d.message.partition(": ")[0] for d in diagnose(planes, relief, make_solution([10]), (u, v), 0.1, labels)
-        ]
-
-    said = "the camera moves along a line of sight through region"
-    assert named(200.0, 120.0) == [f"{said} 2"]
-    assert named(-0.4, CAMERA.height - 0.6) == [f"{said} 1"]
-    assert named(155.0, 155.0) == []
+    planes = make_region_report(CAMERA, labels).planes
+    assert [found.value for found in in_planes(planes, labels, (200.0, 120.0))] == [2]
+    assert [found.value for found in in_planes(planes, labels, (-0.4, CAMERA.height - 0.6))] == [1]
+    assert in_planes(planes, labels, (155.0, 155.0)) == []
 
 
 def test_a_window_beside_the_epipole_is_not_named() -> None:

@@ -8,16 +8,12 @@ import inspect
 import re
 import runpy
 from dataclasses import fields
-from functools import cache
 from pathlib import Path
 
 import pytest
 
 from slopecli.batch import TRANSIENT, run
 from slopecli.cli.parameter_types import Pairing
-from slopecli.findings import answer_checks as findings
-from slopecli.findings import changes
-from slopecli.findings import pair_checks as diagnosis
 from slopecli.io import COLUMNS
 from slopecli.look import gradient_components as segmentation
 from slopecli.orders import Outcome
@@ -202,57 +198,3 @@ def test_plan_page_has_every_key_and_the_limits_of_the_code() -> None:
     assert prediction.TRIALS == 20
     assert "at least half of themselves in image 2" in PLAN
     assert pytest.approx(0.5) == baseline.HALF_SEEN
-
-
-# ---- docs/diagnostics.md ----
-
-
-@cache
-def sources() -> dict[Path, ast.Module]:
-    return {path: ast.parse(path.read_text(encoding="utf-8")) for path in sorted((ROOT / "slopecli").rglob("*.py"))}
-
-
-def codes_in(tree: ast.AST, places: dict[str, int]) -> set[str]:
-    """The codes that calls of these names are given, at these places among their arguments."""
-    calls = [node for node in ast.walk(tree) if isinstance(node, ast.Call)]
-    named_calls = [(getattr(call.func, "id", getattr(call.func, "attr", "")), call.args) for call in calls]
-    given = [args[places[name]] for name, args in named_calls if len(args) > places.get(name, 99)]
-    named = {"NON_PLANAR": findings.NON_PLANAR}
-    codes = [arg.value if isinstance(arg, ast.Constant) else named.get(ast.unparse(arg)) for arg in given]
-    return {code for code in codes if isinstance(code, str)}
-
-
-DIAGNOSTICS = (ROOT / "docs" / "diagnostics.md").read_text(encoding="utf-8")
-
-
-def listed(heading: str) -> set[str]:
-    section = DIAGNOSTICS.partition(f"## {heading}\n")[2].partition("\n## ")[0]
-    return set(re.findall(r"^\| `([a-z-]+)` \|", section, re.MULTILINE))
-
-
-def test_diagnostics_page_lists_the_codes_there_are() -> None:
-    trees = sources().values()
-    given = {code for tree in trees for code in codes_in(tree, {"Diagnostic": 0, "NoAnswer": 0, "Cause": 0})}
-    assert listed("Codes") == given
-    rejected = {code for tree in trees for code in codes_in(tree, {"unmatched": 1, "Rejected": 2, "Cause": 0})}
-    assert rejected | {"poor-fit", "no-overlap"} == listed("Windows without an answer")
-
-
-def test_diagnostics_page_tells_refusals_from_warnings() -> None:
-    """Those of pairs that were taken; `slopemap plan` refuses what it is asked for, too."""
-    trees = [tree for path, tree in sources().items() if path.parent.name != "plan"]
-    refused = {code for tree in trees for code in codes_in(tree, {"NoAnswer": 0, "Cause": 0})}
-    assert set(re.findall(r"^\| `([a-z-]+)` \| refusal \|", DIAGNOSTICS, re.MULTILINE)) == refused
-
-
-def test_diagnostics_page_has_the_numbers_of_the_code() -> None:
-    text = " ".join(DIAGNOSTICS.split())
-    for said in (
-        f"Below {diagnosis.LOW_PARALLAX_PX:.0f} px",
-        f"motion within {findings.ALONG_DEG:.0f}°, slopes alike to {findings.FLAT_DEG:.0f}°",
-        f"at least {100 * changes.LEAST_AREA:.0f} %",
-        f"{100 * diagnosis.STRANGE_SHARE:.0f} % of the matches contradict",
-        f"by more than {findings.POOR_FIT_PX:g} px",
-    ):
-        assert said in text
-    assert pytest.approx(0.25) == findings.MOST_APART  # "a quarter of the distance"

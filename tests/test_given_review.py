@@ -164,5 +164,5 @@ def test_residuals_of_the_longuet_higgins_motion_are_not_blamed_on_the_rows(rays
     assert warnings(report) == {"poor-fit"}
     assert "single-plane" not in {one.code for one in report.diagnostics}
     for one in report.diagnostics:
-        assert one.severity != "warning" or one.remedy == "--solver lh does not fit noise away; use mle"
+        assert one.severity != "warning" or one.remedy == "--solver lh does not minimise residuals; use mle"
     assert not any(plane.verdict == "safe" and plane.status == "poor" for plane in report.planes)

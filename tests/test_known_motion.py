@@ -94,13 +94,13 @@ def test_quaternions_are_rotations() -> None:
     assert rotation_of_quaternion(7 * q) == pytest.approx(rotation_from_vector(w), abs=1e-12)
 
 
-def test_a_prior_that_says_nothing_is_refused() -> None:
+def test_a_prior_that_excludes_nothing_is_refused() -> None:
     for useless in (
         Options(direction_prior=(0, 0, 1, 180.0)),
         Options(rotation_prior=(1, 0, 0, 0, np.inf)),
         Options(rotation_prior=(0, 0, 0, 0, 1.0)),
     ):
-        with pytest.raises(InputError, match=r"says nothing|has no direction"):
+        with pytest.raises(InputError, match=r"excludes nothing|has no direction"):
             motion_prior(useless)
 
 

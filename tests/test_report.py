@@ -300,11 +300,11 @@ def test_a_window_with_relief_is_poor_and_not_safe() -> None:
     assert "non-planar-patch" in {d.code for d in report.diagnostics}
 
 
-def test_no_plane_of_a_solution_that_did_not_settle_is_more_than_poor() -> None:
+def test_no_plane_of_a_solution_that_did_not_converge_is_more_than_poor() -> None:
     report = make_report_of(make_solution([2, 40], converged=False), patch_changes={1: BORROWED})
     assert [plane.status for plane in report.planes] == ["poor", "poor"]
-    assert report.planes[0].reason == "the joint solution did not settle"
-    assert report.planes[1].reason == f"{BORROWED['reason']}; the joint solution did not settle"
+    assert report.planes[0].reason == "the joint solution did not converge"
+    assert report.planes[1].reason == f"{BORROWED['reason']}; the joint solution did not converge"
     assert "safe" not in verdicts(report)
 
 
@@ -381,7 +381,7 @@ def test_a_plane_found_is_dropped_above_the_largest_sigma() -> None:
     solution = make_solution([2, 2], sigma_deg=[0.2, 14.0])
     report = make_report_of(solution, source="region")
     assert [plane.id for plane in report.planes] == [1]
-    assert "leave the slope open: 1-sigma" in report.rejected[0].message
+    assert "do not determine the slope: 1-sigma" in report.rejected[0].message
     assert len(make_report_of(solution, Options(max_sigma_deg=30), source="region").planes) == 2
 
 
@@ -391,7 +391,7 @@ def test_an_up_that_is_not_known_is_not_blamed_on_texture() -> None:
         make_report_of(solution, Options(up_sigma_deg=20), source="region")
     with pytest.raises(NoAnswer, match=r"^low-texture: .*too little texture"):
         make_report_of(make_solution([2, 2], sigma_deg=30), Options(up_sigma_deg=1), source="region")
-    with pytest.raises(NoAnswer, match=r"^slope-open: .*its rows leave the slope open: 1-sigma") as told:
+    with pytest.raises(NoAnswer, match=r"^slope-open: .*its rows do not determine the slope: 1-sigma") as told:
         make_report_of(make_solution([2, 2], sigma_deg=80), source="given")
     assert "texture" not in str(told.value)
 
@@ -405,7 +405,7 @@ def test_never_safe_where_the_slope_of_the_other_root_is_not_known() -> None:
 def test_messages_call_a_patch_what_it_is(source: Source, noun: str) -> None:
     partly = make_report_of(make_solution([5]), patch_changes={0: {"share": 0.3}}, source=source).planes[0]
     assert partly.reason == f"only 30 % of the {noun} could be matched"
-    with pytest.raises(NoAnswer, match=f"the matches of all 2 {noun}s leave .*; choose larger {noun}s"):
+    with pytest.raises(NoAnswer, match=f"the matches of all 2 {noun}s do not .*; choose larger {noun}s"):
         make_report_of(make_solution([5, 5], sigma_deg=[90.0, 90.0]), source=source)
     patch = Patch(1, source, window_footprint(WINDOWS[0])).unmatched("nothing to see")
     with pytest.raises(NoAnswer, match=f"none of the 1 {noun}s can be matched: .*; choose {noun}s with"):

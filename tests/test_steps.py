@@ -17,8 +17,7 @@ from report_factory import (
 
 from slopecli.products import draw_components, draw_gradient, draw_merged
 from slopecli.products.drawing import NO_REGION, map_colours
-from slopecli.segmentation import Segmentation
-from slopecli.types import Image, Report
+from slopecli.types import Image, Report, Segmentation
 
 SIZE = (960, 1280)  # drawn as it is, without scaling
 IMAGE = Image(np.full(SIZE, 128, np.uint8))

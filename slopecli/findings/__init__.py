@@ -5,9 +5,14 @@ from slopecli.face import lazy_names
 __getattr__, __dir__ = lazy_names(
     __name__,
     {
-        "answer_checks": "diagnose epipole1_px",
+        "checks": "check_answer check_pair",
+        "codes": "CODES",
+        "facts": "AnswerFacts PairFacts",
         "known_motion": "motion_prior rotation_of_quaternion",
-        "pair_checks": "Apart check_lens check_parallax parallax_px refuse_identical refuse_mirrored refuse_unmatched",
-        "wording": "beside",
+        "pair_checks": "check_lens refuse_identical refuse_mirrored refuse_unmatched",
+        "parallax": "check_parallax parallax_px",
+        "plane_checks": "epipole1_px focus_of_expansion_in_plane",
+        "separation": "Separation",
+        "wording": "beside finding",
     },
 )

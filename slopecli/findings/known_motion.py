@@ -1,4 +1,4 @@
-"""What a user knows of the motion, as the solver wants it, and whether the images agree with it."""
+"""The motion given by the user, as a prior of the solver, and whether the images contradict it."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from slopecli.errors import InputError
+from slopecli.findings.wording import finding
 from slopecli.geometry.solver.priors import MotionPrior
 from slopecli.look.noise import SYSTEMATIC_PX
 from slopecli.options import Options
@@ -17,8 +18,7 @@ from slopecli.types import Diagnostic, FloatArray, Solution
 
 # chi-square at 0.999 by the number of directions a prior fixes
 CONTRADICTED = {2: 13.8, 3: 16.3, 5: 20.5}
-USELESS_DEG = 90.0  # a 1-sigma that leaves every direction open
-EXACT_RAD = 1e-6  # 1-sigma of a pose that comes without one: far less than images can tell
+USELESS_DEG = 90.0  # a 1-sigma that excludes no direction
 
 
 def motion_prior(options: Options) -> MotionPrior | None:
@@ -26,11 +26,11 @@ def motion_prior(options: Options) -> MotionPrior | None:
 
     Raises
     ------
-    InputError : a quaternion or direction of length zero, or a sigma that is not positive or says nothing.
+    InputError : a quaternion or direction of length zero, or a sigma that is not positive or excludes nothing.
     """
-    if options.pose is not None:
+    if options.pose is not None:  # exact without a sigma: to 1e-6 rad, far less than images measure
         R, sigma_deg = np.array(options.pose.rotation).reshape(3, 3), options.pose_sigma_deg
-        sigma = EXACT_RAD if sigma_deg is None else _sigma("pose", sigma_deg)
+        sigma = 1e-6 if sigma_deg is None else _sigma("pose", sigma_deg)
         return MotionPrior.checked(R, sigma, np.array(options.pose.baseline_m), sigma)
     if options.rotation_prior is None and options.direction_prior is None:
         return None
@@ -51,10 +51,10 @@ def known_length_m(options: Options) -> float | None:
 
 
 def _sigma(name: str, sigma_deg: float) -> float:
-    """In rad, when it says anything."""
+    """In rad; InputError where it is too large to exclude anything."""
     if not sigma_deg < USELESS_DEG:
         raise InputError(
-            f"the {name} known beforehand has a sigma of {sigma_deg:g} deg, which says nothing; give one below "
+            f"the {name} given has a sigma of {sigma_deg:g} deg, which excludes nothing; give one below "
             f"{USELESS_DEG:g} deg, or leave it out"
         )
     return math.radians(sigma_deg)
@@ -75,52 +75,53 @@ def rotation_of_quaternion(q: FloatArray) -> FloatArray:
     )
 
 
-def _may_be_feigned(prior: MotionPrior, alone: Solution, focal_px: float) -> bool:
-    """Whether errors as small as those of calibration and interpolation take the images' motion to what was known."""
-    other = alone.ambiguity.alternative
-    nearer = alone if other is None else min(alone, other, key=prior.chi2)
-    return excess_px(nearer, prior.strain(nearer), focal_px) <= SYSTEMATIC_PX
-
-
 @dataclass(frozen=True)
 class Contradiction:
-    """That the images and what was known beforehand disagree by more than chance.
+    """That the images and the motion given disagree by more than chance.
 
-    doubt : how many times larger the sigmas of matches must be for the two to agree, as calibration and interpolation
-        may make them; None where those cannot explain it, and what was known is to be left out.
+    noise_factor : by which the sigmas of matches must grow for the two to agree, as errors of calibration and
+        interpolation may require; None where those cannot explain it, and the motion given is to be left out.
     """
 
-    doubt: float | None
+    noise_factor: float | None
     diagnostic: Diagnostic
 
 
 def contradiction(
     prior: MotionPrior, solution: Solution, alone: Callable[[], Solution], focal_px: float | None, options: Options
 ) -> Contradiction | None:
-    """Where the images contradict what was known beforehand by more than chance, and what to make of it.
+    """Whether the images contradict the motion given by more than chance; None where they do not.
 
-    solution : with what was known; alone : solves without.  focal_px : of camera 2; None for matches whose noise is the
-    user's word, with nothing systematic to allow for.
+    solution : with the prior; alone : solves without.  focal_px : of camera 2; None for correspondences of the user's
+    own, whose noise is given and which have no systematic errors to allow for.
     """
     fixed = 3 * (prior.rotation is not None) + 2 * (prior.direction is not None)
     chi2, limit = solution.prior_chi2 or 0.0, CONTRADICTED[fixed]
     if chi2 <= limit:
         return None
     what = {2: "direction", 3: "rotation", 5: "motion"}[fixed]
-    said = f"chi-square {chi2:.3g}, by chance it is below {limit:g}"
-    if focal_px is not None and _may_be_feigned(prior, alone(), focal_px):
+    by = f"chi-square {chi2:.3g}, by chance it is below {limit:g}"
+    if focal_px is not None and _is_systematic(prior, alone(), focal_px):
         # the errors that matches share with the calibration are the larger ones then, by about this ratio
-        doubt = float(np.sqrt(chi2 / fixed))
+        factor = float(np.sqrt(chi2 / fixed))
         message = (
-            f"the images differ from the {what} given by more than chance ({said}), though by no more than lens models "
-            f"and interpolation may: both were used, with sigmas of matches {doubt:.1f} times larger"
+            f"the images differ from the {what} given by more than chance ({by}), though by no more than errors of "
+            f"calibration and interpolation: both were used, with sigmas of matches {factor:.1f} times larger"
         )
-        remedy = "check the camera file, or give it a larger sigma"
-        return Contradiction(doubt, Diagnostic("prior-contradicted", "info", message, chi2, remedy))
-    scale, option = "", "a larger sigma"
-    if options.pose is not None:
-        what, option = "pose", "its own sigma by --pose-sigma"
-        scale = "; lengths still rest on its distance, which nothing has checked"
-    message = f"the images contradict the {what} given, so it was left out: {said}{scale}"
-    remedy = f"check its axes and its direction (camera 2 from camera 1), or give it {option}"
-    return Contradiction(None, Diagnostic("prior-contradicted", "warning", message, chi2, remedy))
+        return Contradiction(factor, finding("prior-contradicted", message, chi2, severity="info"))
+    if options.pose is None:
+        message = f"the images contradict the {what} given, so it was left out: {by}"
+        return Contradiction(None, finding("prior-contradicted", message, chi2, severity="warning"))
+    message = (
+        f"the images contradict the pose given, so it was left out: {by}; lengths still rest on its distance, which "
+        "nothing has checked"
+    )
+    remedy = "check its axes and its direction (camera 2 from camera 1), or give it its own sigma by --pose-sigma"
+    return Contradiction(None, finding("prior-contradicted", message, chi2, remedy, severity="warning"))
+
+
+def _is_systematic(prior: MotionPrior, alone: Solution, focal_px: float) -> bool:
+    """Whether errors as small as those of calibration and interpolation take the images' motion to the one given."""
+    other = alone.ambiguity.alternative
+    nearer = alone if other is None else min(alone, other, key=prior.chi2)
+    return excess_px(nearer, prior.strain(nearer), focal_px) <= SYSTEMATIC_PX

@@ -1,4 +1,4 @@
-"""Planes whose slopes the matches do not tell: which they are, why, and what to do about it."""
+"""Planes whose slopes the matches do not determine: which, why, and what to do about it."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from slopecli.errors import NoAnswer
 from slopecli.findings.wording import beside
 from slopecli.measure import Measured
 from slopecli.options import MOST_SIGMA_DEG, Options
@@ -22,18 +23,18 @@ class Cause(NamedTuple):
 
 
 def answered(plane: Plane) -> bool:
-    """Whether the matches say where the plane faces, and that it lies before the camera (NaN compares false).
+    """Whether a plane is reported: its slope is known, and it lies in front of the camera (NaN compares false).
 
-    A window was asked about, so it keeps what little is known of it; a plane that is only claimed must be known.
+    A window, which was asked for, is reported up to a sigma of 60 degrees; a plane that was found up to `max_sigma`.
     """
     return plane.slope_sigma_deg <= MOST_SIGMA_DEG and plane.distance > 0 and (plane.slope_known or not plane.found)
 
 
 def causes(planes: list[Plane], main: Measured, options: Options) -> dict[int, Cause]:
-    """Why planes, in the solver's order, have no answer; by id."""
+    """Why planes, in the solver's order, are not reported; by id."""
     up_sigma = np.radians(options.up_sigma_deg)
     spread = main.slopes.tilt_covariance - up_sigma**2 * np.eye(2)
-    # the larger of both ways to tilt, without the doubt about up: that adds the same to either
+    # the larger 1-sigma of the tilt, deg, without that of up, which is the same in both directions
     alone = np.degrees(np.sqrt(np.maximum(np.linalg.eigvalsh(spread)[:, -1], 0.0)))
     return {
         plane.id: _cause(plane, float(sigma), options)
@@ -44,42 +45,46 @@ def causes(planes: list[Plane], main: Measured, options: Options) -> dict[int, C
 
 def _cause(plane: Plane, alone_deg: float, options: Options) -> Cause:
     most = options.max_sigma_deg if plane.found else MOST_SIGMA_DEG
+    sigma = plane.slope_sigma_deg
     if plane.distance > 0 and options.up_sigma_deg > 0 and alone_deg <= most:
         return Cause(
             "up-unknown",
-            f"1-sigma {plane.slope_sigma_deg:.0f}°, nearly all of it that of up, {options.up_sigma_deg:g}°",
+            f"1-sigma {sigma:.0f}°, nearly all of it that of up, {options.up_sigma_deg:g}°",
             "give up with a smaller --up-sigma",
         )
-    vague = "" if plane.slope_known else f": 1-sigma {plane.slope_sigma_deg:.0f}°"
+    vague = "" if plane.slope_known else f": 1-sigma {sigma:.0f}°"
     if plane.source == "given":
         behind = not plane.distance > 0
         return Cause(
             "slope-open",
-            "its rows put it behind the camera" if behind else f"its rows leave the slope open{vague}",
+            "its rows put it behind the camera" if behind else f"its rows do not determine the slope{vague}",
             "give more rows, spread wider, of a longer baseline or known better",
         )
-    if plane.distance > 0 and plane.slope_sigma_deg <= Options().max_sigma_deg:  # more was asked than usual
+    if plane.distance > 0 and sigma <= Options().max_sigma_deg:  # --max-sigma is smaller than usual
         return Cause(
             "slope-open",
-            f"sigma {beside(plane.slope_sigma_deg, options.max_sigma_deg)}° is above --max-sigma "
-            f"{options.max_sigma_deg:g}°",
+            f"sigma {beside(sigma, options.max_sigma_deg)}° is above --max-sigma {options.max_sigma_deg:g}°",
             "raise --max-sigma, or take the images farther apart",
         )
     return Cause(
         "low-texture",
-        f"too little texture: its matches leave the slope open{vague}",
+        f"too little texture: its matches do not determine the slope{vague}",
         f"choose larger {plane.noun}s, or such with texture that both images show",
     )
 
 
-def commonest(found: dict[int, Cause]) -> Cause:
-    """The cause of most planes."""
+def no_slope_known(found: dict[int, Cause], joined: Joined) -> NoAnswer:
+    """The refusal where no plane is reported, with the commonest cause."""
     codes = [cause.code for cause in found.values()]
-    return next(cause for cause in found.values() if codes.count(cause.code) == max(map(codes.count, codes)))
+    cause = max(found.values(), key=lambda cause: codes.count(cause.code))
+    asked = [*joined.patches, *joined.unanswered]
+    whose = f"all {len(asked)} {asked[0].noun}s"
+    reason = f"the matches of {whose} do not determine their slopes: {cause.message}"
+    return NoAnswer(cause.code, reason, cause.remedy)
 
 
 def rejected(joined: Joined, planes: list[Plane], found: dict[int, Cause]) -> tuple[Rejected, ...]:
-    """Patches without matches, and those whose matches leave the slope open, by id."""
+    """Patches without matches, and those whose matches do not determine the slope, by id."""
     bare = [Rejected(patch.id, patch.footprint.polygon_px, patch.code, patch.reason) for patch in joined.unanswered]
     vague = [
         Rejected(plane.id, plane.polygon_px, found[plane.id].code, found[plane.id].message)

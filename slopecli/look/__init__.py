@@ -5,6 +5,7 @@ from slopecli.face import lazy_names
 __getattr__, __dir__ = lazy_names(
     __name__,
     {
+        "changes": "Change find_changes",
         "dense": "Cells dense_cells flow match_exposure",
         "evidence": "Evidence gather_evidence scene_planes",
         "features": "EFFORTS FeatureEffort FeatureMemory Grey match_descriptors match_sift shrink to_full",

@@ -44,7 +44,7 @@ __getattr__, __dir__ = lazy_names(
         "labelling.without_motion": "label_planes",
         "footprint": "Footprint paint_labels region_footprints window_footprint",
         "join": "Joined join_patches",
-        "merge_coplanar": "merge_patches",
+        "merge_coplanar": "MergedGroup merge_patches",
         "patch": "Found Patch overdispersion",
     },
 )

@@ -17,8 +17,7 @@ from slopecli.look.matches import Matches, thin
 from slopecli.look.noise import OVERVIEW_CELL_PX, SYSTEMATIC_PX, correlation_gain
 from slopecli.look.scene import Scene
 from slopecli.patches.patch import Found, Patch, weight_of
-from slopecli.segmentation import Segmentation
-from slopecli.types import BoolArray, FloatArray, IntArray, Solution
+from slopecli.types import BoolArray, FloatArray, IntArray, Segmentation, Solution
 
 OUTSIDE_POINTS = 1500  # matches outside the patches that join the solution: more add time, not accuracy
 

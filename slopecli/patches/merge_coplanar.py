@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -11,13 +12,25 @@ from slopecli.geometry.solver.coplanar import Group, merge_coplanar
 from slopecli.geometry.statistics import median
 from slopecli.patches.join import Joined
 from slopecli.patches.patch import Patch
-from slopecli.types import Diagnostic, FloatArray, Solution
+from slopecli.types import FloatArray, Solution
 
 MOST_TILT_SIGMA_DEG = 5.0  # of a patch that takes part: one less certain agrees with any plane
 
 
-def merge_patches(joined: Joined, solution: Solution) -> tuple[Joined, Solution, list[Diagnostic]]:
-    """The solution with coplanar and parallel patches solved as one, and a note on every group of them.
+class MergedGroup(NamedTuple):
+    """Patches, by id, that were given one plane or one normal: the chi-square of the test over its degrees of freedom,
+    and the median 1-sigma of their tilts before and after."""
+
+    ids: tuple[int, ...]
+    shares: str
+    chi2: float
+    dof: int
+    before_deg: float
+    after_deg: float
+
+
+def merge_patches(joined: Joined, solution: Solution) -> tuple[Joined, Solution, list[MergedGroup]]:
+    """The solution with coplanar and parallel patches solved as one, and every group of them.
 
     Only patches with matches of their own and no reason against them take part. The tilt variance of their matches
     goes into the covariance here, so the patches returned keep only that of their unmatched parts, of which other
@@ -36,7 +49,7 @@ def merge_patches(joined: Joined, solution: Solution) -> tuple[Joined, Solution,
     ]
     left = np.where(own, [patch.tilt_sigma_rad for patch in patches], 0.0)
     before, after = _tilt_sigma_deg(solution, extra), _tilt_sigma_deg(merged, left)
-    return joined.with_patches(patches), merged, [_note(group, patches, before, after) for group in groups]
+    return joined.with_patches(patches), merged, [_merged(group, patches, before, after) for group in groups]
 
 
 def _tilt_sigma_deg(solution: Solution, extra_rad: FloatArray) -> FloatArray:
@@ -49,16 +62,7 @@ def _tilt_sigma_deg(solution: Solution, extra_rad: FloatArray) -> FloatArray:
     return np.degrees(np.sqrt(np.maximum(across, 0.0) / 2 / length**2 + extra_rad**2))
 
 
-def _note(group: Group, patches: Sequence[Patch], before: FloatArray, after: FloatArray) -> Diagnostic:
+def _merged(group: Group, patches: Sequence[Patch], before: FloatArray, after: FloatArray) -> MergedGroup:
     members = list(group.members)
-    ids = ", ".join(str(patches[k].id) for k in members)
-    old, new = median(before[members]), median(after[members])
-    what = "lie on one plane" if group.shares == "plane" else "face one way"
-    return Diagnostic(
-        "coplanar",
-        "info",
-        f"{ids} {what}, and are solved so (chi-square {group.chi2:.1f} over {group.dof}): 1-sigma of the tilt "
-        f"{old:.2g} -> {new:.2g} deg",
-        old / max(new, 1e-9),
-        "leave out --merge-coplanar to have each by itself",
-    )
+    ids = tuple(patches[k].id for k in members)
+    return MergedGroup(ids, group.shares, group.chi2, group.dof, median(before[members]), median(after[members]))

@@ -10,8 +10,7 @@ import numpy as np
 from slopecli.geometry.statistics import CHI2_MEDIAN, median
 from slopecli.look.matches import Matches
 from slopecli.patches.footprint import Footprint
-from slopecli.segmentation import Segmentation
-from slopecli.types import NOUNS, FloatArray, IntArray, Source
+from slopecli.types import NOUNS, FloatArray, IntArray, Segmentation, Source
 from slopecli.windows import Window
 
 REFERENCE_PX = 0.05  # 1-sigma of a match of weight 1

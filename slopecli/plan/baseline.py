@@ -8,7 +8,7 @@ from typing import Literal
 import numpy as np
 
 from slopecli.errors import NoAnswer
-from slopecli.findings.pair_checks import parallax_px
+from slopecli.findings.parallax import parallax_px
 from slopecli.findings.wording import beside
 from slopecli.plan.flight import Flight, Seen, refuse_sky, see, shares
 from slopecli.plan.prediction import UNKNOWN_DEG, planned_parallax, slope_sigmas

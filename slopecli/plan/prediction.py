@@ -8,7 +8,7 @@ from typing import Literal, NamedTuple
 import numpy as np
 
 from slopecli.errors import NoAnswer, SlopemapError
-from slopecli.findings.pair_checks import check_parallax, parallax_px
+from slopecli.findings.parallax import check_parallax, parallax_px
 from slopecli.geometry.metrics import normal_angle
 from slopecli.geometry.slope import measure_slopes
 from slopecli.geometry.solver.observations import linearise, observe

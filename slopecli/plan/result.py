@@ -9,8 +9,8 @@ from typing import Literal
 import numpy as np
 
 from slopecli.errors import InputError, NoAnswer
-from slopecli.findings.pair_checks import LOW_PARALLAX_PX
-from slopecli.findings.wording import beside
+from slopecli.findings.parallax import LOW_PARALLAX_PX
+from slopecli.findings.wording import beside, finding
 from slopecli.geometry.camera import pixels_from_rays
 from slopecli.geometry.epipolar import focus_of_expansion, unit_vector
 from slopecli.geometry.slope import CAMERA_UP
@@ -291,12 +291,12 @@ def _diagnostics(
         found.append(_for_parallax(cast, options.sigma_deg))
     if cast.source == "simulation":
         said = "two answers run into each other; sigmas are those of simulated pairs, not of a covariance"
-        found.append(Diagnostic("single-plane", "info", said))
+        found.append(finding("single-plane", said, severity="info"))
     if cast.zoom > LARGEST_ZOOM:
         said = (
             f"one image shows the ground {cast.zoom:.1f} times as large as the other, matching bears {LARGEST_ZOOM:g}"
         )
-        found.append(Diagnostic("no-overlap", "warning", said, cast.zoom, "shorten the baseline"))
+        found.append(finding("no-overlap", said, cast.zoom))
     return found
 
 
@@ -307,20 +307,20 @@ def _holds(window: Window, point: tuple[float, float]) -> bool:
 
 def _focus_in(one: PlannedWindow) -> Diagnostic:
     said = f"the camera moves along a line of sight through window {one.id}: it shows least parallax there"
-    return Diagnostic("foe-in-window", "info", said, float(one.id), "move sideways as well")
+    return finding("foe-in-window", said, float(one.id), "move sideways as well")
 
 
 def _second_answer(cast: Forecast, wanted_deg: float | None) -> Diagnostic:
     off = sigma_text(_degrees(cast.first_error_rad))
     wanted = "" if wanted_deg is None else f", and this baseline gives {wanted_deg:g}° to no one else"
-    return Diagnostic(
+    return finding(
         "single-plane",
-        "warning",
         f"two answers are likely: so it is in {round(cast.second_answer * TRIALS)} of {TRIALS} simulated pairs, as a "
         "second motion explains them as well; sigmas hold for who knows which is right, the first by itself is off by "
         f"{off} (RMS, median window){wanted}",
         cast.second_answer,
         "give estimate the motion (--direction-prior, --pose), fly level, or choose ground with more relief",
+        severity="warning",
     )
 
 
@@ -330,12 +330,12 @@ def _is_better(cast: Forecast, wanted_deg: float, of: Of) -> bool:
 
 
 def _for_parallax(cast: Forecast, wanted_deg: float) -> Diagnostic:
-    return Diagnostic(
+    return finding(
         "low-parallax",
-        "info",
         f"a shorter baseline gives {wanted_deg:g}° as well, but less than the {LOW_PARALLAX_PX:g} px of parallax that "
         "slopes need; this is the shortest with both",
         cast.median_parallax_px,
+        severity="info",
     )
 
 

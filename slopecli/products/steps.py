@@ -18,8 +18,7 @@ from slopecli.products.drawing.outlines import footprints_of
 from slopecli.products.drawing.placement import place_numbers
 from slopecli.products.drawing.png import encode_picture
 from slopecli.products.overlay import draw_labels
-from slopecli.segmentation import Segmentation
-from slopecli.types import Image, Report
+from slopecli.types import Image, Report, Segmentation
 
 
 def encode_gradient(report: Report, image: Image) -> bytes:

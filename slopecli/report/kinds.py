@@ -1,4 +1,4 @@
-"""What a plane of a built scene is: ground, wall or roof, told by its slope and its height above the ground."""
+"""Kind of a plane of a built scene: ground, wall, roof or ceiling, by its slope and its height above the ground."""
 
 from __future__ import annotations
 
@@ -12,12 +12,11 @@ from slopecli.types import FloatArray, Plane, Report
 
 Kind = Literal["ground", "wall", "roof", "ceiling"]
 
-WALL_DEG = 60.0  # hardly a roof is steeper, and hardly a wall leans as far
-LEVEL_DEG = 15.0  # streets and squares are flatter than this; roofs as flat have height to tell them
-KNOWN_DEG = 5.0  # 1-sigma of a slope beyond which it does not tell that a plane is level
-LARGE = 0.1  # of the largest level plane: a smaller one below it may be a mistake, or a pit
+WALL_DEG = 60.0  # few roofs are steeper, and few walls lean as far
+LEVEL_DEG = 15.0  # streets and squares are flatter than this; flat roofs are higher
+KNOWN_DEG = 5.0  # 1-sigma of a slope beyond which a plane does not count as level
+LARGE = 0.1  # of the area of the largest level plane: a smaller one below it may be a mistake, or a pit
 AT_GROUND = 0.02  # height over the distance to the camera up to which a plane counts as lying on the ground
-LOW_END = 0.1  # of a plane's outline: the share that may be lower, as outlines are ragged
 
 
 def plane_shares(report: Report) -> dict[int, float]:
@@ -28,12 +27,12 @@ def plane_shares(report: Report) -> dict[int, float]:
 
 
 def plane_kinds(report: Report) -> dict[int, Kind | None]:
-    """Tell by id what every plane of the report is; only as good as the report's up direction.
+    """Kind of every plane of the report by id; it is only as good as the report's up direction.
 
     A plane steeper than 60 degrees is a wall, one that faces down as far beyond the vertical a ceiling. The others are
     ground if their low end is on the ground or below it, roof if it is above: any surface that stands on something.
-    The ground is the lowest of the large level planes, extended. Without a level plane there is no height to tell
-    ground from roof by, and None is given.
+    The ground is the lowest of the large level planes, extended. Without a level plane there is no height that tells
+    ground from roof, and the kind is None.
     """
     upright: dict[int, Kind | None] = {plane.id: _upright_kind(plane) for plane in report.planes}
     outlines = {plane.id: _outline(plane, report) for plane in report.planes}
@@ -74,6 +73,6 @@ def _is_level(plane: Plane) -> bool:
 
 
 def _low_end(points: FloatArray, ground: Plane) -> float:
-    """Height of a plane's lower end above the ground, over its distance to the camera."""
+    """Height of a plane's lower end (10 % of its outline) above the ground, over its distance to the camera."""
     height = points @ ground.normal_cam1 + ground.distance
-    return float(np.quantile(height / np.linalg.norm(points, axis=1), LOW_END)) if len(points) else 0.0
+    return float(np.quantile(height / np.linalg.norm(points, axis=1), 0.1)) if len(points) else 0.0

@@ -1,4 +1,4 @@
-"""The second answer, told as fully as the first, and what would decide between the two."""
+"""The second root in the report: its planes, how much worse it fits, and what would rule one of the two out."""
 
 from __future__ import annotations
 
@@ -6,31 +6,72 @@ import math
 
 import numpy as np
 
+from slopecli.errors import InputError
 from slopecli.findings.wording import figures
 from slopecli.geometry.epipolar import rotation_vector
 from slopecli.geometry.slope import surface_normals
 from slopecli.geometry.solver.ambiguity import by_chance
 from slopecli.measure import Measured, judge, signed_distance
 from slopecli.options import Options
-from slopecli.types import AlternativePlane, AmbiguityReport, FloatArray, Plane, Solution
+from slopecli.patches.join import Joined
+from slopecli.report.fit import motion_of
+from slopecli.report.scale import scale_of
+from slopecli.types import Alternative, AlternativePlane, AmbiguityReport, FloatArray, Plane, Solution
 
-WORTH_NAMING_DEG = 0.1  # a difference of the two motions below which no sensor decides between them
-OWN_ERROR = 2.0  # sigmas that what is measured may itself be off, towards the wrong answer
+LEAST_DIFFERENCE_DEG = 0.1  # of two motions, below which no sensor is recommended to decide between them
 
 
-def second_plane(
-    k: int, first: Plane, other: Measured, x1: FloatArray, length: float, options: Options
-) -> AlternativePlane:
-    """Plane k as the second answer has it. Like the first it is called safe only where the plane is, in both.
+def ambiguity_report(
+    main: Measured,
+    second: Measured | None,
+    joined: Joined,
+    planes: tuple[Plane, ...],
+    length: float,
+    options: Options,
+) -> AmbiguityReport:
+    """Status of the second root, with its planes, and what would decide between the two.
 
-    first : the same plane in the first answer.  x1 : (n, 2) rays of its points.
-    length : of a baseline in the second answer, in the unit of the report.
+    planes : those reported.  length : of the baseline in the first root, in the unit of the report.
     """
-    slope, p_safe = other.numbers[k], float(other.p_safe[k])
+    found = main.solution.ambiguity
+    if second is None:
+        return AmbiguityReport(found.status)
+    length = _second_length(second, joined, length, options)
+    by_id = {plane.id: plane for plane in planes}
+    kept = [(k, by_id[patch.id]) for k, patch in enumerate(joined.patches) if patch.id in by_id]
+    seconds = [_second_plane(k, plane, second, joined.patches[k].matches.x1, length, options) for k, plane in kept]
+    firsts = np.array([plane.slope_deg for _, plane in kept])
+    ways = what_decides(main.solution, firsts, np.array([plane.slope_deg for plane in seconds]))
+    return AmbiguityReport(
+        found.status,
+        found.delta_chi2,
+        found.delta_chi2_prior,
+        ways if found.status == "unresolved" else None,
+        Alternative(motion_of(second.solution, length), tuple(seconds)),
+    )
+
+
+def _second_length(second: Measured, joined: Joined, length: float, options: Options) -> float:
+    """Length of the baseline in the second root: an altitude gives another there, or none."""
+    try:
+        return scale_of(second, joined, options)[1]
+    except InputError:
+        return length
+
+
+def _second_plane(
+    k: int, first: Plane, second: Measured, x1: FloatArray, length: float, options: Options
+) -> AlternativePlane:
+    """Plane k in the second root; it is called safe only where the plane is in the first.
+
+    first : the same plane in the first root.  x1 : (n, 2) rays of its points.
+    length : of the baseline in the second root, in the unit of the report.
+    """
+    slope, p_safe = second.numbers[k], float(second.p_safe[k])
     return AlternativePlane(
         id=first.id,
-        normal_cam1=surface_normals(other.solution)[k],
-        distance=signed_distance(other.solution.scaled_normals[k], x1) * length,
+        normal_cam1=surface_normals(second.solution)[k],
+        distance=signed_distance(second.solution.scaled_normals[k], x1) * length,
         **slope,
         verdict=judge(p_safe, None, first.verdict == "safe", options.confidence),
         p_safe=p_safe,
@@ -39,7 +80,7 @@ def second_plane(
 
 
 def margin(ambiguity: AmbiguityReport, n_matches: int) -> str:
-    """By how much the second answer fits worse, and how much of that is not the images' word; "" where not known."""
+    """By how much the second root fits worse, and how much of that is due to the motion given; "" where not known."""
     total, known = ambiguity.delta_chi2, ambiguity.delta_chi2_prior
     if total is None:
         return ""
@@ -50,12 +91,12 @@ def margin(ambiguity: AmbiguityReport, n_matches: int) -> str:
 
 
 def what_decides(solution: Solution, slopes_deg: FloatArray, other_slopes_deg: FloatArray) -> str:
-    """Name what tells the two answers of an unresolved solution apart, with how well it must be known.
+    """Name what tells the two roots of an unresolved solution apart, with how well it must be known.
 
     Parameters
     ----------
     solution : with its alternative.
-    slopes_deg, other_slopes_deg : (m,) of the planes, in either answer.
+    slopes_deg, other_slopes_deg : (m,) of the planes, in either root.
     """
     other = solution.ambiguity.alternative
     ways = ["a third image", "a wider baseline"]
@@ -70,26 +111,26 @@ def what_decides(solution: Solution, slopes_deg: FloatArray, other_slopes_deg: F
 
 
 def _sensor(what: str, option: str, apart: float, own_sigma: float, needed: float) -> list[str]:
-    """The way by a sensor that measures an angle, rad, in which the answers differ; none where it cannot decide."""
+    """A sensor of an angle, rad, in which the roots differ, as a way to decide; none where it cannot."""
     sigma_deg = math.degrees(deciding_sigma(apart, own_sigma, needed))
-    if math.degrees(apart) < WORTH_NAMING_DEG or sigma_deg <= 0.0:
+    if math.degrees(apart) < LEAST_DIFFERENCE_DEG or sigma_deg <= 0.0:
         return []
     how_well = f"{option} with a sigma below {_rounded_down(sigma_deg)} deg decides"
     return [f"the {what} (the two differ by {math.degrees(apart):.3g} deg: {how_well})"]
 
 
 def deciding_sigma(apart: float, own_sigma: float, needed: float) -> float:
-    """Largest 1-sigma of a measured angle that tells two answers apart; 0 where none does.
+    """Largest 1-sigma of a measured angle that tells two roots apart; 0 where none does.
 
-    The wrong answer gives way to the measurement within its own sigma, and the measurement may be off by twice its:
+    The measurement may be off by two of its sigmas towards the wrong root:
     (apart^2 - 2 * 2 sigma apart) / (sigma^2 + own_sigma^2) = needed, solved for sigma.
 
     Parameters
     ----------
-    apart : between the two answers.  own_sigma : of either, along the way between them.
-    needed : chi-square that rules an answer out.
+    apart : between the two roots.  own_sigma : of either, along the line between them.
+    needed : chi-square that rules a root out.
     """
-    half = OWN_ERROR * apart
+    half = 2.0 * apart
     square = half**2 + needed * (apart**2 - needed * own_sigma**2)
     return max((math.sqrt(square) - half) / needed, 0.0) if square > 0.0 else 0.0
 
@@ -112,6 +153,6 @@ def _along(way: FloatArray, *covariances: FloatArray) -> float:
 
 
 def _rounded_down(value: float) -> str:
-    """In two digits, never above."""
+    """A number in two digits, never larger than itself."""
     step = 10.0 ** (math.floor(math.log10(value)) - 1)
     return f"{math.floor(value / step) * step:.2g}"

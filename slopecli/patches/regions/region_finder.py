@@ -32,8 +32,7 @@ from slopecli.patches.regions.cell_planes import component_planes, fewest_planes
 from slopecli.patches.regions.merging import Labelled, merged, refitted
 from slopecli.patches.regions.region_match import CELL, match_labelled, match_regions
 from slopecli.patches.regions.review import reviewed
-from slopecli.segmentation import Segmentation
-from slopecli.types import FloatArray
+from slopecli.types import FloatArray, Segmentation
 
 WORKING_PIXELS = 5.0e5  # of image 1 that are labelled; borders of planes are as exact as that
 SKETCH_PIXELS = 1.25e5  # on which the many proposals first compete

@@ -1,0 +1,88 @@
+"""Checks of the whole scene: all of it on one plane, with one motion or two, and a straight descent to level ground."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from slopecli.findings.facts import AnswerFacts
+from slopecli.findings.fit_checks import solver_remedy
+from slopecli.findings.wording import finding
+from slopecli.geometry.epipolar import homogeneous
+from slopecli.geometry.motion import inverse_depth
+from slopecli.geometry.statistics import median
+from slopecli.patches.merge_coplanar import MergedGroup
+from slopecli.types import Diagnostic, FloatArray, Solution
+
+ALONG_DEG, FLAT_DEG = 15.0, 5.0  # motion off the normal of the ground, and RMS of its slopes, of a straight descent
+FLAT_PX = 0.2  # distance of matches from one plane within which relief does not help to determine the motion
+
+
+def one_plane(facts: AnswerFacts) -> list[Diagnostic]:
+    """That the motion is estimated from a single plane, where no second root is left."""
+    solution, focal_px = facts.solution, facts.focal_px
+    if solution.ambiguity.status == "unresolved" or not solution.inlier.any():
+        return []
+    kept = facts.joined.matches.take(solution.inlier)
+    off = _off_one_plane(solution, kept.x1, kept.x2)
+    # residuals that are due to the solver hide how flat the scene is
+    noise = 0.0 if solver_remedy(solution) else facts.noise
+    if off > max(4.0 * noise, 0.0 if focal_px is None else FLAT_PX / focal_px):
+        return []
+    unit, size = ("mrad", 1e3 * off) if focal_px is None else ("px", off * focal_px)
+    message = f"90 % of the matches lie within {size:.2f} {unit} of one plane, from which alone the motion is estimated"
+    return [finding("single-plane", message, size, severity="info")]
+
+
+def _off_one_plane(solution: Solution, x1: FloatArray, x2: FloatArray) -> float:
+    """Distance in image 2, normalised, that 90 % of the matches keep from where the plane through all sends them."""
+    w, leverage = inverse_depth(solution.R, solution.T, x1, x2)
+    rows, target, weight = homogeneous(x1) * leverage[:, None], w * leverage, np.ones(len(w))
+    off = np.zeros(len(w))
+    for _ in range(5):  # least absolute values, by reweighting
+        normal = np.linalg.lstsq(rows * weight[:, None], target * weight, rcond=None)[0]
+        off = np.abs(target - rows @ normal)
+        weight = 1.0 / np.sqrt(np.maximum(off, 0.1 * median(off) + 1e-12))
+    return float(np.quantile(off, 0.9))
+
+
+def second_root(facts: AnswerFacts) -> list[Diagnostic]:
+    """A second root that is not ruled out."""
+    ambiguity = facts.solution.ambiguity
+    if ambiguity.status != "unresolved":
+        return []
+    message = "all matches lie nearly on one plane, and a second motion explains them as well"
+    return [finding("single-plane", message, ambiguity.delta_chi2, severity="warning")]
+
+
+def merged_groups(groups: Sequence[MergedGroup]) -> list[Diagnostic]:
+    """Patches that `--merge-coplanar` solved as one plane, or with one normal."""
+    return [_merged(group) for group in groups]
+
+
+def _merged(group: MergedGroup) -> Diagnostic:
+    what = "lie on one plane" if group.shares == "plane" else "face one way"
+    message = (
+        f"{', '.join(map(str, group.ids))} {what}, and are solved so (chi-square {group.chi2:.1f} over {group.dof}): "
+        f"1-sigma of the tilt {group.before_deg:.2g} -> {group.after_deg:.2g} deg"
+    )
+    return finding("coplanar", message, group.before_deg / max(group.after_deg, 1e-9))
+
+
+def straight_descent(facts: AnswerFacts) -> list[Diagnostic]:
+    """Motion along the one normal that all planes share, which determines slopes least of all motions."""
+    normals = np.array([plane.normal_cam1 for plane in facts.planes])
+    mean = normals.sum(0) / max(float(np.linalg.norm(normals.sum(0))), np.finfo(float).tiny)
+    spread = float(np.degrees(np.sqrt(np.mean(np.arccos(np.clip(normals @ mean, -1.0, 1.0)) ** 2))))
+    off = float(np.degrees(np.arccos(min(abs(float(mean @ facts.solution.T)), 1.0))))
+    if off > ALONG_DEG or spread > FLAT_DEG:
+        return []
+    message = (
+        f"the camera moved {off:.1f}° off the normal of flat ground, whose slopes differ by {spread:.1f}° (RMS): "
+        "of all motions this one determines slopes least"
+    )
+    remedy = (
+        f"{facts.separation.sideways()}; or give --rotation-prior, or --merge-coplanar where windows lie on one plane"
+    )
+    return [finding("weak-geometry", message, off, remedy)]
