@@ -37,7 +37,12 @@ FLOORS = (
 FLOOR_OF = {room: floor for floor, rooms in enumerate(FLOORS) for room in rooms.split()}
 FILE_CALLS = {"open", "imread", "imwrite", "imreadmulti", "read_text", "read_bytes", "write_text", "write_bytes"}
 SLOW_TO_IMPORT = {"scipy", "skimage", "matplotlib", "trimesh", "rich", "distributed", "threadpoolctl"}
-DISTRIBUTION_OF = {"cv2": "opencv-contrib-python-headless", "PIL": "pillow", "yaml": "PyYAML"}
+DISTRIBUTION_OF = {
+    "cv2": "opencv-contrib-python-headless",
+    "PIL": "pillow",
+    "skimage": "scikit-image",
+    "yaml": "PyYAML",
+}
 
 
 def name_of(path: Path) -> str:

@@ -5,6 +5,8 @@ Source: Cheng, experiment 3, steps 1-3.
 
 from __future__ import annotations
 
+from typing import Any
+
 import cv2
 import numpy as np
 from numpy.typing import NDArray
@@ -12,6 +14,7 @@ from numpy.typing import NDArray
 from slopecli.look.features import Grey
 from slopecli.look.noise import NOISE_GREY
 from slopecli.look.warp import FloatImage, image_gradient
+from slopecli.types import IntArray
 
 SMOOTH_PX = 1.5  # sigma: the grain of asphalt and brick is smoothed away, borders of surfaces are not
 INTERIOR_SHARE = 0.6  # of all pixels lie inside surfaces where no threshold is given
@@ -34,12 +37,22 @@ def adaptive_threshold(gradient: FloatImage) -> float:
 def connected_components(gradient: FloatImage, threshold: float, least_px: float) -> Labels:
     """Connected regions (h, w) below the threshold, 1 the largest; 0 above it and where they are smaller."""
     interior = (gradient < threshold).astype(np.uint8)
-    count, labels, stats, _ = cv2.connectedComponentsWithStats(interior, connectivity=4)
-    size = stats[1:, cv2.CC_STAT_AREA]
-    kept = 1 + np.argsort(-size, kind="stable")[: np.count_nonzero(size >= least_px)]
-    number = np.zeros(count, np.int32)
-    number[kept] = np.arange(1, len(kept) + 1)
-    return np.asarray(number[labels], np.int32)
+    _, labels = cv2.connectedComponents(interior, connectivity=4)
+    return renumbered_by_size(labels, least_px)[0]
+
+
+def renumbered_by_size(labels: NDArray[Any], least: float = 1) -> tuple[Labels, IntArray]:
+    """Return labels 0..k with 1 the most frequent; those of fewer than `least` elements become 0.
+
+    Also returns the former labels, in the order of the new ones.
+    """
+    size = np.bincount(labels.ravel(), minlength=1)
+    size[0] = 0
+    order = np.argsort(-size, kind="stable")
+    order = order[size[order] >= max(least, 1)]
+    number = np.zeros(len(size), np.int32)
+    number[order] = np.arange(1, len(order) + 1)
+    return number[labels], order
 
 
 def resized(labels: Labels, shape: tuple[int, int]) -> Labels:

@@ -41,7 +41,7 @@ PLANE_FINDERS: dict[str, PlaneFinder] = {"windows": _windows, "ransac": _feature
 __getattr__, __dir__ = lazy_names(
     __name__,
     {
-        "labelling.without_motion": "label_planes",
+        "uncalibrated": "label_planes",
         "footprint": "Footprint paint_labels region_footprints window_footprint",
         "join": "Joined join_patches",
         "merge_coplanar": "MergedGroup merge_patches",

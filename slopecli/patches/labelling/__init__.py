@@ -1,1 +1,1 @@
-"""Correspondences labelled by plane, by minimising one energy: the finder ransac, and label_planes."""
+"""Points labelled by plane, by minimising one energy: the finder `ransac`, and what `label_planes` shares with it."""
