@@ -24,7 +24,7 @@ from slopecli.patches.labelling.labelling_tunables import LABELLING
 from slopecli.patches.labelling.search import State, make_pool, search, settled
 from slopecli.patches.neighbours import nearest
 from slopecli.patches.patch import Found, Patch, weight_of
-from slopecli.types import IntArray
+from slopecli.types import FloatArray, IntArray
 
 
 def find_feature_planes(scene: Scene, options: Options) -> Found:
