@@ -1,15 +1,18 @@
-"""What an image file says of itself before it is decoded: size, orientation, and whether it is all there.
+"""Size and orientation in the header of an image file, and whether the file is complete.
 
-Decoders differ in how much of a damaged file they let pass, so completeness is settled here: every critical chunk of a
-PNG must be present with its checksum, and a JPEG must reach its end marker. Sources: PNG (W3C, third edition), JPEG
-(ITU T.81 annex B), TIFF 6.0, EXIF 2.3.
+Decoders differ in how much damage they accept, so completeness is checked here: every critical chunk of a PNG must be
+present with its checksum, and a JPEG must reach its end marker. Pillow reads the tags of TIFF files and EXIF blocks.
+Sources: PNG (W3C, third edition), JPEG (ITU T.81 annex B), TIFF 6.0, EXIF 2.3.
 """
 
 from __future__ import annotations
 
 import struct
+import warnings
 import zlib
 from dataclasses import dataclass
+from io import BytesIO
+from typing import Any
 
 from slopecli.errors import InputError
 
@@ -18,26 +21,21 @@ JPEG_SIGNATURE = b"\xff\xd8\xff"
 TIFF_SIGNATURES = (b"II*\x00", b"MM\x00*", b"II+\x00", b"MM\x00+")
 CRITICAL_CHUNKS = (b"IHDR", b"PLTE", b"IDAT", b"IEND")
 
-WIDTH_TAG, HEIGHT_TAG, ORIENTATION_TAG, DNG_VERSION_TAG = 256, 257, 274, 50706
-
 
 @dataclass(frozen=True)
 class ImageHeader:
-    """size: (width, height) px as stored, None when the format is not looked into.
+    """size: (width, height) px as stored, None for formats other than PNG, JPEG and TIFF.
 
-    orientation: EXIF orientation, 1 when absent. orientation_offset: where a decoder would read it from the file's
-    own directory (TIFF only), with `orientation_upright` the two bytes that say 1 there.
+    orientation: EXIF orientation, 1 when absent. is_raw: whether it is a raw camera file (DNG).
     """
 
     size: tuple[int, int] | None = None
     orientation: int = 1
-    orientation_offset: int | None = None
-    orientation_upright: bytes = b""
     is_raw: bool = False
 
 
 def read_header(data: bytes) -> ImageHeader:
-    """Read the header of a PNG, JPEG or TIFF file and check that the file is whole.
+    """Read the header of a PNG, JPEG or TIFF file and check that a PNG or JPEG is complete.
 
     Raises
     ------
@@ -85,59 +83,64 @@ def _jpeg_header(data: bytes) -> ImageHeader:
             continue
         length = struct.unpack_from(">H", data, position + 2)[0]
         body, position = position + 4, position + 2 + length
-        if _is_frame(marker) and body + 5 <= len(data):
+        is_frame = 0xC0 <= marker <= 0xCF and marker not in (0xC4, 0xC8, 0xCC)
+        if is_frame and body + 5 <= len(data):
             height, width = struct.unpack_from(">HH", data, body + 1)
             size = width, height
         elif marker == 0xE1 and data.startswith(b"Exif\0\0", body):
             orientation = _orientation(_tiff_tags(data[body + 6 : position]))
         elif marker == 0xDA:
             break
-    # inside the scan 0xff is always escaped, so the first end marker from here on is the image's own
+    # 0xff is always escaped within the scan, so the first end marker from here on is that of the image
     if data.find(b"\xff\xd9", position) < 0:
         raise InputError(f"the JPEG file is cut short after {len(data)} bytes; copy or download it again")
     return ImageHeader(size, orientation)
 
 
-def _is_frame(marker: int) -> bool:
-    return 0xC0 <= marker <= 0xCF and marker not in (0xC4, 0xC8, 0xCC)
-
-
 def _tiff_header(data: bytes) -> ImageHeader:
+    from PIL.ExifTags import Base
+
     tags = _tiff_tags(data)
-    size = (tags[WIDTH_TAG][0], tags[HEIGHT_TAG][0]) if WIDTH_TAG in tags and HEIGHT_TAG in tags else None
-    return ImageHeader(
-        size,
-        _orientation(tags),
-        orientation_offset=tags[ORIENTATION_TAG][1] if ORIENTATION_TAG in tags else None,
-        orientation_upright=struct.pack(_byte_order(data) + "H", 1),
-        is_raw=DNG_VERSION_TAG in tags,
-    )
+    width, height = tags.get(Base.ImageWidth), tags.get(Base.ImageLength)
+    size = (width, height) if isinstance(width, int) and isinstance(height, int) else None
+    return ImageHeader(size, _orientation(tags), is_raw=Base.DNGVersion in tags)
 
 
-def _orientation(tags: dict[int, tuple[int, int]]) -> int:
-    value = tags.get(ORIENTATION_TAG, (1, 0))[0]
-    return value if 1 <= value <= 8 else 1
+def _tiff_tags(data: bytes) -> dict[int, Any]:
+    """Values of the first directory of a TIFF file or EXIF block by tag; those that are damaged are left out."""
+    from PIL.TiffImagePlugin import ImageFileDirectory_v2
+
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # Pillow's, about damage
+        try:
+            directory = ImageFileDirectory_v2(data[: 16 if _is_big_tiff(data) else 8])
+            file = BytesIO(data)
+            file.seek(directory.next)
+            directory.load(file)
+            return dict(directory)
+        except Exception:  # Pillow raises many kinds of exceptions on damaged bytes
+            return {}
 
 
-def _byte_order(data: bytes) -> str:
-    return "<" if data[:2] == b"II" else ">"
+def _orientation(tags: dict[int, Any]) -> int:
+    from PIL.ExifTags import Base
+
+    value = tags.get(Base.Orientation)
+    return value if isinstance(value, int) and 1 <= value <= 8 else 1
 
 
-def _tiff_tags(data: bytes) -> dict[int, tuple[int, int]]:
-    """Tag -> (first value, its offset) of the first directory of a TIFF or EXIF block; what is damaged is left out."""
-    order = _byte_order(data)
-    tags: dict[int, tuple[int, int]] = {}
-    try:
-        big = struct.unpack_from(order + "H", data, 2)[0] == 43
-        count_format, entry_size, value_at = ("Q", 20, 12) if big else ("H", 12, 8)
-        start = struct.unpack_from(order + ("Q" if big else "I"), data, 8 if big else 4)[0]
-        count = struct.unpack_from(order + count_format, data, start)[0]
-        first = start + struct.calcsize(count_format)
-        for entry in range(first, min(first + count * entry_size, len(data)), entry_size):
-            tag, kind = struct.unpack_from(order + "HH", data, entry)
-            value_format = {1: "B", 3: "H", 4: "I"}.get(kind)
-            if value_format:
-                tags[tag] = (struct.unpack_from(order + value_format, data, entry + value_at)[0], entry + value_at)
-    except struct.error:
-        pass
-    return tags
+def _is_big_tiff(data: bytes) -> bool:
+    return data[2:4] in (b"+\x00", b"\x00+")
+
+
+def without_orientation(data: bytes, orientation: int) -> bytes:
+    """A TIFF file with orientation 1 in place of the given one, so that OpenCV leaves the pixels as stored."""
+    from PIL.ExifTags import Base
+
+    order, count = "<" if data.startswith(b"II") else ">", "Q" if _is_big_tiff(data) else "I"
+    for kind, value in ((3, "H"), (4, "I")):  # the TIFF types SHORT and LONG
+        entry = struct.Struct(f"{order}HH{count}{value}")
+        data = data.replace(
+            entry.pack(Base.Orientation, kind, 1, orientation), entry.pack(Base.Orientation, kind, 1, 1)
+        )
+    return data

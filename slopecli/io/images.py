@@ -1,4 +1,4 @@
-"""Read images: every kind of pixel becomes 8-bit grey and colour, as stored, or one clear line says why not."""
+"""Read image files of any depth as 8-bit grey and colour, with the pixels as the sensor stored them."""
 
 from __future__ import annotations
 
@@ -11,14 +11,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from slopecli.errors import InputError
-from slopecli.io.image_headers import ImageHeader, read_header
+from slopecli.io.image_headers import TIFF_SIGNATURES, ImageHeader, read_header, without_orientation
 from slopecli.types import Image
+from slopecli.windows import MIN_SIDE_PX
 
-MAX_PIXELS = 300_000_000  # twice the largest single-shot sensor; more is a mosaic or a damaged header
-MIN_SIDE = 16  # px; nothing can be matched in less
+MAX_PIXELS = 300_000_000  # twice the largest single-shot sensor
 MAX_BYTES = 2_000_000_000
-TAIL_PERCENT = 0.1  # of the pixels at either end may saturate when more than 8 bits become 8
-SAMPLE_SIDE = 1024  # percentiles come from a regular sample of about this many rows and columns
+TAIL_PERCENT = 0.1  # share of the pixels that saturates at either end when values are mapped to 8 bits
+SAMPLE_SIDE = 1024  # about the rows and columns from which percentiles are estimated
 RAW_SUFFIXES = {".dng", ".nef", ".cr2", ".cr3", ".arw", ".raf", ".rw2", ".orf", ".pef", ".srw"}
 READABLE = "PNG, JPEG, TIFF, BMP, WebP or PNM"
 ORIENTATIONS = {
@@ -36,13 +36,13 @@ def load_image(path: str | PathLike[str]) -> Image:
     """Read an image file as the sensor stored it.
 
     8-bit pixels stay untouched. 16-bit, float and other pixels are mapped to 0..255 by one straight line for all
-    channels, from the 0.1 and 99.9 percentiles of the grey values (clipped outside; infinities clip too, NaN becomes
-    0); it is monotone and does not heed a few hot or dead pixels. An alpha channel is dropped. EXIF orientation is
-    never applied, since intrinsics belong to the pixels as stored; `note` says when there is one.
+    channels, from the 0.1 and 99.9 percentiles of the grey values (clipped outside, also infinities; NaN becomes 0),
+    so that a few hot or dead pixels have no influence. An alpha channel is dropped. EXIF orientation is never applied,
+    since intrinsics belong to the pixels as stored; `note` says when there is one.
 
     Parameters
     ----------
-    path : image file; PNG, JPEG, TIFF, BMP, WebP, PNM and whatever else the OpenCV in use decodes.
+    path : image file: PNG, JPEG, TIFF, BMP, WebP, PNM or any other format that the installed OpenCV decodes.
 
     Returns
     -------
@@ -56,9 +56,9 @@ def load_image(path: str | PathLike[str]) -> Image:
 
 
 def read_image_file(path: str | PathLike[str], base: str | PathLike[str] = "") -> bytes:
-    """The bytes of an image file, whose path is relative to `base`; raises InputError where there are none to read."""
+    """The bytes of an image file, whose path is relative to `base`; raises InputError if it cannot be read."""
     try:
-        _refuse_non_files(path, place := Path(base, path))
+        _check_is_file(path, place := Path(base, path))
         data = place.read_bytes()
     except OSError as error:
         raise InputError(f"{path}: cannot be read ({error.strerror}); check the path and its permissions") from None
@@ -68,7 +68,7 @@ def read_image_file(path: str | PathLike[str], base: str | PathLike[str] = "") -
 
 
 def decode_image(data: bytes, path: str | PathLike[str]) -> Image:
-    """What `load_image` makes of the bytes of a file; `path` says where they are from and is not opened."""
+    """As `load_image`, from the bytes of the file; `path` is for messages and is not opened."""
     try:
         header = read_header(data)
         _refuse_raw(Path(path), header)
@@ -83,7 +83,7 @@ def decode_image(data: bytes, path: str | PathLike[str]) -> Image:
     return Image(grey, colour, str(path), hashlib.sha256(data).hexdigest(), note="; ".join(filter(None, notes)))
 
 
-def _refuse_non_files(path: str | PathLike[str], place: Path) -> None:
+def _check_is_file(path: str | PathLike[str], place: Path) -> None:
     if place.is_dir():
         raise InputError(f"{path}: is a folder, needed an image file")
     if not place.exists():
@@ -103,16 +103,16 @@ def _check_size(width: int, height: int) -> None:
     if width * height > MAX_PIXELS:
         limit = MAX_PIXELS // 1_000_000
         raise InputError(f"claims {width}x{height} px, more than {limit} megapixels; cut or shrink it")
-    if min(width, height) < MIN_SIDE:
-        raise InputError(f"is {width}x{height} px, needed at least {MIN_SIDE}x{MIN_SIDE}; use a larger image")
+    if min(width, height) < MIN_SIDE_PX:
+        raise InputError(f"is {width}x{height} px, needed at least {MIN_SIDE_PX}x{MIN_SIDE_PX}; use a larger image")
 
 
 def _decode(data: bytes, header: ImageHeader) -> NDArray[Any]:
-    """Pixels with their own depth and channels, as stored, from one pass over the file."""
+    """Pixels as stored, with their own depth and channels."""
     import cv2
 
-    if header.orientation != 1 and header.orientation_offset is not None:
-        data = _without_tiff_orientation(data, header)
+    if header.orientation != 1 and data.startswith(TIFF_SIGNATURES):
+        data = without_orientation(data, header.orientation)  # OpenCV turns TIFF pixels whatever the flags
     level = cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)
     try:
         pixels = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED)
@@ -123,12 +123,6 @@ def _decode(data: bytes, header: ImageHeader) -> NDArray[Any]:
     if pixels is None:
         raise InputError(_why_not_decoded(data))
     return pixels
-
-
-def _without_tiff_orientation(data: bytes, header: ImageHeader) -> bytes:
-    """OpenCV turns TIFF pixels whatever the flags; a tag that says 1 keeps them as stored."""
-    start = header.orientation_offset or 0
-    return data[:start] + header.orientation_upright + data[start + 2 :]
 
 
 def _why_not_decoded(data: bytes) -> str:
@@ -148,12 +142,12 @@ def _orientation_note(orientation: int) -> str:
 
 
 def _to_8_bit(pixels: NDArray[Any]) -> tuple[NDArray[np.uint8], NDArray[np.uint8] | None, str]:
-    """Grey, colour and a note on the mapping ("" for 8-bit pixels)."""
+    """Grey, colour (None for one channel) and a note on the mapping of the values ("" for 8-bit pixels)."""
     import cv2
 
     if pixels.ndim == 3 and pixels.shape[2] not in (3, 4):
         raise InputError(f"has {pixels.shape[2]} channels, needed 1 (grey), 3 (colour) or 4 (with alpha)")
-    if pixels.dtype not in (np.uint8, np.uint16, np.float32):  # what OpenCV converts to grey
+    if pixels.dtype not in (np.uint8, np.uint16, np.float32):  # the types that OpenCV converts to grey
         pixels = pixels.astype(np.float32)
     grey: NDArray[Any] = pixels
     colour: NDArray[Any] | None = None
@@ -169,7 +163,7 @@ def _to_8_bit(pixels: NDArray[Any]) -> tuple[NDArray[np.uint8], NDArray[np.uint8
 
 
 def _range(grey: NDArray[Any]) -> tuple[float, float]:
-    """Values that become 0 and 255: percentiles, or the extremes where almost all pixels are equal."""
+    """The values mapped to 0 and 255: percentiles, or the extremes if the percentiles are equal."""
     step = [max(1, side // SAMPLE_SIDE) for side in grey.shape]
     values = grey[:: step[0], :: step[1]].astype(np.float64)
     values = values[np.isfinite(values)]
@@ -178,7 +172,7 @@ def _range(grey: NDArray[Any]) -> tuple[float, float]:
     low, high = np.percentile(values, [TAIL_PERCENT, 100 - TAIL_PERCENT])
     if low == high:
         low, high = values.min(), values.max()
-    if grey.dtype == np.uint16:  # the clipping bounds must be of the pixels' own kind
+    if grey.dtype == np.uint16:  # bounds of the same type as the pixels
         low, high = np.floor(low), np.ceil(high)
     return float(low), float(high)
 
