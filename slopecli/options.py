@@ -9,6 +9,20 @@ MOST_SIGMA_DEG = 60.0  # a slope known no better could be any
 
 
 @dataclass(frozen=True)
+class CameraChoice:
+    """How the user gives the camera of one image; exactly one of the fields is set.
+
+    file : path of a camera file, with #NAME if it holds several.
+    intrinsics : fx, fy, cx, cy, px.
+    fov_deg : horizontal field of view, principal point in the centre.
+    """
+
+    file: str | None = None
+    intrinsics: tuple[float, float, float, float] | None = None
+    fov_deg: float | None = None
+
+
+@dataclass(frozen=True)
 class Pose:
     """A known motion P2 = R (P1 - T): R row by row, and T, where camera 2 is in camera-1 axes, in metres."""
 

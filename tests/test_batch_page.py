@@ -15,8 +15,7 @@ from urllib.parse import unquote_to_bytes, urlsplit
 
 import pytest
 
-from slopecli.io import index_html
-from slopecli.orders import Outcome
+from slopecli.batch import Outcome, index_html
 
 FILES = ("slopes.json", "labels.png", "overlay.png")
 HOSTILE = '</td><script>alert("x")</script> & \' # % ? :é'

@@ -12,11 +12,9 @@ from pathlib import Path
 
 import pytest
 
-from slopecli.batch import TRANSIENT, run
+from slopecli.batch import COLUMNS, TRANSIENT, Outcome, run
 from slopecli.cli.parameter_types import Pairing
-from slopecli.io import COLUMNS
 from slopecli.look import gradient_components as segmentation
-from slopecli.orders import Outcome
 from slopecli.patches.regions import region_finder as regions
 from slopecli.plan import Plan, PlannedWindow, baseline, prediction
 from slopecli.report import kinds

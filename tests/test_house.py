@@ -18,7 +18,7 @@ PACKAGE = ROOT / "slopecli"
 MODULES = sorted(PACKAGE.rglob("*.py"))
 FLOORS = (
     "__init__",
-    "errors face types options orders windows",
+    "errors face types options windows",
     "geometry",
     "look",
     "patches",

@@ -1,8 +1,4 @@
-"""Many pairs: handed to worker processes or a cluster, answered once each, and taken up again after a stop."""
-
-from slopecli.batch.running import run
-
-__all__ = ["run"]
+"""Many pairs: estimated in worker processes or on a cluster, one folder a pair; a stopped batch can be continued."""
 
 from slopecli.face import lazy_names
 
@@ -10,11 +6,14 @@ __getattr__, __dir__ = lazy_names(
     __name__,
     {
         "answer": "answer_jobs load_inputs",
-        "engine": "run_batch",
         "jobs": "Answer CameraChoice Job Keep Outcome Pair Progress Shipped",
-        "ledger": "TRANSIENT failure fingerprint_of finished store",
+        "page": "index_html",
         "pairs": "FoundPairs find_pairs safe_name",
+        "records": "TRANSIENT failure fingerprint_of finished store",
         "remote": "answer_here",
+        "running": "run",
+        "scheduler": "run_batch",
+        "summary": "COLUMNS results_jsonl summary_csv",
         "worker": "Limits Worker WorkerCrashed WorkerTimeout",
     },
 )

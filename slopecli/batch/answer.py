@@ -1,4 +1,4 @@
-"""What a worker does with its jobs: read, decode, estimate, store; whatever goes wrong with a pair is its outcome."""
+"""Answer jobs in this process: read the inputs, estimate, store the files. Every failure of a pair is an outcome."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from dataclasses import replace
 from pathlib import PurePath
 
 from slopecli.batch.jobs import Answer, CameraChoice, Job, Outcome, Shipped
-from slopecli.batch.ledger import camera_file, failure, fingerprint_of, finished, store
+from slopecli.batch.records import camera_file, failure, fingerprint_of, finished, store
 from slopecli.errors import InputError, NoAnswer, SlopemapError
 from slopecli.io.cameras.reading import camera_for, read_camera_file
 from slopecli.io.images import decode_image, read_image_file
@@ -19,29 +19,27 @@ from slopecli.pipeline import estimate
 from slopecli.products import encode_products
 from slopecli.types import Camera, Image, Plane, Report
 
-N_IMAGES = 2  # remembered: neighbours share one, and the other is the next pair's
-DECIMALS = 6  # of degrees and pixels in an outcome
-OUT_OF_MEMORY = -4  # OpenCV's own code
+N_IMAGES = 2  # decoded images kept: neighbouring pairs share one
 
 
 def answer_jobs(jobs: Sequence[Job]) -> list[Answer]:
-    """Answer jobs one after the other, in this process.
+    """Answer jobs one after the other.
 
     Raises
     ------
-    DiskFull : there is no space left; what was answered before is stored.
+    DiskFull : there is no space left. Earlier answers are stored.
     """
     return [answer(job) for job in jobs]
 
 
 def answer(job: Job) -> Answer:
-    """Answer one pair, or look it up where an earlier run has finished it."""
+    """Answer one pair, or return the outcome of an earlier run that has finished it."""
     try:
         return _answer(job)
     except SlopemapError:
         raise
-    except Exception as error:  # while reading or storing; the estimate answers for itself
-        return Answer(store(job, _fault(job, error), {}))
+    except Exception as error:  # while reading or storing; `_solve` handles those of the estimate
+        return Answer(store(job, _unexpected(job, error), {}))
 
 
 def _answer(job: Job) -> Answer:
@@ -56,15 +54,16 @@ def _answer(job: Job) -> Answer:
 
 
 def load_inputs(job: Job) -> Shipped | Answer:
-    """The bytes that a job needs; or its answer already, where it is finished or they cannot be read."""
+    """The bytes of the input files of a job; or its answer, if it is finished or they cannot be read."""
     if job.pair.problem is not None:
         return _unreadable(job, job.pair.problem)
     files: dict[str, bytes] = {}
     try:
         for path, choice in _sides(job):
             files |= _read(path, choice, job.base)
-    except InputError as error:  # that may be over when it is looked for again
-        return _unreadable(job, "; ".join(_complaints(job)) or str(error))
+    except InputError as error:
+        # a second look names both images; it finds no problem if this one was temporary
+        return _unreadable(job, "; ".join(_problems(job)) or str(error))
     digests = {path: hashlib.sha256(content).hexdigest() for path, content in files.items()}
     fingerprint = fingerprint_of(job, digests)
     known = finished(job, fingerprint)
@@ -72,7 +71,7 @@ def load_inputs(job: Job) -> Shipped | Answer:
 
 
 def _sides(job: Job) -> list[tuple[str, CameraChoice]]:
-    """Image and camera, first and second."""
+    """Path and camera of the first and of the second image."""
     pair, none = job.pair, CameraChoice()
     return [(pair.image1, pair.camera1 or none), (pair.image2, pair.camera2 or none)]
 
@@ -83,8 +82,8 @@ def _read(path: str, choice: CameraChoice, base: str) -> dict[str, bytes]:
     return files if camera is None else {camera: read_camera_file(camera, base), **files}
 
 
-def _complaints(job: Job, files: Mapping[str, bytes] | None = None) -> list[str]:
-    """What is wrong with the inputs, of both images: who repairs one shall not have to come back for the other."""
+def _problems(job: Job, files: Mapping[str, bytes] | None = None) -> list[str]:
+    """Messages about the inputs of both images, so that both can be repaired before the next run."""
     found: dict[str, None] = {}
     for path, choice in _sides(job):
         try:
@@ -104,7 +103,7 @@ def _unreadable(job: Job, message: str) -> Answer:
 
 
 def _solve(job: Job, inputs: Shipped) -> tuple[Outcome, dict[str, bytes]]:
-    """The outcome of a pair and its files; a pair without an answer has no files."""
+    """The outcome of a pair and its files; no files without an answer."""
     try:
         return _estimate(job, inputs)
     except NoAnswer as error:
@@ -112,12 +111,12 @@ def _solve(job: Job, inputs: Shipped) -> tuple[Outcome, dict[str, bytes]]:
     except SlopemapError as error:
         outcome = failure(job, error.exit_code, "input" if error.exit_code == 1 else "degenerate", str(error))
     except Exception as error:
-        outcome = _fault(job, error)
+        outcome = _unexpected(job, error)
     return replace(outcome, fingerprint=inputs.fingerprint), {}
 
 
-def _fault(job: Job, error: Exception) -> Outcome:
-    """The outcome of a pair that met what nobody foresaw, or too little memory."""
+def _unexpected(job: Job, error: Exception) -> Outcome:
+    """The outcome after an unexpected exception: out of memory, or a bug."""
     if _is_out_of_memory(error):
         _memory().clear()
         remedy = "raise --memory or lower --jobs, or try smaller images"
@@ -127,15 +126,18 @@ def _fault(job: Job, error: Exception) -> Outcome:
 
 
 def _is_out_of_memory(error: Exception) -> bool:
-    """OpenCV has an exception of its own for that."""
-    return isinstance(error, MemoryError) or getattr(error, "code", None) == OUT_OF_MEMORY or "bad_alloc" in str(error)
+    """Whether Python, NumPy, OpenCV or C++ found too little memory."""
+    import cv2
+
+    no_memory = getattr(error, "code", None) == cv2.Error.StsNoMem
+    return isinstance(error, MemoryError) or no_memory or "bad_alloc" in str(error)
 
 
 def _estimate(job: Job, inputs: Shipped) -> tuple[Outcome, dict[str, bytes]]:
     try:
         (image1, camera1), (image2, camera2) = (_load(path, choice, inputs.files) for path, choice in _sides(job))
     except InputError:
-        raise InputError("; ".join(_complaints(job, inputs.files))) from None
+        raise InputError("; ".join(_problems(job, inputs.files))) from None
     report = estimate(image1, image2, camera1, camera2, job.options, memory=_memory().features)
     contents = encode_products(report, image1, job.keep)
     return _outcome_of(job, report, inputs.fingerprint, tuple(contents)), contents
@@ -168,12 +170,12 @@ def _outcome_of(job: Job, report: Report, fingerprint: str, files: tuple[str, ..
 
 
 def _steepest(report: Report) -> list[tuple[float | None, float | None]]:
-    """Slope and sigma of the steepest plane of status ok, deg: in the steeper answer, then in the other one."""
+    """Slope and sigma, deg, of the steepest plane of status ok: in the root where it is steeper, then in the other."""
     others = report.ambiguity.others
     firsts = [plane for plane in report.planes if plane.status == "ok"]
     seconds = [others[plane.id] for plane in firsts if plane.id in others and others[plane.id].slope_known]
-    slopes = [[(plane.slope_deg, plane.slope_sigma_deg) for plane in answer] for answer in (firsts, seconds)]
-    steepest = sorted((max(answer) for answer in slopes if answer), reverse=True)
+    slopes = [[(plane.slope_deg, plane.slope_sigma_deg) for plane in root] for root in (firsts, seconds)]
+    steepest = sorted((max(root) for root in slopes if root), reverse=True)
     found = [(_rounded(slope), _rounded(sigma)) for slope, sigma in steepest]
     return [*found, (None, None), (None, None)][:2]
 
@@ -183,21 +185,21 @@ def _count(planes: Sequence[Plane], verdict: str) -> int:
 
 
 def _rounded(value: float) -> float | None:
-    return round(value, DECIMALS) if math.isfinite(value) else None
+    return round(value, 6) if math.isfinite(value) else None
 
 
 class _Memory:
-    """Decoded images and features of the pairs before; bounded, however many pairs there are."""
+    """Decoded images and features of the last pairs."""
 
     def __init__(self) -> None:
         self.clear()
 
     def clear(self) -> None:
         self.features = FeatureMemory(N_IMAGES)
-        self._images: dict[tuple[str, str], Image] = {}  # by SHA-256 and suffix of the file, the last used at the end
+        self._images: dict[tuple[str, str], Image] = {}  # by SHA-256 and suffix, the last used at the end
 
     def image(self, content: bytes, path: str) -> Image:
-        """The image in a file's bytes, decoded unless it was among the last."""
+        """Decode the bytes of an image file, unless it is among the last ones."""
         key = (hashlib.sha256(content).hexdigest(), PurePath(path).suffix)
         image = self._images.pop(key, None)
         self._images[key] = decode_image(content, path) if image is None else replace(image, path=path)

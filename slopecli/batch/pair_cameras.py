@@ -1,4 +1,4 @@
-"""Which cameras the images of a batch have: named on the command line, in the list of pairs, or found beside them."""
+"""Find the camera files of a batch beside its images, and check a camera file that many pairs share."""
 
 from __future__ import annotations
 
@@ -15,15 +15,14 @@ Cameras = tuple[CameraChoice, CameraChoice]
 NO_CAMERA = (
     "no camera; give --camera FILE, --intrinsics FX,FY,CX,CY or --fov DEG, or put a camera.json beside the images"
 )
-SIZES_TRIED = 3  # images whose sizes a camera file that gives none is tried with
 
 
 class CameraSearch:
-    """Cameras of images that none was given for; keeps what it has seen, as folders hold many images.
+    """Search for the cameras of images for which the user gave none; every folder is listed once.
 
     Parameters
     ----------
-    folder : the batch's, looked into where an image's own folder holds no camera.
+    folder : of the batch, searched if the folder of an image has no camera file.
     """
 
     def __init__(self, folder: str) -> None:
@@ -36,13 +35,13 @@ class CameraSearch:
 
         Raises
         ------
-        InputError : there is none, or more than one and no telling which.
+        InputError : there is none, or more than one.
         """
         first, second = self._file_for(image1), self._file_for(image2)
         return self._used(first), self._used(second)
 
     def numbered_cameras(self, folder: str) -> Cameras | None:
-        """Of a folder that is one pair: its camera1 and camera2, if it has both."""
+        """The files camera1 and camera2 of a folder that holds one pair, None if it does not have both."""
         from slopecli.io.pair_sources import cameras_by_number
 
         first, second = cameras_by_number(folder)
@@ -72,11 +71,11 @@ class CameraSearch:
         return CameraChoice(file=file)
 
     def shared_files(self) -> list[str]:
-        """What was found in the batch's own folder."""
+        """Files that were found in the folder of the batch."""
         return [file for file in self._uses if os.path.dirname(file) == self.folder]
 
     def notes(self) -> list[str]:
-        """What was found, for the user: a line a file, or one for all where they are many."""
+        """Messages about the files found: a line for each, or one line for more than three."""
         files = list(self._uses)
         if len(files) > 3:
             return [f"camera: {len(files)} files found beside the images, {files[0]} to {files[-1]}"]
@@ -84,9 +83,9 @@ class CameraSearch:
 
 
 def check_camera_file(file: str, images: Iterable[str]) -> None:
-    """Raise InputError if a camera file that many pairs share cannot be read, before the first of them is tried.
+    """Raise InputError if a camera file that many pairs share cannot be read.
 
-    A file that gives no image size may be right for one size only, so it is tried with those of a few images.
+    A file without an image size may be valid for some sizes only, so it is tried with those of up to three images.
     """
     from slopecli.io.cameras.reading import load_camera
 
@@ -94,18 +93,18 @@ def check_camera_file(file: str, images: Iterable[str]) -> None:
         load_camera(file)
         return
     except InputError as error:
-        complaint = error
-    for size in islice(_sizes_of(images), SIZES_TRIED):
+        problem = error
+    for size in islice(_sizes_of(images), 3):
         try:
             load_camera(file, size=size)
             return
         except InputError as error:
-            complaint = error
-    raise complaint
+            problem = error
+    raise problem
 
 
 def _sizes_of(images: Iterable[str]) -> Iterator[tuple[int, int]]:
-    """Sizes of the images that can be read."""
+    """Sizes of those images that can be read."""
     from slopecli.io.images import load_image
 
     for path in images:

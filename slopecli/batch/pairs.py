@@ -1,4 +1,4 @@
-"""Which images of a folder make pairs, and what each pair is called."""
+"""Find the pairs of images in a folder or a list, with their cameras and folder names."""
 
 from __future__ import annotations
 
@@ -12,16 +12,17 @@ from typing import NamedTuple
 
 from slopecli.batch.jobs import CameraChoice, Pair
 from slopecli.batch.pair_cameras import Cameras, CameraSearch, check_camera_file
+from slopecli.batch.summary import FILES
 from slopecli.errors import InputError
 
-MAX_NAME_BYTES = 120  # half of what file systems take
+MAX_NAME_BYTES = 120  # half the limit of file systems
 UNSAFE = re.compile(r'[\x00-\x1f\x7f\ud800-\udfff/\\:*?"<>|]+')
-# what a batch keeps beside the folders of its pairs, and what Windows keeps for itself
-TAKEN_NAMES = ("summary.csv", "results.jsonl", "index.html", "con", "prn", "aux", "nul")
+# Files beside the folders of the pairs, and names reserved by Windows.
+TAKEN_NAMES = (*FILES, "con", "prn", "aux", "nul")
 
 
 class FoundPairs(NamedTuple):
-    """pairs: in the order they are reported in. notes: lines a user should read, such as which cameras were found."""
+    """pairs: in the order of the report. notes: lines for the user, such as which cameras were found."""
 
     pairs: list[Pair]
     notes: list[str]
@@ -29,9 +30,10 @@ class FoundPairs(NamedTuple):
 
 @dataclass(frozen=True)
 class Candidate:
-    """Two images that may become a pair. wanted : cameras that a list of pairs names for them, "" for none.
+    """Two images that may become a pair.
 
-    own_folder : the folder that holds this pair and nothing else, if there is one.
+    wanted : camera files that a list of pairs names for them, "" for none.
+    own_folder : the folder that holds this pair only, if there is one.
     """
 
     name: str
@@ -57,17 +59,17 @@ def find_pairs(
     pairing : "consecutive": each image with the next, in natural order; "stride": each with the `stride`-th after it;
         "folders": every sub-folder is a pair, of its two images or of those named image1 and image2; else the path of
         a CSV file with two images a row, relative to `folder`, and one or two cameras if need be.
-    cameras : of all pairs but those that have their own in a CSV file. None: a camera file is looked for beside the
+    cameras : of all pairs except those that have their own in a CSV file. None: a camera file is searched beside the
         images, then in `folder`.
-    output : where the results go, which is no input.
+    output : folder of the results, excluded from the input.
 
     Returns
     -------
-    FoundPairs; a pair that cannot be tried says why in its `problem`.
+    FoundPairs; the `problem` of a pair says why it cannot be estimated.
 
     Raises
     ------
-    InputError : no pair can be tried, the list of pairs or a camera file for all cannot be read, or `output` is
+    InputError : no pair can be estimated, the list of pairs or a shared camera file cannot be read, or `output` is
         `folder` itself.
     """
     from slopecli.io.pair_sources import is_same_place
@@ -78,14 +80,14 @@ def find_pairs(
     candidates, notes = _candidates(folder, pairing, stride, output)
     search = CameraSearch(folder)
     pairs = [_pair(*named, cameras, search) for named in zip(_names(candidates), candidates, strict=True)]
-    _refuse_hopeless(folder, pairs)
+    _check_any_possible(folder, pairs)
     files = {choice.file: None for choice in cameras or () if choice.file} or search.shared_files()
     for file in files:
         check_camera_file(file, (pair.image1 for pair in pairs))
     return FoundPairs(pairs, notes + search.notes())
 
 
-def _refuse_hopeless(folder: str, pairs: list[Pair]) -> None:
+def _check_any_possible(folder: str, pairs: list[Pair]) -> None:
     problems = list(dict.fromkeys(pair.problem for pair in pairs))
     if None not in problems:
         others = f" (and {len(problems) - 1} other reasons)" if len(problems) > 1 else ""
@@ -129,7 +131,7 @@ def _one_per_folder(folder: str, output: str | None) -> list[Candidate]:
 
 
 def _holds_results(candidate: Candidate, place: str, output: str | None) -> bool:
-    """Whether a folder is there for the results, which may be deep in it. Raises InputError for that of a pair."""
+    """Whether the output is this folder or below it. Raises InputError if it is the folder of a pair."""
     from slopecli.io.pair_sources import is_same_place, lies_in
 
     if output is None or not lies_in(output, place):
@@ -188,14 +190,14 @@ def _stem(name: str) -> str:
 
 
 def _short(path: str) -> str:
-    """The last folder and the stem of a path, as images of one name lie in several folders."""
+    """The last folder and the stem of a path: images in several folders may have the same name."""
     place = PurePath(path)
     parts = [part for part in (*place.parts[:-1], place.stem) if part not in ("..", place.anchor)]
     return "_".join(parts[-2:])
 
 
 def _names(candidates: list[Candidate]) -> list[str]:
-    """Names of folders, each once whatever the case, in the order of the candidates."""
+    """Folder names in the order of the candidates, unique also where case is ignored."""
     taken, names = set(TAKEN_NAMES), []
     counts: dict[str, int] = {}
     for candidate in candidates:
@@ -209,7 +211,7 @@ def _names(candidates: list[Candidate]) -> list[str]:
 
 
 def safe_name(text: str) -> str:
-    """A name that every file system takes for a folder, and that is neither hidden nor a path."""
+    """A valid folder name on every file system, not hidden and without separators."""
     name = UNSAFE.sub("_", text).rstrip(" .")
     name = "_" + name[1:] if name.startswith(".") else name or "pair"
     if len(name.encode()) <= MAX_NAME_BYTES:
@@ -232,7 +234,7 @@ def _pair(name: str, candidate: Candidate, given: Cameras | None, search: Camera
 
 
 def _cameras(candidate: Candidate, given: Cameras | None, search: CameraSearch) -> Cameras:
-    """The pair's own cameras come first, then those given for all, then those found."""
+    """Cameras from the list of pairs, else those given for all pairs, else those found beside the images."""
     first, second = candidate.wanted[0], candidate.wanted[1] or candidate.wanted[0]
     if first and second:
         return CameraChoice(file=first), CameraChoice(file=second)

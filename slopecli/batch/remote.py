@@ -1,31 +1,31 @@
-"""What executors call: the jobs themselves, or on a cluster, a process beside its worker, which no job can then end."""
+"""Functions that executors call: answer jobs in the calling process, or in a child process that may crash."""
 
 from __future__ import annotations
 
 import threading
 from collections.abc import Sequence
 
-from slopecli.batch.engine import ATTEMPTS, failure_of, is_final
 from slopecli.batch.jobs import Answer, Job
+from slopecli.batch.scheduler import ATTEMPTS, failure_of, is_final
 from slopecli.batch.worker import NO_LIMITS, Limits, Worker, WorkerFailed
 
 _of_thread = threading.local()
 
 
 def answer_here(jobs: Sequence[Job]) -> list[Answer]:
-    """Answer jobs one after the other in this process; whoever only names this function need not load what it takes."""
+    """As `answer_jobs`, which is imported on the first call only."""
     from slopecli.batch.answer import answer_jobs
 
     return answer_jobs(jobs)
 
 
 def answer_beside(jobs: Sequence[Job], limits: Limits = NO_LIMITS) -> list[Answer]:
-    """Answer jobs one after the other in a process beside this one, which is kept for the next call.
+    """Answer jobs one after the other in a child process, which is kept for the next call.
 
     Raises
     ------
     DiskFull : there is no space left.
-    BrokenExecutor : no process can be started here.
+    BrokenExecutor : no process can be started.
     """
     worker = _worker(limits)
     return [_answer(worker, job) for job in jobs]
@@ -43,8 +43,8 @@ def _answer(worker: Worker, job: Job) -> Answer:
     return Answer(failure_of(job, failed))
 
 
-class _Beside:
-    """The process beside a thread; let go when the thread ends."""
+class _Child:
+    """The child process of a thread; it ends with the thread."""
 
     def __init__(self, limits: Limits) -> None:
         self.limits, self.worker = limits, Worker(limits)
@@ -54,8 +54,8 @@ class _Beside:
 
 
 def _worker(limits: Limits) -> Worker:
-    """The process of this thread, with these limits."""
-    beside: _Beside | None = getattr(_of_thread, "beside", None)
-    if beside is None or beside.limits != limits:
-        beside = _of_thread.beside = _Beside(limits)
-    return beside.worker
+    """The child process of this thread, with these limits."""
+    child: _Child | None = getattr(_of_thread, "child", None)
+    if child is None or child.limits != limits:
+        child = _of_thread.child = _Child(limits)
+    return child.worker

@@ -1,4 +1,4 @@
-"""A whole batch: the folder is locked, what is finished is kept, the rest is answered, and the summary is written."""
+"""Run a batch: lock the output folder, keep the finished pairs, answer the others, write the summary files."""
 
 from __future__ import annotations
 
@@ -12,15 +12,15 @@ from functools import partial
 from pathlib import Path
 
 from slopecli.batch.jobs import Answer, Job, Outcome, Pair, Progress
+from slopecli.batch.summary import FILES, PAGE, RESULTS, SUMMARY
 from slopecli.batch.worker import Limits, Worker
 from slopecli.errors import DiskFull, InputError, SlopemapError
 from slopecli.options import Options
 
-FILES = SUMMARY, LINES, PAGE = "summary.csv", "results.jsonl", "index.html"
-CHUNK = 8  # jobs a cluster is given at a time: enough for neighbours to meet, few enough to lose
-PER_CORE = 2  # chunks under way, so that no worker waits for the next
-MIN_LANES = 32  # for workers that join a cluster later
-CONNECT_S = 30
+CHUNK = 8  # jobs in a call on a cluster: neighbours share images, but a lost worker costs a chunk
+PER_CORE = 2  # chunks submitted per core, so that no worker waits for the next
+MIN_LANES = 32  # chunks submitted to a cluster, as more workers may join later
+CONNECT_S = 30  # time limit of the connection to a cluster
 DASK_LOGS = (
     "distributed.client",
     "distributed.core",
@@ -46,19 +46,19 @@ def run(
     ship: bool = False,
     on_progress: OnProgress | None = None,
 ) -> list[Outcome]:
-    """Answer many pairs into one folder, whose finished pairs are kept.
+    """Estimate many pairs and write the results to one folder, in which finished pairs are kept.
 
     Each pair has a folder in `directory` as `slopemap estimate -o` writes it; beside them are summary.csv,
-    results.jsonl and index.html. May be stopped in any way and called again.
+    results.jsonl and index.html. A run that was stopped in any way can be continued by the same call.
 
     Parameters
     ----------
     keep : the user's choices of files, of `slopecli.products.CHOICES`.
-    jobs : worker processes on this machine; None: one a core.
-    timeout_s : the longest a pair may take.  memory_gb : the most memory a worker may ask for, 1e9 bytes (Linux).
-    cluster : address of the scheduler of a Dask cluster that answers instead of this machine.
-    executor : any executor to answer instead: of mpi4py, dask-jobqueue, ...
-    ship : send images to the workers, and files back: for those that do not see the paths of this machine.
+    jobs : number of worker processes on this machine; None: one a core.
+    timeout_s : time limit of a pair.  memory_gb : memory limit of a worker, 1e9 bytes (Linux).
+    cluster : address of the scheduler of a Dask cluster that is used instead of this machine.
+    executor : any executor that is used instead: of mpi4py, dask-jobqueue, ...
+    ship : send images to the workers, and files back, for workers that cannot open the paths of this machine.
     on_progress : called after every pair.
 
     Returns
@@ -68,38 +68,22 @@ def run(
     Raises
     ------
     InputError : no pairs, two of one name, the folder is unusable or in use by another batch, or no worker is left.
-    DiskFull : there is no space left. What was finished is kept.
-    KeyboardInterrupt : as it came; the summary then has the pairs that are finished.
+    DiskFull : there is no space left. Finished pairs are kept.
+    KeyboardInterrupt : passed on; the summary files then have the finished pairs.
     """
     _check(pairs)
     folder = Path(directory).absolute()
     work = [Job(pair, options, keep, str(folder / pair.name), os.getcwd()) for pair in pairs]
-    with _held(folder) as lock:
-        _clear(folder, pairs)
-        book = _Book(work, on_progress)
-        limits = Limits(timeout_s, memory_gb)
-        try:
-            if executor is not None:
-                _run_elsewhere(work, executor, limits, ship, book)
-            elif cluster is not None:
-                _run_on_cluster(work, cluster, limits, ship, book)
-            else:
-                _run_here(work, jobs, limits, lock, book)
-        except DiskFull as error:
-            with suppress(SlopemapError):
-                _write_summary(folder, book.outcomes)
-            raise DiskFull(f"{error}; {book.so_far}, free some space and run the same command again") from None
-        except BaseException:
-            with suppress(SlopemapError):
-                _write_summary(folder, book.outcomes)
-            raise
-        try:
-            _clear(folder, pairs)  # workers may have been lost
-            _write_summary(folder, book.outcomes)
-        except KeyboardInterrupt:
-            _write_summary(folder, book.outcomes)  # its files belong together
-            raise
-        return book.outcomes
+    results = _Results(work, on_progress)
+    limits = Limits(timeout_s, memory_gb)
+    with _locked(folder) as lock, _summarised(folder, pairs, results):
+        if executor is not None:
+            _run_elsewhere(work, executor, limits, ship, results)
+        elif cluster is not None:
+            _run_on_cluster(work, cluster, limits, ship, results)
+        else:
+            _run_here(work, jobs, limits, lock, results)
+    return results.outcomes
 
 
 def _check(pairs: Sequence[Pair]) -> None:
@@ -111,7 +95,8 @@ def _check(pairs: Sequence[Pair]) -> None:
 
 
 @contextmanager
-def _held(folder: Path) -> Iterator[int]:
+def _locked(folder: Path) -> Iterator[int]:
+    """Make the output folder and lock it; gives the file descriptor of the lock."""
     from slopecli.io.lock import locked
     from slopecli.io.outputs import check_directory
 
@@ -125,6 +110,26 @@ def _held(folder: Path) -> Iterator[int]:
         yield descriptor
 
 
+@contextmanager
+def _summarised(folder: Path, pairs: Sequence[Pair], results: _Results) -> Iterator[None]:
+    """Write the summary files at the end, also after an error or an interruption."""
+    _remove_unfinished(folder, pairs)
+    try:
+        yield
+    except BaseException as error:
+        with suppress(SlopemapError):
+            _write_summary(folder, results.outcomes)
+        if isinstance(error, DiskFull):
+            raise DiskFull(f"{error}; {results.so_far}, free some space and run the same command again") from None
+        raise
+    try:
+        _remove_unfinished(folder, pairs)  # of workers that crashed
+        _write_summary(folder, results.outcomes)
+    except KeyboardInterrupt:
+        _write_summary(folder, results.outcomes)  # again, so that its files agree
+        raise
+
+
 def _unusable(folder: Path, error: OSError) -> InputError:
     from slopecli.io.atomic import DISK_FULL
 
@@ -133,16 +138,16 @@ def _unusable(folder: Path, error: OSError) -> InputError:
     return InputError(f"cannot write results to {folder}: {error.strerror or error}; choose another folder with -o")
 
 
-def _clear(folder: Path, pairs: Sequence[Pair]) -> None:
-    """Remove what killed writers left half done."""
+def _remove_unfinished(folder: Path, pairs: Sequence[Pair]) -> None:
+    """Remove temporary files of processes that were killed."""
     from slopecli.io.atomic import remove_temporary
 
     for place in (folder, *(folder / pair.name for pair in pairs)):
         remove_temporary(place)
 
 
-class _Book:
-    """Answers as they come in: stored where the worker could not, counted, told to whoever listens."""
+class _Results:
+    """Collects answers: stores files that the worker could not store, counts, reports progress."""
 
     def __init__(self, jobs: Sequence[Job], on_progress: OnProgress | None) -> None:
         self._jobs, self._on_progress = jobs, on_progress
@@ -151,16 +156,16 @@ class _Book:
 
     @property
     def outcomes(self) -> list[Outcome]:
-        """Of the pairs that are done, in input order."""
+        """Outcomes of the pairs that are done, in input order."""
         return [outcome for outcome in self._outcomes if outcome is not None]
 
     @property
     def so_far(self) -> str:
         return f"{self._done} of {len(self._jobs)} pairs are done and kept"
 
-    def enter(self, index: int, answer: Answer) -> None:
-        """Take in the answer of a job. Raises DiskFull where its files do not fit."""
-        from slopecli.batch.ledger import store
+    def add(self, index: int, answer: Answer) -> None:
+        """Add the answer of a job. Raises DiskFull if its files cannot be stored."""
+        from slopecli.batch.records import store
 
         outcome, job = answer.outcome, self._jobs[index]
         if answer.contents is not None or outcome.code in ("crashed", "timeout"):
@@ -173,18 +178,18 @@ class _Book:
             self._on_progress(Progress(len(self._jobs), self._done, self._failed, self._kept, outcome))
 
 
-# ---- where the work is done ----
+# ---- on this machine or elsewhere ----
 
 
-def _run_here(work: list[Job], jobs: int | None, limits: Limits, lock: int, book: _Book) -> None:
-    from slopecli.batch.engine import run_batch
+def _run_here(work: list[Job], jobs: int | None, limits: Limits, lock: int, results: _Results) -> None:
     from slopecli.batch.remote import answer_here
+    from slopecli.batch.scheduler import run_batch
 
     count = min(jobs or _cores(), len(work))
     workers: list[Worker] = []
     try:
         workers += [Worker(limits, inherit=(lock,)) for _ in range(count)]
-        run_batch(work, workers, on_answer=book.enter, answer_jobs=answer_here)
+        run_batch(work, workers, on_answer=results.add, answer_jobs=answer_here)
     finally:
         for worker in workers:
             worker.shutdown(wait=False, cancel_futures=True)
@@ -197,7 +202,7 @@ def _cores() -> int:
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
-def _run_on_cluster(work: list[Job], address: str, limits: Limits, ship: bool, book: _Book) -> None:
+def _run_on_cluster(work: list[Job], address: str, limits: Limits, ship: bool, results: _Results) -> None:
     try:
         from distributed import Client
     except ImportError:
@@ -208,12 +213,12 @@ def _run_on_cluster(work: list[Job], address: str, limits: Limits, ship: bool, b
         except (OSError, ValueError) as error:
             raise InputError(f"no Dask cluster answers at {address} ({error}); check the address") from None
         with client:
-            _run_elsewhere(work, client.get_executor(pure=False), limits, ship, book, sum(client.ncores().values()))
+            _run_elsewhere(work, client.get_executor(pure=False), limits, ship, results, sum(client.ncores().values()))
 
 
 @contextmanager
 def _quiet(names: Sequence[str]) -> Iterator[None]:
-    """Without the log lines and tracebacks of a connection that is lost: what it means is said in one line."""
+    """Disable these loggers: a lost connection is reported in one line instead."""
     loggers = [logging.getLogger(name) for name in names]
     before = [logger.disabled for logger in loggers]
     for logger in loggers:
@@ -230,11 +235,11 @@ def _run_elsewhere(
     executor: Executor,
     limits: Limits,
     ship: bool,
-    book: _Book,
+    results: _Results,
     cores: int | None = None,
 ) -> None:
-    from slopecli.batch.engine import run_batch
     from slopecli.batch.remote import answer_beside
+    from slopecli.batch.scheduler import run_batch
 
     cores = cores or getattr(executor, "_max_workers", None) or 1
     chunk = max(1, min(CHUNK, len(work) // (2 * PER_CORE * cores)))
@@ -243,7 +248,7 @@ def _run_elsewhere(
     run_batch(
         work,
         [executor] * lanes,
-        on_answer=book.enter,
+        on_answer=results.add,
         answer_jobs=partial(answer_beside, limits=limits),
         chunk=chunk,
         prepare=_shipped if ship else None,
@@ -251,22 +256,19 @@ def _run_elsewhere(
 
 
 def _shipped(job: Job) -> Job | Answer:
-    """A job with all that its worker needs, or its answer where that is known here."""
+    """The job with the contents of its input files, or its answer if that is known."""
     from slopecli.batch.answer import load_inputs
 
     loaded = load_inputs(job)
     return loaded if isinstance(loaded, Answer) else replace(job, shipped=loaded)
 
 
-# ---- for all pairs ----
-
-
 def _write_summary(folder: Path, outcomes: Sequence[Outcome]) -> None:
+    from slopecli.batch.page import index_html
+    from slopecli.batch.summary import results_jsonl, summary_csv
     from slopecli.io.atomic import write_atomically
-    from slopecli.io.batch_files import results_jsonl, summary_csv
-    from slopecli.io.batch_page import index_html
 
-    contents = {SUMMARY: summary_csv(outcomes), LINES: results_jsonl(outcomes), PAGE: index_html(outcomes)}
+    contents = {SUMMARY: summary_csv(outcomes), RESULTS: results_jsonl(outcomes), PAGE: index_html(outcomes)}
     try:
         for name, content in contents.items():
             write_atomically(folder / name, content)

@@ -1,4 +1,4 @@
-"""One process of its own as an executor: it outlives crashes, calls that never end and calls that eat the memory."""
+"""An executor of one child process with limits on time and memory, which is restarted after a crash."""
 
 from __future__ import annotations
 
@@ -22,9 +22,7 @@ P = ParamSpec("P")
 T = TypeVar("T")
 
 HEADER = struct.Struct("<Q")  # length of the pickle that follows
-STARTS = 3  # a process that ends this often before it is ready will not come up
-MOST_BYTES = 2**62  # more cannot be told to the system
-LEAVE_S = 10.0  # to end by itself
+EXIT_S = 10.0  # time to end by itself
 ONE_THREAD = dict.fromkeys(("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"), "1")
 SERVE = "import sys; from slopecli.batch.worker import serve; serve(int(sys.argv[1]))"
 
@@ -36,21 +34,21 @@ class WorkerFailed(Exception):
 
 
 class WorkerCrashed(WorkerFailed):
-    """The process ended by itself, or something else ended it, in the middle of a call."""
+    """The process ended during a call."""
 
 
 class WorkerTimeout(WorkerFailed):
-    """A call took longer than it may, and its process was ended."""
+    """A call exceeded the time limit, and its process was killed."""
 
     code = "timeout"
 
 
 @dataclass(frozen=True)
 class Limits:
-    """What a process may use up.
+    """Limits of a worker process.
 
-    timeout_s : the longest a call may take; its future then raises `WorkerTimeout`.
-    memory_gb : the most memory the process may ask for; beyond, calls raise MemoryError or crash. Linux only.
+    timeout_s : of a call; its future raises `WorkerTimeout` when it is exceeded.
+    memory_gb : of the process, 1e9 bytes; calls that need more raise MemoryError or crash. Linux only.
     """
 
     timeout_s: float | None = None
@@ -65,15 +63,15 @@ NO_LIMITS = Limits()
 
 
 class Worker(Executor):
-    """Calls functions in one process of its own, one after the other.
+    """Calls functions one after the other in one child process.
 
-    The process has one thread of computation, starts with the first call and is started anew after it was lost. It
-    ends when this process does, even if this one is killed. SIGINT does not reach it: what to do is decided here.
+    The process computes in one thread. It starts with the first call, is restarted after a crash, and ends when this
+    process does, even if this one is killed. It ignores SIGINT, which this process handles.
 
     Parameters
     ----------
     limits : of time and memory.
-    inherit : descriptors that the process keeps open, such as that of a lock.
+    inherit : file descriptors that the process keeps open, such as that of a lock.
 
     A future raises `WorkerCrashed` if the process ends during its call, `BrokenExecutor` if no process can be started.
     """
@@ -96,7 +94,7 @@ class Worker(Executor):
         return future
 
     def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
-        """Let no more calls in. With `cancel_futures` the process is killed, in the middle of a call or not."""
+        """Accept no more calls. With `cancel_futures` the process is killed, also during a call."""
         self._stopped = True
         if cancel_futures:
             with self._starting:
@@ -105,7 +103,7 @@ class Worker(Executor):
         if wait:
             self._thread.join()
 
-    # ---- the thread that looks after the process ----
+    # ---- the thread that controls the process ----
 
     def _run(self) -> None:
         while (item := self._calls.get()) is not None:
@@ -153,15 +151,15 @@ class Worker(Executor):
         return WorkerCrashed(f"the process that worked on it was lost ({_how(status)}){self._hint()}")
 
     def _hint(self) -> str:
-        """Libraries that find no memory may end their process without a word."""
+        """A crash may be due to the memory limit: some libraries abort when an allocation fails."""
         limit = self._limits.memory_gb
         return "" if limit is None else f"; --memory {limit:g} may be too little"
 
     def _ready(self) -> subprocess.Popen[bytes]:
-        """The process, waiting for a call; started anew if it was lost."""
+        """The process, ready for a call; started if there is none, which is tried three times."""
         if self._process is not None and self._process.poll() is None:
             return self._process
-        for _ in range(STARTS):
+        for _ in range(3):
             process = self._start()
             with suppress(OSError, EOFError):
                 _receive(process.stdout)
@@ -182,7 +180,7 @@ class Worker(Executor):
             self._process.kill()
 
     def _end(self) -> None:
-        """Let the process go: it ends when nothing can come any more."""
+        """End the process by closing its pipes, or kill it if it does not end in time."""
         if self._process is None:
             return
         for stream in (self._process.stdin, self._process.stdout):
@@ -190,7 +188,7 @@ class Worker(Executor):
                 if stream is not None:
                     stream.close()
         try:
-            self._process.wait(LEAVE_S)
+            self._process.wait(EXIT_S)
         except subprocess.TimeoutExpired:
             self._process.kill()
             self._process.wait()
@@ -206,11 +204,11 @@ def _how(status: int) -> str:
 
 def _bytes(memory_gb: float | None) -> int:
     """For `_limit_memory`; 0 is no limit."""
-    return 0 if memory_gb is None else max(1, int(min(memory_gb * 1e9, MOST_BYTES)))
+    return 0 if memory_gb is None else max(1, int(min(memory_gb * 1e9, 2**62)))  # setrlimit takes no more
 
 
 def _spawn(limits: Limits, inherit: tuple[int, ...]) -> subprocess.Popen[bytes]:
-    # what this process can import, that one can too; -P: but not what happens to lie in the current folder
+    # the same import path as here; -P: without the current folder in front of it
     path = os.pathsep.join(place or os.getcwd() for place in sys.path)
     own_group: dict[str, Any] = {"start_new_session": True, "pass_fds": inherit}
     if os.name != "posix":
@@ -228,14 +226,14 @@ def _spawn(limits: Limits, inherit: tuple[int, ...]) -> subprocess.Popen[bytes]:
         raise BrokenExecutor(f"a worker process cannot be started: {error.strerror or error}") from error
 
 
-# ---- the other side ----
+# ---- in the child process ----
 
 
 def serve(limit: int) -> None:
-    """What the process does: answer calls that come on stdin until nothing can come any more."""
+    """Main loop of the child process: answer calls from stdin until it is closed."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     replies = os.fdopen(os.dup(1), "wb")
-    os.dup2(2, 1)  # whatever a library prints shall not get among the replies
+    os.dup2(2, 1)  # output of libraries must not mix with the replies
     _limit_memory(limit)
     _warm_up()
     calls: queue.SimpleQueue[bytes] = queue.SimpleQueue()
@@ -253,7 +251,7 @@ def _limit_memory(limit: int) -> None:
 
 
 def _warm_up() -> None:
-    """Import now what every call needs: a time limit is for calls."""
+    """Import what every call needs, so that it does not count towards the time limit."""
     import cv2
 
     import slopecli.batch.answer  # noqa: F401
@@ -262,7 +260,7 @@ def _warm_up() -> None:
 
 
 def _listen(requests: IO[bytes], calls: queue.SimpleQueue[bytes]) -> None:
-    """Pass calls on, and end the process at once, whatever it is doing, when its parent has gone."""
+    """Put calls into the queue, and end the process at once when its parent has ended."""
     try:
         while True:
             calls.put(_receive(requests))
@@ -279,7 +277,7 @@ def _answer(call: bytes) -> bytes:
 
 
 def _pickled_error(error: BaseException) -> bytes:
-    """An exception as bytes that surely can be read back, with a note of where in this process it arose."""
+    """An exception as bytes that can be unpickled for sure, with a note on where in this process it was raised."""
     import traceback
 
     error.add_note("in the worker process:\n" + "".join(traceback.format_tb(error.__traceback__)))
@@ -299,7 +297,7 @@ def _send(stream: IO[bytes] | None, message: bytes) -> None:
 
 
 def _receive(stream: IO[bytes] | None) -> bytes:
-    """The next message; EOFError where there is none any more, or half a one."""
+    """The next message; raises EOFError if the stream ends before its end."""
     header = b"" if stream is None else stream.read(HEADER.size)
     if stream is None or len(header) < HEADER.size:
         raise EOFError

@@ -23,7 +23,7 @@ from slopecli.cli.parameter_types import PATH, POSITIVE, Pairing
 from slopecli.cli.progress import BatchProgress
 from slopecli.cli.table import print_table
 from slopecli.cli.talk import Talk
-from slopecli.orders import CameraChoice
+from slopecli.options import CameraChoice
 
 if TYPE_CHECKING:
     from slopecli.batch.jobs import Outcome

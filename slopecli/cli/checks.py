@@ -9,8 +9,7 @@ from typing import Any
 import click
 from click.core import ParameterSource
 
-from slopecli.options import Options
-from slopecli.orders import CameraChoice
+from slopecli.options import CameraChoice, Options
 
 CAMERA_FLAGS = ("camera", "intrinsics", "fov")
 # options that only some finders of planes use, and which these are

@@ -6,8 +6,6 @@ __getattr__, __dir__ = lazy_names(
     __name__,
     {
         "atomic": "remove_temporary write_atomically",
-        "batch_files": "COLUMNS results_jsonl summary_csv",
-        "batch_page": "index_html",
         "correspondences": "read_correspondences",
         "images": "MAX_PIXELS load_image",
         "lock": "locked",

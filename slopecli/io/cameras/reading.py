@@ -14,7 +14,7 @@ from slopecli.geometry.camera import scale_camera
 from slopecli.io.cameras.content import CameraFileContent, UnknownContent
 from slopecli.io.cameras.formats import CAMERA_FORMATS, CameraFormat
 from slopecli.io.cameras.values import Size, make_camera
-from slopecli.orders import CameraChoice
+from slopecli.options import CameraChoice
 from slopecli.types import Camera, Image
 
 MAX_BYTES = 64_000_000

@@ -7,8 +7,7 @@ import json
 from dataclasses import fields
 from io import StringIO
 
-from slopecli.io import results_jsonl, summary_csv
-from slopecli.orders import Outcome
+from slopecli.batch import Outcome, results_jsonl, summary_csv
 
 ANSWERED = Outcome(
     "frame_1-frame_2",

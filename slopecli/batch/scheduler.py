@@ -1,4 +1,4 @@
-"""Many jobs on many executors: handed out so that neighbours meet, each answered once, whatever breaks on the way."""
+"""Distribute jobs over executors: every job is answered once, also when workers crash or executors break."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, CancelledError, 
 from dataclasses import dataclass
 
 from slopecli.batch.jobs import Answer, Job, Outcome
-from slopecli.batch.ledger import failure
+from slopecli.batch.records import failure
 from slopecli.batch.worker import WorkerCrashed, WorkerFailed
 from slopecli.errors import DiskFull, InputError
 
@@ -16,7 +16,7 @@ AnswerJobs = Callable[[list[Job]], list[Answer]]
 OnAnswer = Callable[[int, Answer], None]
 Prepare = Callable[[Job], Job | Answer]
 
-ATTEMPTS = 2  # a job that loses its worker this often is to blame itself
+ATTEMPTS = 2  # a job that crashes its worker this often fails
 REMEDIES = {
     "crashed": "try it alone with slopemap estimate -v; if memory is short, lower --jobs",
     "timeout": "raise --timeout, or try smaller images",
@@ -25,7 +25,7 @@ REMEDIES = {
 
 @dataclass(eq=False)
 class Lane:
-    """An executor with at most one chunk of jobs under way, and the stretch start..stop of jobs that come next."""
+    """An executor, the indices start..stop of its next jobs, and whether it is busy with a chunk or lost."""
 
     executor: Executor
     start: int
@@ -48,28 +48,28 @@ def run_batch(
 ) -> None:
     """Answer every job once.
 
-    The jobs are cut into as many contiguous stretches as there are executors, so that neighbours, which share images,
-    meet in the same process; whoever has finished takes over the second half of the longest stretch left.
+    Every executor starts with a contiguous range of the jobs, so that neighbours, which share images, are answered in
+    the same process. An executor without jobs takes over the second half of the longest range left.
 
     Parameters
     ----------
-    executors : one lane each; the same executor may stand for several.
-    on_answer : called in this thread with the index of a job and its answer, as answers come in.
-    answer_jobs : what the executors call.
-    chunk : how many jobs are handed out at a time. A chunk that breaks is tried again one by one; a job that breaks
-        `ATTEMPTS` times is answered by a failure.
-    prepare : applied to a job just before it is handed out, in this thread; may know the answer already.
+    executors : each runs one chunk at a time; one executor may be listed several times.
+    on_answer : called in this thread with the index of a job and its answer.
+    answer_jobs : called by the executors.
+    chunk : number of jobs in a call. The jobs of a failed chunk are tried again one by one; the answer of a job that
+        fails `ATTEMPTS` times is a failure.
+    prepare : called in this thread with a job just before it is submitted; returns the job to submit or its answer.
 
     Raises
     ------
-    DiskFull : there is no space left, from a worker or from `on_answer`; what was under way has been waited for.
-    InputError : no executor takes jobs any more, or the workers cannot run slopemap.
+    DiskFull : there is no space left, in a worker or in `on_answer`; raised when all running chunks have ended.
+    InputError : all executors are broken, or the workers cannot import slopemap.
     """
     _Run(jobs, executors, on_answer, answer_jobs, chunk, prepare).run()
 
 
 class _Run:
-    """The state of one batch under way."""
+    """The state of a running batch."""
 
     def __init__(
         self,
@@ -84,43 +84,43 @@ class _Run:
         self._chunk, self._prepare = chunk, prepare
         cuts = [len(jobs) * k // len(executors) for k in range(len(executors) + 1)]
         self._lanes = [Lane(executor, cuts[k], cuts[k + 1]) for k, executor in enumerate(executors)]
-        self._again: deque[int] = deque()  # of broken chunks, one by one
-        self._breaks: Counter[int] = Counter()
-        self._under_way: dict[Future[list[Answer]], tuple[Lane, list[int]]] = {}
+        self._again: deque[int] = deque()  # jobs of failed chunks, to be tried one by one
+        self._failures: Counter[int] = Counter()
+        self._running: dict[Future[list[Answer]], tuple[Lane, list[int]]] = {}
         self._disk_full: DiskFull | None = None
-        self._loss: BaseException | None = None
+        self._loss: BaseException | None = None  # why the last executor was lost
 
     def run(self) -> None:
         try:
-            self._hand_out()
-            while self._under_way:
+            self._submit_all()
+            while self._running:
                 # a timeout lets Ctrl-C through on Windows
-                done, _ = wait(self._under_way, timeout=1.0, return_when=FIRST_COMPLETED)
+                done, _ = wait(self._running, timeout=1.0, return_when=FIRST_COMPLETED)
                 for future in done:
-                    lane, indices = self._under_way.pop(future)
+                    lane, indices = self._running.pop(future)
                     lane.busy = False
-                    self._take_in(future, lane, indices)
-                self._hand_out()
+                    self._collect(future, lane, indices)
+                self._submit_all()
         finally:
-            for future in self._under_way:
+            for future in self._running:
                 future.cancel()
         if self._disk_full is not None:
             raise self._disk_full
         if self._left():
-            raise InputError(f"no worker is left ({_line(self._loss)}); mend that and run the same command again")
+            raise InputError(f"no worker is left ({_one_line(self._loss)}); repair that and run the same command again")
 
     def _left(self) -> int:
         return len(self._again) + sum(map(len, self._lanes))
 
-    # ---- out ----
+    # ---- submit jobs ----
 
-    def _hand_out(self) -> None:
-        """Give every lane that waits its next jobs; once more after each that was refused or known already."""
-        while any(self._serve(lane) for lane in self._lanes):
+    def _submit_all(self) -> None:
+        """Give every free lane its next jobs; repeated, as jobs may be refused or their answers be known."""
+        while any(self._submit_next(lane) for lane in self._lanes):
             pass
 
-    def _serve(self, lane: Lane) -> bool:
-        """Give one lane its next jobs; False if it has some, or there are none."""
+    def _submit_next(self, lane: Lane) -> bool:
+        """Give a lane its next jobs; False if it is not free or there are none."""
         if self._disk_full is not None or lane.busy or lane.lost:
             return False
         indices = self._next(lane)
@@ -137,7 +137,7 @@ class _Run:
         return list(range(first, lane.start))
 
     def _take_over(self, lane: Lane) -> None:
-        """The second half of the longest stretch left; all of it where its own lane is lost."""
+        """Move the second half of the longest range left to this lane, or all of it if its own lane is lost."""
         longest = max(self._lanes, key=len)
         middle = longest.start if longest.lost else (longest.start + longest.stop) // 2
         lane.start, lane.stop, longest.stop = middle, longest.stop, middle
@@ -153,10 +153,10 @@ class _Run:
             self._again.extend(jobs)
         else:
             lane.busy = True
-            self._under_way[future] = lane, list(jobs)
+            self._running[future] = lane, list(jobs)
 
     def _prepared(self, indices: list[int]) -> dict[int, Job]:
-        """Jobs by index, without those whose answer is known already."""
+        """Jobs by index, without those whose answer is known."""
         jobs = {}
         for index in indices:
             job = self._jobs[index] if self._prepare is None else self._prepare(self._jobs[index])
@@ -166,20 +166,20 @@ class _Run:
                 jobs[index] = job
         return jobs
 
-    # ---- in ----
+    # ---- collect answers ----
 
-    def _take_in(self, future: Future[list[Answer]], lane: Lane, indices: list[int]) -> None:
+    def _collect(self, future: Future[list[Answer]], lane: Lane, indices: list[int]) -> None:
         try:
             answers = future.result()
         except DiskFull as error:
             self._disk_full = error
         except ImportError as error:
-            raise InputError(f"the workers cannot run slopemap ({_line(error)}); install it there too") from None
+            raise InputError(f"the workers cannot run slopemap ({_one_line(error)}); install it there too") from None
         except (BrokenExecutor, CancelledError) as error:
             self._lose(lane, error)
             self._again.extend(indices)
         except Exception as error:
-            self._try_again(indices, error)
+            self._retry(indices, error)
         else:
             for index, answer in zip(indices, answers, strict=True):
                 self._deliver(index, answer)
@@ -191,34 +191,34 @@ class _Run:
             self._disk_full = error
 
     def _lose(self, lane: Lane, error: BaseException) -> None:
-        """An executor that is broken is so for all of its lanes."""
+        """Mark all lanes of a broken executor."""
         self._loss = error
         for other in self._lanes:
             other.lost |= other.executor is lane.executor
 
-    def _try_again(self, indices: list[int], error: Exception) -> None:
-        """One by one: then it is known which of them breaks."""
+    def _retry(self, indices: list[int], error: Exception) -> None:
+        """Try the jobs of a failed chunk one by one; a single job is tried again or has failed."""
         if len(indices) > 1:
             self._again.extend(indices)
             return
         index = indices[0]
-        self._breaks[index] += 1
-        if self._breaks[index] < ATTEMPTS and not is_final(error):
+        self._failures[index] += 1
+        if self._failures[index] < ATTEMPTS and not is_final(error):
             self._again.append(index)
         else:
             self._deliver(index, Answer(failure_of(self._jobs[index], error)))
 
 
 def is_final(error: Exception) -> bool:
-    """Whether a job that failed like this is not tried again: a timeout would come again."""
+    """Whether a job is not tried again after this error: a timeout would happen again."""
     return isinstance(error, WorkerFailed) and not isinstance(error, WorkerCrashed)
 
 
 def failure_of(job: Job, error: Exception) -> Outcome:
-    """The outcome of a job that has ended its worker."""
+    """The outcome of a job that crashed its worker or exceeded the time limit."""
     code = error.code if isinstance(error, WorkerFailed) else WorkerCrashed.code
-    return failure(job, 1, code, _line(error), REMEDIES[code])
+    return failure(job, 1, code, _one_line(error), REMEDIES[code])
 
 
-def _line(error: BaseException | None) -> str:
+def _one_line(error: BaseException | None) -> str:
     return " ".join(str(error or "").split()) or type(error).__name__

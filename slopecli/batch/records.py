@@ -1,4 +1,4 @@
-"""What is finished: the record in every pair's folder, and what makes it count no longer."""
+"""The record of a finished pair in its folder: written after its files, valid for the same inputs and options."""
 
 from __future__ import annotations
 
@@ -13,25 +13,25 @@ from slopecli.batch.jobs import CameraChoice, Job, Outcome
 from slopecli.errors import DiskFull
 from slopecli.products import CHOICES
 
-# failures that the same bytes need not give again: the next run tries these pairs once more
+# Codes of failures that the next run tries again.
 TRANSIENT = frozenset({"crashed", "timeout", "memory", "unexpected", "unreadable", "output"})
-SIZES = "sizes"  # key of a record: bytes of each file
+SIZES = "sizes"  # key of a record: size of each file, bytes
 
 
 def camera_file(choice: CameraChoice | None, base: str = "") -> tuple[str | None, str | None]:
-    """File and name in it of a choice of camera; (None, None) where it is no file."""
+    """Path of a camera file and the name of the camera in it; (None, None) for another choice of camera."""
     from slopecli.io.cameras.reading import split_name
 
     return (None, None) if choice is None or choice.file is None else split_name(choice.file, base)
 
 
 def fingerprint_of(job: Job, digests: Mapping[str, str]) -> str:
-    """SHA-256 over all that decides on the files of a pair.
+    """SHA-256 of everything that determines the files of a pair.
 
     Parameters
     ----------
-    digests : SHA-256 of the images and camera files of the job, by path. The paths themselves do not count: a folder
-        may be moved.
+    digests : SHA-256 of the images and camera files of the job, by path. The paths are not part of the fingerprint, so
+        that a folder may be moved.
     """
     pair = job.pair
     document = {
@@ -52,7 +52,7 @@ def _camera_print(choice: CameraChoice | None, base: str, digests: Mapping[str, 
 
 
 def finished(job: Job, fingerprint: str) -> Outcome | None:
-    """The outcome of an earlier run, if the pair has one that still holds and its files are there."""
+    """The outcome of an earlier run, if its record has this fingerprint and its files are there; otherwise None."""
     from slopecli.io.pair_folder import has_files, read_record
 
     recorded = _recorded(read_record(Path(job.folder)))
@@ -63,18 +63,18 @@ def finished(job: Job, fingerprint: str) -> Outcome | None:
         return None
     pair = job.pair
     if outcome.exit_status and (outcome.image1, outcome.image2) != (pair.image1, pair.image2):
-        return None  # its message may name the images by where they were
+        return None  # its message may quote the old paths
     return replace(outcome, name=pair.name, image1=pair.image1, image2=pair.image2)
 
 
 def _record_of(outcome: Outcome, contents: Mapping[str, bytes]) -> bytes:
-    """JSON of an outcome and the sizes of its files, by which a file that was cut short is told."""
+    """JSON of an outcome and the sizes of its files, which detect a truncated file."""
     record = {**asdict(outcome), SIZES: {name: len(content) for name, content in contents.items()}}
     return (json.dumps(record, indent=2, allow_nan=False) + "\n").encode("ascii")
 
 
 def _recorded(record: bytes | None) -> tuple[Outcome, dict[str, int]] | None:
-    """The outcome and the sizes that a record holds, None for one of another version or another program."""
+    """The outcome and the file sizes in a record, None if it is missing, damaged or of another version."""
     try:
         fields = json.loads(record or b"")
         sizes = fields.pop(SIZES)
@@ -85,11 +85,11 @@ def _recorded(record: bytes | None) -> tuple[Outcome, dict[str, int]] | None:
 
 
 def store(job: Job, outcome: Outcome, contents: Mapping[str, bytes]) -> Outcome:
-    """Store the files of a pair and the record that it is finished.
+    """Store the files of a pair, then its record.
 
     Returns
     -------
-    The outcome, or a failure with the code "output" where the folder of this pair cannot be written to.
+    The outcome, or a failure with the code "output" if the folder of the pair cannot be written to.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""index.html: what every pair of a batch came to, as one page that works from disk and asks nothing of a network."""
+"""index.html: the outcomes of a batch as one self-contained page."""
 
 from __future__ import annotations
 
@@ -9,16 +9,13 @@ from typing import NamedTuple
 from urllib.parse import quote
 
 from slopecli import __version__
-from slopecli.io.batch_files import RESULTS, SUMMARY, encode_text
-from slopecli.orders import Outcome
+from slopecli.batch.jobs import Outcome
+from slopecli.batch.summary import RESULTS, SUMMARY, encode_text
 from slopecli.products import OVERLAY
-
-PAGE = "index.html"
-THUMBNAIL = (160, 120)  # px; the box is there before its picture is, so that the page does not jump while scrolling
 
 
 class Cell(NamedTuple):
-    """html: what is shown. value: what the column is sorted by, "" for what is not known, which always comes last."""
+    """html: what is shown. value: the sort key, "" if unknown (sorted last). kind: CSS class."""
 
     html: str
     value: str = ""
@@ -26,7 +23,7 @@ class Cell(NamedTuple):
 
 
 class Column(NamedTuple):
-    """title: of the header. by: how values compare, "number", "text" or "" for a column that is not sorted."""
+    """title: of the header. by: how values compare: "number", "text", or "" for a column that cannot be sorted."""
 
     title: str
     by: str = ""
@@ -106,10 +103,10 @@ box.parentElement.hidden = false;
 
 
 def index_html(outcomes: Iterable[Outcome]) -> bytes:
-    """The page: a table with a row per pair, those without an answer first, each in the order given.
+    """The page, UTF-8: a table with a row per pair, those without an answer first, otherwise in the order given.
 
-    Columns sort on a click and a box filters rows; without scripts the table is all there still. Pictures are loaded
-    when they come into view. Links are relative to the folder of the batch.
+    With JavaScript, columns can be sorted and rows filtered. Pictures are loaded when they come into view. Links are
+    relative to the folder of the batch.
     """
     numbered = list(enumerate(outcomes, 1))
     failed = sum(one.exit_status != 0 for _, one in numbered)
@@ -182,7 +179,7 @@ def _cells(number: int, outcome: Outcome) -> Sequence[Cell]:
 
 
 def _text(text: str) -> str:
-    """Text of others: escaped, and kept from turning the direction of what stands beside it."""
+    """Text from outside: escaped, and isolated so that right-to-left text does not reorder its neighbours."""
     return f"<bdi>{escape(text)}</bdi>"
 
 
@@ -193,9 +190,10 @@ def _images(outcome: Outcome) -> str:
 def _picture(outcome: Outcome) -> Cell:
     if OVERLAY not in outcome.files:
         return Cell("")
-    address, (width, height) = _address(outcome, OVERLAY), THUMBNAIL
-    lazily = 'loading="lazy" decoding="async"'  # before src, or some browsers have asked for it already
-    picture = f'<img {lazily} width="{width}" height="{height}" src="{address}" alt="slopes of {escape(outcome.name)}">'
+    address = _address(outcome, OVERLAY)
+    # a fixed size keeps the page still while pictures load; some browsers ignore `loading` after `src`
+    attributes = 'loading="lazy" decoding="async" width="160" height="120"'
+    picture = f'<img {attributes} src="{address}" alt="slopes of {escape(outcome.name)}">'
     return Cell(f'<a href="{address}">{picture}</a>')
 
 
@@ -209,7 +207,7 @@ def _result(outcome: Outcome) -> Cell:
 
 
 def _steepest(outcome: Outcome) -> Cell:
-    """In either answer, where two are left; the column is sorted by the steeper."""
+    """The steepest slope in each root; the column is sorted by the larger."""
     texts = [f"{slope:.2f}{'' if sigma is None else f' ± {sigma:.2f}'}°" for slope, sigma in outcome.steepest]
     value = "" if outcome.steepest_deg is None else f"{outcome.steepest_deg:.9g}"
     return Cell("<br>or ".join(texts), value, "number")
@@ -227,5 +225,5 @@ def _link(outcome: Outcome, name: str) -> str:
 
 
 def _address(outcome: Outcome, name: str) -> str:
-    """Relative address of a file of a pair; percent-encoded, of names that are not text byte by byte."""
+    """Relative URL of a file of a pair, percent-encoded byte by byte."""
     return quote(os.fsencode(f"{outcome.name}/{name}"))

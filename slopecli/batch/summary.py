@@ -1,4 +1,4 @@
-"""summary.csv and results.jsonl: what every pair of a batch came to, for spreadsheets and for programs."""
+"""The outcomes of a batch as files: summary.csv for spreadsheets, results.jsonl for programs."""
 
 from __future__ import annotations
 
@@ -10,11 +10,10 @@ from dataclasses import asdict
 from io import StringIO
 from typing import Any
 
-from slopecli.orders import Outcome
+from slopecli.batch.jobs import Outcome
 
-SUMMARY, RESULTS = "summary.csv", "results.jsonl"
-SIGNIFICANT_DIGITS = 9  # as in slopes.json
-# of Outcome, in the order of the columns; what is long or only for programs stays in results.jsonl
+FILES = SUMMARY, RESULTS, PAGE = "summary.csv", "results.jsonl", "index.html"
+# Attributes of Outcome in the order of the columns of summary.csv.
 COLUMNS = (
     "name",
     "image1",
@@ -37,14 +36,14 @@ COLUMNS = (
     "message",
     "remedy",
 )
-FORMULA_STARTS = ("=", "+", "-", "@", "\t", "\r")  # a spreadsheet would compute a text that begins with one of these
+FORMULA_STARTS = ("=", "+", "-", "@", "\t", "\r")  # of texts that spreadsheets would evaluate
 
 
 def summary_csv(outcomes: Iterable[Outcome]) -> bytes:
-    """One row per pair in the order given, under a header, UTF-8; what is not known is an empty cell.
+    """A header and one row per pair in the order given, UTF-8; an unknown value is an empty cell.
 
-    Codes of diagnostics are joined by spaces. Text that a spreadsheet would take for a formula has an apostrophe before
-    it, as names of files are not ours to trust.
+    Codes of diagnostics are joined by spaces. An apostrophe is put before text that a spreadsheet would evaluate as a
+    formula, as file names may come from anybody.
     """
     table = StringIO()
     writer = csv.writer(table, lineterminator="\n")
@@ -60,7 +59,7 @@ def results_jsonl(outcomes: Iterable[Outcome]) -> bytes:
 
 
 def encode_text(text: str) -> bytes:
-    """UTF-8; of a file name that is not text the strange bytes are written as backslash escapes."""
+    """UTF-8; undecodable bytes of file names become backslash escapes."""
     return text.encode("utf-8", "backslashreplace")
 
 
@@ -74,8 +73,9 @@ def _cell(value: Any) -> Any:
 
 
 def _plain(value: Any) -> Any:
+    """Numbers rounded as in slopes.json, None for those that are not finite; tuples as lists."""
     if isinstance(value, float):
-        return float(f"{value:.{SIGNIFICANT_DIGITS}g}") if math.isfinite(value) else None
+        return float(f"{value:.9g}") if math.isfinite(value) else None
     if isinstance(value, dict):
         return {key: _plain(item) for key, item in value.items()}
     return [_plain(item) for item in value] if isinstance(value, list | tuple) else value
