@@ -1,4 +1,4 @@
-"""Slopes of a solution against what is up, with every doubt in them, and what they are worth to a lander."""
+"""Slopes of a solution against the up direction, with all their uncertainty, and verdicts on them."""
 
 from __future__ import annotations
 
@@ -11,18 +11,18 @@ import numpy as np
 
 from slopecli.errors import InputError
 from slopecli.geometry.epipolar import homogeneous, unit_vector
-from slopecli.geometry.slope import CAMERA_UP, measure_slopes, probability_below, slope_interval, surface_normals
+from slopecli.geometry.slope import ASPECT_SIGMAS, CAMERA_UP, measure_slopes, surface_normals
 from slopecli.geometry.statistics import median
+from slopecli.geometry.tilt_distribution import probability_below, slope_interval
 from slopecli.options import Options
 from slopecli.patches.join import Joined
 from slopecli.types import FloatArray, Slopes, Solution, Up, Verdict
 
-SAME_AREA = 0.99  # footprints this alike count as equally large
-BORROWED_SIGMA_DEG = 5.0  # terrain next to a window tells its slope no better than this
+BORROWED_SIGMA_DEG = 5.0  # 1-sigma of the slope of a window whose plane comes from matches around it, at least
 
 
 class SlopeNumbers(TypedDict):
-    """A slope as a plane of either answer states it, deg."""
+    """The slope of a plane as written to slopes.json, deg."""
 
     slope_deg: float
     slope_sigma_deg: float
@@ -42,7 +42,7 @@ class Measured:
 
     @cached_property
     def numbers(self) -> list[SlopeNumbers]:
-        """The slope of every plane, in degrees; of all at once, as their intervals take long one by one."""
+        """The slope of every plane, in degrees; computed for all at once, which is faster."""
         return slope_numbers(self.slopes)
 
 
@@ -58,10 +58,10 @@ def measure(solution: Solution, joined: Joined, options: Options) -> Measured:
     if options.up == "dominant-plane":
         level = dominant_plane(joined)
         vector = surface_normals(solution)[level]
-        slopes = _doubted(measure_slopes(solution, None, sigma, north, up_plane=level), joined, level)
+        slopes = _with_tilt_variance(measure_slopes(solution, None, sigma, north, up_plane=level), joined, level)
     else:
         vector = _up_vector(options)
-        slopes = _doubted(measure_slopes(solution, vector, sigma, north), joined)
+        slopes = _with_tilt_variance(measure_slopes(solution, vector, sigma, north), joined)
     up = Up((float(vector[0]), float(vector[1]), float(vector[2])), _source(options), options.up_sigma_deg)
     return Measured(solution, up, slopes, probability_below(slopes, float(np.radians(options.tolerance_deg))))
 
@@ -83,21 +83,21 @@ def _up_vector(options: Options) -> FloatArray:
 
 
 def dominant_plane(joined: Joined) -> int:
-    """Index of the patch with the largest footprint, of those with matches of their own where there are any.
+    """Index of the answered patch with the largest footprint; borrowed ones only if there are no others.
 
-    Windows of a grid are as good as equal; among those the one with the most matches is taken.
+    Footprints within 1 % of the largest, such as windows of a grid, count as equal; the most matches decide.
     """
     own = [patch.origin == "own" for patch in joined.patches]
     counted = np.array(own) if any(own) else True
     areas = np.array([patch.footprint.area_px for patch in joined.patches]) * counted
     matches = np.array([len(patch.matches) for patch in joined.patches])
-    return int(np.argmax(np.where(areas >= SAME_AREA * areas.max(), matches, -1)))
+    return int(np.argmax(np.where(areas >= 0.99 * areas.max(), matches, -1)))
 
 
-def _doubted(slopes: Slopes, joined: Joined, level: int | None = None) -> Slopes:
+def _with_tilt_variance(slopes: Slopes, joined: Joined, level: int | None = None) -> Slopes:
     """Add the tilt variance that residuals do not show: of borrowed patches, and of those matched in part.
 
-    level : the plane that slopes are measured against, if it is one of them: its doubt is theirs, and it has none.
+    level : index of the plane that slopes are measured against, if any. Its own variance is added to all others.
     """
     least = np.radians(BORROWED_SIGMA_DEG)
     extra = np.array([np.hypot(least if p.origin == "borrowed" else 0.0, p.tilt_sigma_rad) for p in joined.patches])
@@ -109,9 +109,9 @@ def _doubted(slopes: Slopes, joined: Joined, level: int | None = None) -> Slopes
     variance = extra**2
     covariance = slopes.tilt_covariance + variance[:, None, None] * np.eye(2)
     sigma = np.sqrt(slopes.sigma_rad**2 + variance)
-    known = slopes.slope_rad >= 2 * sigma
-    nothing = np.where(known, 0.0, np.nan)
-    return Slopes(slopes.slope_rad, sigma, slopes.aspect_rad + nothing, slopes.aspect_sigma_rad + nothing, covariance)
+    undefined = slopes.slope_rad < ASPECT_SIGMAS * sigma
+    aspect, spread = (np.where(undefined, np.nan, values) for values in (slopes.aspect_rad, slopes.aspect_sigma_rad))
+    return Slopes(slopes.slope_rad, sigma, aspect, spread, covariance)
 
 
 def slope_numbers(slopes: Slopes) -> list[SlopeNumbers]:
@@ -132,7 +132,7 @@ def _numbers(slope: float, sigma: float, interval: list[float], azimuth: float) 
 
 
 def signed_distance(normal: FloatArray, x1: FloatArray) -> float:
-    """Perpendicular distance from camera 1, baselines, negative for a plane that mismatches have put behind it.
+    """Perpendicular distance of a plane from camera 1, baselines; negative if most of its points are behind the camera.
 
     normal : (3,) scaled.  x1 : (n, 2) rays of its points.
     """
@@ -141,9 +141,9 @@ def signed_distance(normal: FloatArray, x1: FloatArray) -> float:
 
 
 def judge(p_safe: float, p_other: float | None, seen_as_plane: bool, confidence: float) -> Verdict:
-    """Safe only where the window itself was seen to be a plane, and in both answers where geometry leaves two.
+    """Verdict on one plane: safe only if both roots are safe and the window's own matches confirm the plane.
 
-    p_safe : P(slope < tolerance); p_other : the same in the other root, None where there is none.
+    p_safe : P(slope < tolerance); p_other : the same in the second root, None if there is none.
     """
     worst, best = (p_safe, p_safe) if p_other is None else (min(p_safe, p_other), max(p_safe, p_other))
     if seen_as_plane and worst >= confidence:

@@ -49,7 +49,7 @@ class Ground:
 
     def doubt_deg(self) -> float:
         rows = homogeneous(self.x1) * self.leverage[:, None]
-        return float(np.degrees(self.fit().doubt_rad(rows, self.w * self.leverage)))
+        return float(np.degrees(self.fit().tilt_sigma_rad(rows, self.w * self.leverage)))
 
 
 def apart_deg(a: FloatArray, b: FloatArray = TRUE) -> float:

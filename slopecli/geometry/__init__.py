@@ -5,9 +5,10 @@ from slopecli.geometry.decomposition import PlaneMotion, decompose_homography, l
 from slopecli.geometry.epipolar import epipolar_distance, essential_matrix, focus_of_expansion
 from slopecli.geometry.homography import apply_homography, fit_homography, homography_in_pixels, homography_of_plane
 from slopecli.geometry.metrics import direction_angle, normal_angle, rotation_angle
-from slopecli.geometry.slope import measure_slopes, probability_below, slope_interval, surface_normals
+from slopecli.geometry.slope import measure_slopes, surface_normals
 from slopecli.geometry.solver.solve import solve_planes
 from slopecli.geometry.solver.uncertainty import cramer_rao_bound
+from slopecli.geometry.tilt_distribution import probability_below, slope_interval
 
 __all__ = [
     "Alignment",
@@ -46,10 +47,11 @@ __getattr__, __dir__ = lazy_names(
         "lens_misfit": "LensMisfit find_lens_misfit fit_lens_misfit",
         "motion": "MotionEstimate assess_motion epipolar_residual inverse_depth refine_motion",
         "plane_fit": "RobustPlane robust_plane",
-        "slope": "CAMERA_UP disc_probability",
+        "slope": "ASPECT_SIGMAS CAMERA_UP",
         "statistics": "CHI2_MEDIAN CHI2_MEDIAN_2 GATE_SIGMAS MAD_FACTOR geman_mcclure median "
         "robust_least_squares robust_sigma",
         "unmatched_tilt": "lever",
-        "tilt_interval": "tilt_growth",
+        "tilt_distribution": "disc_probability",
+        "tilt_error": "tilt_growth",
     },
 )

@@ -1,4 +1,4 @@
-"""Homography alignment (HA) as the paper prints it, and the averaged Longuet-Higgins motion it is compared with."""
+"""Homography alignment (HA) as printed in the paper, and the averaged Longuet-Higgins motion it is compared with."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import numpy as np
 from slopecli.errors import DegenerateConfiguration
 from slopecli.geometry.decomposition import PlaneMotion, decompose_homography, is_visible
 from slopecli.geometry.epipolar import nearest_rotation
-from slopecli.geometry.homography import fit_homography
+from slopecli.geometry.homography import fit_homography, homography_rows
 from slopecli.geometry.metrics import direction_angle, rotation_angle
 from slopecli.geometry.solver.joint import Fit, ranked
 from slopecli.geometry.solver.observations import (
@@ -24,10 +24,6 @@ from slopecli.geometry.solver.refinement import Refined, State, optimal_normals
 from slopecli.geometry.solver.uncertainty import information_system
 from slopecli.types import FloatArray, IntArray
 
-_SETTLED = 1e-4  # relative change of the mean reprojection error in one sweep
-_MAX_SWEEPS = 100
-_ASKED = 64  # patches whose motion may become the one that most agree on
-
 
 class Alignment(NamedTuple):
     """One root of homography alignment: motion, scaled normals (m, 3), mean reprojection error, sweeps taken."""
@@ -41,9 +37,9 @@ class Alignment(NamedTuple):
 
 
 def align_homographies(
-    x1: FloatArray, x2: FloatArray, patch: IntArray, tolerance: float = _SETTLED, max_sweeps: int = _MAX_SWEEPS
+    x1: FloatArray, x2: FloatArray, patch: IntArray, tolerance: float = 1e-4, max_sweeps: int = 100
 ) -> list[Alignment]:
-    """Homography alignment: every patch's homography under one epipolar geometry.
+    """Homography alignment: one homography a patch, all consistent with one epipolar geometry.
 
     Source: Cheng, section III, steps 1-8. Departs from the paper: the sweeps stop when the mean reprojection error
     changes by less than `tolerance` of itself, because no absolute error suits every camera; K keeps its value when
@@ -64,7 +60,7 @@ def align_homographies(
     return _align(observe(x1, x2, patch), tolerance, max_sweeps)
 
 
-def _align(observations: Observations, tolerance: float = _SETTLED, max_sweeps: int = _MAX_SWEEPS) -> list[Alignment]:
+def _align(observations: Observations, tolerance: float = 1e-4, max_sweeps: int = 100) -> list[Alignment]:
     base = int(np.argmax(observations.count))  # step 1: largest in scene
     x1, x2 = _points(observations, base)
     H1 = fit_homography(x1, x2)
@@ -149,20 +145,17 @@ def solve_base_homography(
     -------
     base_homography : (3, 3) with last entry 1; epipole2 : (3,).
     """
-    x, y, one = observations.p
-    u, v = observations.x2
+    rows = homography_rows(observations.p.T, observations.x2.T)  # eqs. (14)-(15), the part of H1
+    M, B = rows[:, :8], -rows[:, 8]  # eq. (16)
     offset = (observations.per_point(delta_normals.T) * observations.p).sum(axis=0)
-    zero = np.zeros_like(x)
-    E = np.stack(
-        [x, y, one, zero, zero, zero, -x * u, -y * u, offset, zero, -u * offset], axis=1
-    )  # eq. (14); E . G = x', eq. (15)
-    F = np.stack([zero, zero, zero, x, y, one, -x * v, -y * v, zero, offset, -v * offset], axis=1)
-    M, B = np.concatenate([E, F]), np.concatenate([u, v])  # eq. (16)
-    if np.abs(offset).max() <= 1e-12:
-        M = M[:, :8]
+    if np.abs(offset).max() > 1e-12:
+        u, v = observations.x2
+        zero = np.zeros_like(offset)
+        of_K = np.block([[offset, zero], [zero, offset], [-u * offset, -v * offset]]).T  # eqs. (14)-(15), the part of K
+        M = np.hstack([M, of_K])
     G = np.linalg.lstsq(M, B, rcond=None)[0]  # eq. (17)
     H1 = np.append(G[:8], 1.0).reshape(3, 3)
-    return H1, G[8:] if len(G) == 11 else epipole2
+    return np.asarray(H1), np.asarray(G[8:] if len(G) == 11 else epipole2)
 
 
 def reprojection_error(
@@ -175,7 +168,7 @@ def reprojection_error(
 
 
 def _nearest_root(H1: FloatArray, root: PlaneMotion, x1: FloatArray) -> PlaneMotion:
-    """The reading of the aligned base homography that continues the root it was started from, visible if it can be."""
+    """The decomposition of the aligned base homography nearest to the root it started from, visible if any is."""
     candidates = decompose_homography(H1)
     candidates = [c for c in candidates if is_visible(c, x1)] or candidates
     return min(candidates, key=lambda c: _motion_distance(c, root))
@@ -192,36 +185,35 @@ def _scale(H: FloatArray, motion: PlaneMotion) -> float:
 
 
 def average_motion(observations: Observations) -> State:
-    """The mean of the patches' own Longuet-Higgins motions, the comparison of the paper's Figure 4.
+    """Mean of the patches' own Longuet-Higgins motions, the comparison of the paper's Figure 4.
 
-    Rotations are averaged in the least-squares sense (nearest rotation to their sum), directions as unit vectors. Each
-    patch with two visible roots gives the one nearest to the motion most patches agree on. Normals are the patches'
-    own; a patch of three points, or with no visible root, takes the best normal under the mean motion.
+    Rotations are averaged in the least-squares sense (nearest rotation to their sum), directions as unit vectors. Of a
+    patch with two visible roots, the one nearest to the motion most patches agree on is used. Normals are the patches'
+    own; a patch of three points, or without a visible root, gets the best normal under the mean motion.
     """
-    readings = [_patch_roots(observations, i) for i in range(observations.n_patches)]
-    if not any(readings):
+    roots_of = [_patch_roots(observations, i) for i in range(observations.n_patches)]
+    if not any(roots_of):
         raise DegenerateConfiguration("no patch by itself has a plane in front of both cameras; use solver mle")
-    agreed = _agreed(readings)
-    chosen = [min(roots, key=lambda c: _motion_distance(c, agreed)) if roots else None for roots in readings]
+    agreed = _agreed(roots_of)
+    chosen = [min(roots, key=lambda c: _motion_distance(c, agreed)) if roots else None for roots in roots_of]
     R = nearest_rotation(np.sum([c.R for c in chosen if c], axis=0))
     T = np.sum([c.T for c in chosen if c], axis=0)
     state = _best_normals(observations, R, T / np.linalg.norm(T))
-    for i, reading in enumerate(chosen):
-        if reading:
-            state.N[0, i] = reading.N
+    for i, root in enumerate(chosen):
+        if root:
+            state.N[0, i] = root.N
     return state
 
 
-def _agreed(readings: list[list[PlaneMotion]]) -> PlaneMotion:
-    """The reading of a patch that the others' nearest readings disagree with least.
+def _agreed(roots_of: list[list[PlaneMotion]]) -> PlaneMotion:
+    """The root of a patch with the least sum of distances to the nearest roots of all patches.
 
-    Of many patches, those asked for it are spread evenly over all, so that the work grows with the patches and not
-    with their square.
+    Candidates come from at most 64 patches, so that the work grows linearly with their number.
     """
-    present = [roots for roots in readings if roots]
+    present = [roots for roots in roots_of if roots]
     first, last = ([roots[i] for roots in present] for i in (0, -1))  # the same where there is one
-    asked = np.unique(np.linspace(0, len(present) - 1, _ASKED).astype(int))
-    references = [c for patch in asked for c in present[patch]]
+    chosen = np.unique(np.linspace(0, len(present) - 1, 64).astype(int))
+    references = [c for patch in chosen for c in present[patch]]
     least = np.minimum(_motion_distances(references, first), _motion_distances(references, last))
     return references[int(np.argmin(least.sum(axis=1)))]
 
@@ -233,7 +225,7 @@ def _motion_distances(a: list[PlaneMotion], b: list[PlaneMotion]) -> FloatArray:
 
 
 def _best_normals(observations: Observations, R: FloatArray, T: FloatArray) -> State:
-    """Normals under a given motion, linear and in two rounds: the second has the depths the first one found."""
+    """Linear least-squares normals under a given motion, in two rounds: the second has the depths of the first."""
     R, T, m = R[None], T[None], observations.n_patches
     weight = observations.weight[None]
     state = State(R, T, np.zeros((1, m, 3)))
@@ -258,8 +250,8 @@ def _patch_roots(observations: Observations, patch: int) -> list[PlaneMotion]:
 def closed_form(observations: Observations, solver: Literal["ha", "lh"]) -> Fit:
     """HA or averaged Longuet-Higgins as a `Fit`, so that both are reported like the joint solution.
 
-    Its information is that of the points at the estimate: the covariance an efficient estimator would have there, with
-    the noise that its own residuals show. Neither method is efficient, so their true errors are larger.
+    The information is that of an efficient estimator at this solution, with the noise of its residuals. Neither method
+    is efficient, so their true errors are larger.
     """
     if solver == "ha":
         roots = _align(observations)

@@ -4,9 +4,8 @@ Everything is in OpenCV's convention: pixel centres at integer coordinates, `u =
 distorted image of the normalised coordinate x = X/Z. Source of the models: OpenCV, "Camera Calibration and 3D
 Reconstruction" (Brown 1966 with the rational radial factor) and "Fisheye camera model" (Kannala and Brandt 2006).
 
-A lens polynomial is only a map up to its fold, the angle where the distorted radius stops growing with the true one.
-Beyond it the polynomial runs back into the image and means nothing, so both directions answer NaN there. The same holds
-for rays `MAX_ANGLE` or more off the axis, which have no useful normalised coordinate.
+A lens polynomial is invertible only up to its fold, the angle where the distorted radius stops growing with the true
+one. Both directions return NaN beyond it, and for rays `MAX_ANGLE` or more off the axis.
 """
 
 from __future__ import annotations
@@ -20,14 +19,11 @@ from slopecli.errors import InputError
 from slopecli.geometry.epipolar import homogeneous
 from slopecli.types import BoolArray, Camera, CameraModel, FloatArray
 
-MAX_ANGLE = np.radians(89.9)  # tan = 573: a pixel of such a view spans its whole neighbourhood
+MAX_ANGLE = np.radians(89.9)  # normalised coordinates beyond tan = 573 are useless
 MAX_COEFFICIENTS = {"pinhole": 0, "brown": 8, "fisheye": 4}
-OUTSIDE_PX = -1.0e4  # what a remap reads as "not in the image", yet within the range of its 16-bit coordinates
-ROWS_AT_ONCE = 64  # keeps the temporaries of `undistortion_maps` in cache
+OUTSIDE_PX = -1.0e4  # coordinate outside any image that cv2.remap still accepts (16 bit)
 TABLE_SIZE = 1025  # starts Newton within 1e-6 of the root in any usable field of view
-NEWTON_ITERATIONS = 20
-LEAST_INCIDENCE = 0.01  # sine of the angle, 0.6 deg, at which a ray meets a plane; below it the point is anywhere
-LAST_STEP = 1e-8  # Newton squares the error: after a step this small only rounding is left
+NEWTON_STEPS, NEWTON_SETTLED = 20, 1e-8  # Newton squares the error: after a step this small only rounding is left
 
 
 def rays_from_pixels(camera: Camera, uv: FloatArray) -> FloatArray:
@@ -81,7 +77,7 @@ def pixels_from_rays(camera: Camera, x: FloatArray) -> FloatArray:
 def points_on_plane(
     camera: Camera, uv: FloatArray, normal: FloatArray, distance: float
 ) -> tuple[FloatArray, BoolArray]:
-    """Lay pixels onto a plane, each along its ray.
+    """Intersect the rays of pixels with a plane.
 
     Parameters
     ----------
@@ -91,14 +87,13 @@ def points_on_plane(
 
     Returns
     -------
-    points : (n, 3) float array, camera axes, in the unit of the distance; of no meaning where not met.
-    met : (n,) bool, which rays meet the front of the plane, `LEAST_INCIDENCE` or more off its own direction. False
-        where the lens has no ray.
+    points : (n, 3) float array, camera axes, in the unit of the distance; undefined where not met.
+    met : (n,) bool, which rays meet the front of the plane at 0.6 deg or more. False where the lens has no ray.
     """
     rays = homogeneous(rays_from_pixels(camera, uv))
     incidence = -(rays @ normal)
     with np.errstate(invalid="ignore"):  # a lens has no ray for some pixels: NaN compares false
-        met = incidence > LEAST_INCIDENCE * np.linalg.norm(rays, axis=1)
+        met = incidence > 0.01 * np.linalg.norm(rays, axis=1)
         return rays * (distance / np.where(met, incidence, 1.0))[:, None], met
 
 
@@ -125,7 +120,7 @@ def scale_camera(camera: Camera, width: int, height: int) -> Camera:
 
 
 def undistortion_maps(camera: Camera, ideal: Camera | None = None) -> tuple[np.ndarray, np.ndarray]:
-    """For every pixel of an ideal image, where to read it in the distorted one (for `cv2.remap`).
+    """Coordinates in the distorted image of every pixel of an ideal one, for `cv2.remap`.
 
     Parameters
     ----------
@@ -147,15 +142,15 @@ def undistortion_maps(camera: Camera, ideal: Camera | None = None) -> tuple[np.n
     x: FloatArray = (np.arange(ideal.width, dtype=np.float64) - ideal.cx) / ideal.fx
     y: FloatArray = (np.arange(ideal.height, dtype=np.float64)[:, None] - ideal.cy) / ideal.fy
     maps = np.empty((2, ideal.height, ideal.width), dtype=np.float32)
-    for top in range(0, ideal.height, ROWS_AT_ONCE):
-        rows = slice(top, top + ROWS_AT_ONCE)
+    for top in range(0, ideal.height, 64):  # blocks of rows whose temporaries stay in cache
+        rows = slice(top, top + 64)
         maps[0, rows], maps[1, rows] = _project(camera, x, y[rows])
     np.nan_to_num(maps, copy=False, nan=OUTSIDE_PX)
     return maps[0], maps[1]
 
 
 def _padded_coefficients(camera: Camera) -> tuple[float, ...]:
-    """Coefficients in the model's full order, zeros for the missing ones."""
+    """All coefficients of the model in OpenCV's order, zeros for the missing ones."""
     wanted = MAX_COEFFICIENTS[camera.model]
     if len(camera.distortion) > wanted:
         raise InputError(f"a {camera.model} camera takes {wanted} coefficients, found {len(camera.distortion)}")
@@ -163,7 +158,7 @@ def _padded_coefficients(camera: Camera) -> tuple[float, ...]:
 
 
 def _project(camera: Camera, x: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Pixels u, v of normalised coordinates x, y, which need only broadcast against each other."""
+    """Pixels u, v of normalised coordinates x, y that broadcast against each other."""
     k = _padded_coefficients(camera)
     if camera.model != "pinhole":
         distort = _distort_fisheye if camera.model == "fisheye" else _distort_brown
@@ -207,14 +202,14 @@ def _radial_slope(r2: FloatArray, k: tuple[float, ...]) -> FloatArray:
 def _undistort_brown(distorted: FloatArray, k: tuple[float, ...]) -> FloatArray:
     limit = _valid_angle("brown", k)
     x, y = (distorted * _radial_start(distorted, k, limit)[:, None]).T
-    for _ in range(NEWTON_ITERATIONS):
+    for _ in range(NEWTON_STEPS):
         step_x, step_y, determinant = _newton_step(x, y, distorted, k)
         x, y = x - step_x, y - step_y
         step = np.hypot(step_x, step_y) / (1 + np.abs(x) + np.abs(y))
-        if not np.any(step > LAST_STEP):
+        if not np.any(step > NEWTON_SETTLED):
             break
     # a positive determinant alone would also admit the branch beyond a second fold
-    good = (step <= LAST_STEP) & (determinant > 0) & (np.hypot(x, y) < np.tan(limit))
+    good = (step <= NEWTON_SETTLED) & (determinant > 0) & (np.hypot(x, y) < np.tan(limit))
     return np.where(good[:, None], np.stack([x, y], axis=1), np.nan)
 
 
@@ -267,12 +262,12 @@ def _undistort_fisheye(distorted: FloatArray, k: tuple[float, ...]) -> FloatArra
     theta = np.interp(r_d, _fisheye_radius(grid, k), grid)
     slope = np.array([9.0, 7.0, 5.0, 3.0, 1.0]) * [*k[::-1], 1.0]
     with np.errstate(divide="ignore", invalid="ignore"):
-        for _ in range(NEWTON_ITERATIONS):
+        for _ in range(NEWTON_STEPS):
             step = (_fisheye_radius(theta, k) - r_d) / np.polyval(slope, theta * theta)
             theta = theta - step
-            if not np.any(np.abs(step) > LAST_STEP):
+            if not np.any(np.abs(step) > NEWTON_SETTLED):
                 break
-    good = (np.abs(step) <= LAST_STEP) & (theta < limit)
+    good = (np.abs(step) <= NEWTON_SETTLED) & (theta < limit)
     ratio = np.divide(np.tan(theta), r_d, out=np.ones_like(r_d), where=r_d > 0)
     return np.where(good[:, None], distorted * ratio[:, None], np.nan)
 

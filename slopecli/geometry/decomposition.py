@@ -10,23 +10,16 @@ from slopecli.errors import DegenerateConfiguration, InputError
 from slopecli.geometry.epipolar import homogeneous
 from slopecli.types import FloatArray
 
-# d1 - 1 and 1 - d3 within rounding of zero are zero: their square roots are the answer, and the root of 1e-16 is 1e-8
-_ROUNDING = 1e-14
-# smallest over largest singular value at which a homography is singular: of what is smaller, eq. (6) squares rounding
-_SINGULAR = 1e-7
-# relative singular-value spread below which a homography is a rotation to working precision
-_NO_MOTION = 1e-12
-
 
 class PlaneMotion(NamedTuple):
-    """One way to read a homography: H ~ R (I - T N^T), |T| = 1, N scaled (3,) in 1/baseline."""
+    """Motion and plane of a homography: H ~ R (I - T N^T), |T| = 1, N scaled (3,) in 1/baseline."""
 
     R: FloatArray
     T: FloatArray
     N: FloatArray
 
 
-def longuet_higgins(H: FloatArray, rounding: float = _ROUNDING) -> tuple[FloatArray, FloatArray, FloatArray]:
+def longuet_higgins(H: FloatArray, rounding: float = 1e-14) -> tuple[FloatArray, FloatArray, FloatArray]:
     """The two essentially different motions of each homography; (T, N) and (-T, -N) give the same H.
 
     Source: Cheng, eqs. (6)-(8). They hold only for |T| = 1 and H scaled so that the middle eigenvalue of W = H^T H is 1
@@ -35,7 +28,8 @@ def longuet_higgins(H: FloatArray, rounding: float = _ROUNDING) -> tuple[FloatAr
     Parameters
     ----------
     H : (k, 3, 3) homographies, image 1 to image 2.
-    rounding : how far the eigenvalues of W may be from 1 by rounding alone.
+    rounding : differences of eigenvalues of W from 1 that count as 0. T and N are square roots of them, and the root
+        of a rounding error of 1e-16 is 1e-8.
 
     Returns
     -------
@@ -47,7 +41,7 @@ def longuet_higgins(H: FloatArray, rounding: float = _ROUNDING) -> tuple[FloatAr
     middle = d[:, 1]
     d1, d3 = d[:, 2] / middle, d[:, 0] / middle
     spread = d1 - d3
-    moves = spread > _NO_MOTION
+    moves = spread > 1e-12  # else a rotation to working precision
     safe = np.where(moves, spread, 1.0)
     above, below = _snap(d1 - 1.0, rounding), _snap(1.0 - d3, rounding)
     t1, t3 = np.sqrt(above * d3 / safe), np.sqrt(below * d1 / safe)  # eq. (7)
@@ -74,7 +68,7 @@ def _rotation(H: FloatArray, scale: FloatArray, T: FloatArray, N: FloatArray) ->
 
 
 def decompose_homography(H: FloatArray, x1: FloatArray | None = None) -> list[PlaneMotion]:
-    """All motions and planes one homography allows, or only those that see the plane at every given point.
+    """All motions and planes of one homography, or only those with every given point in front of both cameras.
 
     Source: Cheng, eqs. (6)-(8) after Longuet-Higgins (1986).
 
@@ -86,7 +80,7 @@ def decompose_homography(H: FloatArray, x1: FloatArray | None = None) -> list[Pl
 
     Returns
     -------
-    candidates : four without points; with points one or two. When T is parallel to N the two coincide.
+    candidates : four without points, one or two with points; the two coincide when T is parallel to N.
 
     Raises
     ------
@@ -106,7 +100,7 @@ def decompose_homography(H: FloatArray, x1: FloatArray | None = None) -> list[Pl
     visible = [c for c in candidates if is_visible(c, x1)]
     if not visible:
         raise DegenerateConfiguration(
-            "no reading of the homography has the plane in front of both cameras at every given point; "
+            "no decomposition of the homography has the plane in front of both cameras at every given point; "
             "check the matches and that both images use the same camera convention"
         )
     return visible
@@ -117,7 +111,7 @@ def _checked(H: FloatArray) -> FloatArray:
     if H.shape != (3, 3) or not np.isfinite(H).all():
         raise InputError(f"a homography must be a finite 3x3 matrix, found shape {H.shape}")
     singular_values = np.linalg.svd(H, compute_uv=False)
-    if singular_values[2] <= _SINGULAR * singular_values[0]:
+    if singular_values[2] <= 1e-7 * singular_values[0]:  # eq. (6) squares it, down to rounding
         raise DegenerateConfiguration(
             "the homography is singular: collinear points, points too close together for their noise, "
             "or a plane through a camera"

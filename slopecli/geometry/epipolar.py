@@ -9,10 +9,7 @@ import numpy as np
 from slopecli.types import FloatArray
 
 # LEVI_CIVITA[k] is the matrix [e_k]x, so that e_k x v = LEVI_CIVITA[k] @ v
-LEVI_CIVITA = np.array(
-    [[[0, 0, 0], [0, 0, -1], [0, 1, 0]], [[0, 0, 1], [0, 0, 0], [-1, 0, 0]], [[0, -1, 0], [1, 0, 0], [0, 0, 0]]],
-    dtype=float,
-)
+LEVI_CIVITA = np.cross(np.eye(3)[:, None], np.eye(3)).swapaxes(1, 2)
 
 
 def homogeneous(x: FloatArray) -> FloatArray:
@@ -25,7 +22,7 @@ def homogeneous(x: FloatArray) -> FloatArray:
 
 def unit_vector(v: FloatArray) -> FloatArray:
     """The direction of v (3,), of any length; zeros where it has none: v is zero, or not finite."""
-    length = math.hypot(*v)  # no square of it over- or underflows
+    length = math.hypot(*v)  # does not over- or underflow
     return np.asarray(v / length if 0.0 < length < math.inf else np.zeros(3))
 
 
@@ -93,7 +90,7 @@ def epipolar_distance(E: FloatArray, x1: FloatArray, x2: FloatArray) -> FloatArr
 
 
 def decompose_essential(E: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Both rotations of an essential matrix and its baseline direction, whose sign E does not tell.
+    """Both rotations of an essential matrix and its baseline direction up to sign.
 
     Source: Hartley and Zisserman, Multiple View Geometry, result 9.19, for E = R [T]x.
 
@@ -113,7 +110,7 @@ def decompose_essential(E: FloatArray) -> tuple[FloatArray, FloatArray]:
 
 
 def fit_rotation(p: FloatArray, x2: FloatArray, weight: FloatArray) -> FloatArray:
-    """The rotation that best takes the viewing rays of image 1 to those of image 2 (no baseline at all).
+    """The least-squares rotation from viewing rays of image 1 to those of image 2, as without a baseline.
 
     Source: Kabsch, Acta Cryst. A32 (1976): singular value decomposition of the rays' cross moments.
 
@@ -133,7 +130,5 @@ def nearest_rotation(M: FloatArray) -> FloatArray:
 
 
 def handedness(M: FloatArray) -> float:
-    """Sign of the determinant of a (3, 3) matrix: 1.0 keeps left and right apart, -1.0 exchanges them."""
-    # by hand: the library's determinant of one small matrix is nearly all overhead
-    a, b, c, d, e, f, g, h, i = M.ravel().tolist()
-    return 1.0 if a * (e * i - f * h) - b * (d * i - f * g) + c * (d * h - e * g) >= 0.0 else -1.0
+    """1.0 for a rotation, -1.0 for a reflection: the sign of the determinant of a (3, 3) matrix."""
+    return 1.0 if np.linalg.det(M) >= 0.0 else -1.0

@@ -8,8 +8,6 @@ from slopecli.errors import DegenerateConfiguration, InputError
 from slopecli.geometry.epipolar import homogeneous
 from slopecli.types import FloatArray
 
-_REFINEMENTS = 3  # Gauss-Newton from the linear answer is at rounding or far below the noise after this many
-
 
 def homography_of_plane(R: FloatArray, T: FloatArray, N: FloatArray) -> FloatArray:
     """H = R (I - T N^T), eq. (3). R (3, 3), T (3,), N (..., 3) scaled normals -> (..., 3, 3)."""
@@ -30,7 +28,7 @@ def apply_homography(H: FloatArray, x: FloatArray) -> FloatArray:
 
 
 def fit_homography(x1: FloatArray, x2: FloatArray, weights: FloatArray | None = None) -> FloatArray:
-    """The homography that leaves the least squared residuals in image 2.
+    """Least-squares homography: the sum of squared residuals in image 2 is smallest.
 
     Source: normalised direct linear transform (Hartley and Zisserman, algorithm 4.2), then Gauss-Newton on the
     residuals themselves, so the answer is the maximum-likelihood one for noise in image 2.
@@ -58,7 +56,7 @@ def fit_homography(x1: FloatArray, x2: FloatArray, weights: FloatArray | None = 
     C1, C2 = _conditioner(x1), _conditioner(x2)
     a, b = apply_homography(C1, x1), apply_homography(C2, x2)
     H = _linear(a, b, root_weight)
-    for _ in range(_REFINEMENTS):
+    for _ in range(3):  # from the linear solution, the change is then at rounding or far below the noise
         H = _gauss_newton(H, a, b, root_weight)
     H = np.linalg.inv(C2) @ H @ C1
     depth = homogeneous(x1) @ H[2]
@@ -109,10 +107,10 @@ def _linear(x1: FloatArray, x2: FloatArray, root_weight: FloatArray) -> FloatArr
 
 
 def _gauss_newton(H: FloatArray, x1: FloatArray, x2: FloatArray, root_weight: FloatArray) -> FloatArray:
-    """One step on the image-2 residuals; the scale of H is left alone by adding h h^T to the normal matrix."""
+    """One step on the image-2 residuals; h h^T in the normal matrix keeps the scale of H."""
     depth = homogeneous(x1) @ H[2]
     if np.abs(depth).min() <= 1e-6 * np.abs(depth).max():
-        return H  # a point at the horizon: the linear answer is all these points support
+        return H  # a point near the line sent to infinity: keep the linear solution
     predicted = apply_homography(H, x1)
     J = homography_rows(homogeneous(x1) * (root_weight / depth)[:, None], predicted)
     h = H.ravel()

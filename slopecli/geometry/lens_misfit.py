@@ -1,4 +1,4 @@
-"""Whether epipolar residuals grow from the image centre as a wrong lens distortion makes them."""
+"""Test for wrong lens distortion: a radial term fitted together with the motion to the epipolar residuals."""
 
 from __future__ import annotations
 
@@ -11,22 +11,14 @@ from slopecli.geometry.motion import epipolar_residual
 from slopecli.geometry.statistics import GATE_SIGMAS, geman_mcclure, median, robust_sigma
 from slopecli.types import FloatArray
 
-ROUNDS, SETTLED = 20, 1e-5  # of the fit, and the step, rad and normalised coordinates, that ends it
-STEP_SIZES = (1.0, 0.3, 0.1)  # shares of a step that are tried, until one fits better
-MOST_TERM = 1.0  # no step leaves this: a lens that bends rays more needs another model
-MIN_MATCHES = 60  # fewer say nothing of a lens
-EXPLAINED = 1.25  # factor by which the term must reduce the residuals
-SIGMAS = 25.0  # and how far it must be from zero, as residuals are neither independent nor free of other errors
-ALIKE = 0.5  # share of itself by which the term may differ on either side of the image: a lens is the same on both
-
 
 class LensMisfit(NamedTuple):
-    """A radial term that both images share: x (1 + term r^2) is the true ray of a normalised coordinate x.
+    """A radial term shared by both images: x (1 + term r^2) is the true ray of a normalised coordinate x.
 
-    A lens whose k1 is larger than its camera file says by d shows a term of -d.
+    If the true k1 exceeds that of the camera file by d, the term is -d.
 
-    term, sigma : the term and its 1-sigma, residuals taken as independent.  before, after : robust 1-sigma of the
-    epipolar residual without and with it, normalised coordinates.
+    term, sigma : the term and its 1-sigma for independent residuals.  before, after : robust 1-sigma of the epipolar
+    residual without and with it, normalised coordinates.
     """
 
     term: float
@@ -36,37 +28,40 @@ class LensMisfit(NamedTuple):
 
     @property
     def clear(self) -> bool:
-        """Whether it explains so much of the residuals that neither noise nor chance does."""
-        return self.before > EXPLAINED * self.after and abs(self.term) > SIGMAS * self.sigma
+        """Whether the term is significant: it reduces the residuals by a fifth and is 25 sigmas from zero.
+
+        So many sigmas, because residuals are correlated and hold other systematic errors.
+        """
+        return self.before > 1.25 * self.after and abs(self.term) > 25.0 * self.sigma
 
 
 def find_lens_misfit(R: FloatArray, T: FloatArray, x1: FloatArray, x2: FloatArray, floor: float) -> LensMisfit | None:
-    """The radial term that the epipolar residuals ask for, where they do so clearly and all over the image, or None.
+    """The radial term that explains the epipolar residuals; None unless it is significant and alike in both halves.
 
     Parameters
     ----------
     R, T : (3, 3) and (3,) unit, the motion that fits the matches best.
-    x1, x2 : (n, 2) normalised coordinates as the cameras' own models undistort them; mismatches among them.
+    x1, x2 : (n, 2) normalised coordinates, undistorted by the cameras' own models; some may be mismatches.
     floor : smallest robust sigma believed, normalised coordinates.
     """
-    if len(x1) < MIN_MATCHES:
+    if len(x1) < 60:  # too few to tell a lens error from noise
         return None
     whole, R, T = fit_lens_misfit(R, T, x1, x2, floor)
     if not whole.clear:
         return None
     left = x1[:, 0] < median(x1[:, 0])
     halves = [fit_lens_misfit(R, T, x1[half], x2[half], floor, whole.term)[0] for half in (left, ~left)]
-    same = all(abs(half.term - whole.term) < ALIKE * abs(whole.term) for half in halves)
+    same = all(abs(half.term - whole.term) < 0.5 * abs(whole.term) for half in halves)
     return whole if same else None
 
 
 def fit_lens_misfit(
     R: FloatArray, T: FloatArray, x1: FloatArray, x2: FloatArray, floor: float, term: float = 0.0
 ) -> tuple[LensMisfit, FloatArray, FloatArray]:
-    """Fit a radial term together with the motion, which has taken up most of what the term does.
+    """Fit a radial term jointly with the motion: a motion alone absorbs most of a lens error.
 
-    Robust Gauss-Newton on the epipolar residual over six parameters, Geman-McClure weights; arguments as of
-    `find_lens_misfit`.  term : to start from.
+    Robust Gauss-Newton on the epipolar residual over six parameters, Geman-McClure weights. Arguments as of
+    `find_lens_misfit`; term : to start from.
 
     Returns
     -------
@@ -74,39 +69,40 @@ def fit_lens_misfit(
     """
     before = robust_sigma(epipolar_residual(R, T, x1, x2), floor)
     scale, normal = before, np.eye(6)
-    for _ in range(ROUNDS):
+    for _ in range(20):
         residual, jacobian = _linearised(R, T, term, x1, x2)
         scale = robust_sigma(residual, floor)
         weighted = jacobian * geman_mcclure(residual, GATE_SIGMAS * scale)[:, None]
         normal = weighted.T @ jacobian
         normal += 1e-12 * np.trace(normal) * np.eye(6)
         step = np.asarray(-np.linalg.solve(normal, weighted.T @ residual), float)
-        # half an image may leave the six so open that a full step leads astray
-        for size in STEP_SIZES:
+        # half an image may determine the six so poorly that a full step diverges
+        for size in (1.0, 0.3, 0.1):
             moved = _moved(R, T, term, size * step)
             if _cost(_residual(*moved, x1, x2), scale) <= _cost(residual, scale):
                 R, T, term = moved
                 break
         else:
             break
-        if np.abs(step).max() < SETTLED:
+        if np.abs(step).max() < 1e-5:  # rad
             break
     return LensMisfit(term, scale * float(np.sqrt(np.linalg.inv(normal)[5, 5])), before, scale), R, T
 
 
 def _moved(R: FloatArray, T: FloatArray, term: float, step: FloatArray) -> tuple[FloatArray, FloatArray, float]:
     direction = T + tangent_basis(T) @ step[3:5]
-    term = float(np.clip(term + step[5], -MOST_TERM, MOST_TERM))
+    term = float(np.clip(term + step[5], -1.0, 1.0))  # a stronger distortion needs another lens model
     return rotation_from_vector(step[:3]) @ R, direction / np.linalg.norm(direction), term
 
 
 def _residual(R: FloatArray, T: FloatArray, term: float, x1: FloatArray, x2: FloatArray) -> FloatArray:
-    """Epipolar residual (n,) of the rays that a term makes of the coordinates."""
+    """Epipolar residual (n,) of the coordinates corrected by a term."""
     straight1, straight2 = (x * (1 + term * (x * x).sum(1, keepdims=True)) for x in (x1, x2))
     return epipolar_residual(R, T, straight1, straight2)
 
 
 def _cost(residual: FloatArray, scale: float) -> float:
+    """Geman-McClure cost, summed."""
     square = (residual / (GATE_SIGMAS * scale)) ** 2
     return float((square / (1 + square)).sum())
 

@@ -1,4 +1,4 @@
-"""Angles between what was estimated and what is true, accurate to the last digits even when they are tiny."""
+"""Angles between directions, normals and rotations, accurate for tiny angles too."""
 
 from __future__ import annotations
 

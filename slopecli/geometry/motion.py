@@ -1,4 +1,4 @@
-"""The motion alone, from correspondences that lie on no plane in particular: residual, refinement, inverse depth."""
+"""Relative motion from correspondences without planes: epipolar residual, robust refinement, inverse depth."""
 
 from __future__ import annotations
 
@@ -10,16 +10,13 @@ from slopecli.geometry.epipolar import homogeneous, rotation_from_vector, skew, 
 from slopecli.geometry.statistics import GATE_SIGMAS, geman_mcclure, median, robust_sigma
 from slopecli.types import FloatArray
 
-SETTLED_RAD = 1e-6  # a step this small, a thousandth of a pixel, ends a refinement
-TRUNCATE_SIGMAS = 4.0  # sigmas beyond which a mismatch costs no more, however far off it is
-
 
 @dataclass(frozen=True, eq=False)
 class MotionEstimate:
-    """A motion P2 = R (P1 - T) with R (3, 3), T (3,) unit, and how well it fits the matches it was scored on.
+    """A motion P2 = R (P1 - T) with R (3, 3), T (3,) unit, and its fit to the matches it was scored on.
 
-    scale : robust 1-sigma of the epipolar residual, normalised coordinates.  cost : mean square of the residual,
-    truncated.  front : share of the matches near their epipolar lines that lie in front of the camera.
+    scale : robust 1-sigma of the epipolar residual, normalised coordinates.  cost : truncated mean square of the
+    residual.  front : share of the matches near their epipolar lines that lie in front of the camera.
     """
 
     R: FloatArray
@@ -47,7 +44,7 @@ def _residual_parts(R: FloatArray, T: FloatArray, p1: FloatArray, p2: FloatArray
 
 
 def _cross(a: FloatArray, b: FloatArray) -> FloatArray:
-    """Cross products of rows (n, 3): the library's takes several times as long for few."""
+    """Cross products of rows (n, 3), several times as fast as np.cross for a few hundred."""
     product = np.empty(a.shape)
     (a0, a1, a2), (b0, b1, b2) = a.T, b.T
     product[:, 0], product[:, 1], product[:, 2] = a1 * b2 - a2 * b1, a2 * b0 - a0 * b2, a0 * b1 - a1 * b0
@@ -59,14 +56,14 @@ def refine_motion(
 ) -> MotionEstimate:
     """Robust Gauss-Newton on the epipolar residual over the five parameters of the motion.
 
-    Geman-McClure weights (Geman and McClure 1987), whose scale follows the residuals.
+    Geman-McClure weights, whose scale follows the residuals.
 
     Parameters
     ----------
     R, T : (3, 3) and (3,) motion to start from.
-    x1, x2 : (n, 2) normalised coordinates, mismatches among them.
-    bounds : smallest and largest sigma believed, normalised coordinates; the upper one keeps a majority of mismatches
-        from passing for noise.
+    x1, x2 : (n, 2) normalised coordinates; some may be mismatches.
+    bounds : smallest and largest sigma believed, normalised coordinates. The upper bound guards against a majority of
+        mismatches.
     """
     p1, p2 = homogeneous(x1), homogeneous(x2)
     scale = bounds[0]
@@ -85,23 +82,24 @@ def refine_motion(
         R = rotation_from_vector(step[:3]) @ R
         T = T + basis @ step[3:]
         T = T / np.linalg.norm(T)
-        if np.abs(step).max() < SETTLED_RAD:
+        if np.abs(step).max() < 1e-6:  # rad, about a thousandth of a pixel
             break
     return assess_motion(R, T, x1, x2, scale)
 
 
 def assess_motion(R: FloatArray, T: FloatArray, x1: FloatArray, x2: FloatArray, scale: float) -> MotionEstimate:
-    """Score a motion; of T and -T the one that puts more of the scene in front of the camera.
+    """Score a motion, with the sign of T that puts more of the scene in front of the camera.
 
-    scale : 1-sigma of the residual, normalised coordinates, that costs are truncated by; costs under one scale compare.
+    scale : 1-sigma of the residual, normalised coordinates. Residuals are truncated at four of them; costs can be
+        compared only under the same scale.
     """
-    limit = TRUNCATE_SIGMAS * scale
+    limit = 4.0 * scale
     w, leverage = inverse_depth(R, T, x1, x2)
     residual = np.abs(epipolar_residual(R, T, x1, x2))
     near = residual < limit
     if near.any() and median(w[near] * leverage[near]) < 0:
         return assess_motion(R, -T, x1, x2, scale)
-    # a far point's inverse depth may fall below zero by noise alone; further behind it is a mismatch
+    # noise alone may make a far point's inverse depth slightly negative
     behind = w * leverage < -limit
     cost = float(np.mean(np.where(behind, limit**2, np.minimum(residual, limit) ** 2)))
     front = float(np.mean(~behind[near])) if near.any() else 0.0
@@ -118,7 +116,7 @@ def inverse_depth(R: FloatArray, T: FloatArray, x1: FloatArray, x2: FloatArray) 
     Returns
     -------
     w : (n,) with x2 ~ R (x1 - w T), 1/baseline; negative behind the camera, and by noise far away.
-    leverage : (n,) |d x2 / d w|; near 0 where the camera moves along the line of sight, and w is unknown.
+    leverage : (n,) |d x2 / d w|; near 0 at the focus of expansion, where w is undetermined.
     """
     a, b = homogeneous(x1) @ R.T, R @ T
     along = b[:2] - x2 * b[2]

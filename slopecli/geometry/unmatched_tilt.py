@@ -1,4 +1,4 @@
-"""What the part of a window that is seen leaves open of the plane nearest to the whole of it."""
+"""Slope uncertainty due to the unmatched part of a window."""
 
 from __future__ import annotations
 
@@ -6,20 +6,19 @@ import numpy as np
 
 from slopecli.types import BoolArray, FloatArray
 
-# by how much ground is believed to bend from one place to the next before it is seen, 1-sigma about either axis
-BEND_RAD = np.radians(10.0)
+BEND_RAD = np.radians(10.0)  # 1-sigma by which unmatched ground is assumed to tilt against matched ground, either axis
 
 
 def lever(at: FloatArray, seen: BoolArray) -> float:
-    """Tilt of the whole over the tilt that sets in where what is seen ends, along the direction it matters most in.
+    """Tilt of the plane fitted to the whole window per unit of tilt of its unmatched part, in the worst direction.
 
     Parameters
     ----------
-    at : (n, 2) places all over the window, px from its middle.  seen : (n,).
+    at : (n, 2) places all over the window, px from its middle.  seen : (n,) which of them have matches.
 
     Returns
     -------
-    share : 0 where all is seen, 1 where nothing is.
+    share : 0 where all have matches, 1 where none has.
     """
     if seen.all() or not seen.any():
         return 0.0 if seen.all() else 1.0

@@ -175,7 +175,7 @@ def with_cells(patch: Patch, cells: Cells, scene: Scene, possible: float) -> Pat
     plane = robust_plane(x1[good], w, leverage, FLOOR_PX / focal / cells.pixel_scale)
     score = median(cells.agreement[good])
     sigma = _poor_match_rad(share, score)
-    sigma += plane.doubt_rad(homogeneous(x1[good]) * leverage[:, None], w * leverage)
+    sigma += plane.tilt_sigma_rad(homogeneous(x1[good]) * leverage[:, None], w * leverage)
     keep = np.flatnonzero(good)[plane.inlier]
     matches = Matches(cells.uv1, cells.uv2, x1, x2).take(keep)
     across = epipolar_residual(scene.R, scene.T, matches.x1, matches.x2) * focal

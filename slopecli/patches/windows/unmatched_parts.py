@@ -26,7 +26,6 @@ BESIDE = 0.25  # of a window's longer side: what is as near to a gap tells what 
 BESIDE_COUNT, LEAST_BESIDE = 8, 3  # matches of the overview that tell it of every cell, and in all
 CONTRADICTED = 0.45  # of a window's longer side: how far off its plane what is not found on it may stand
 MIN_IN_BLOCK = 6  # matches that give a block of ground its plane
-BLOCK_LIFT = 1e-12  # of the trace of a block's equations
 BLOCK_CELLS = 4.0  # a block is at least so many spacings of matches wide
 BEND_COUNT = 3.0  # pairs of blocks that what is believed of the ground before it is seen is worth
 
@@ -174,7 +173,7 @@ def _block_normals(evidence: Evidence, side_px: float) -> FloatArray:
     sums = np.array([np.bincount(block, column, rows * columns) for column in products.T]).T
     enough = np.bincount(block, minlength=rows * columns) >= MIN_IN_BLOCK
     normals = np.full((rows * columns, 3), np.nan)
-    normals[enough] = planes_of_sums(sums[enough], BLOCK_LIFT)
+    normals[enough] = planes_of_sums(sums[enough])
     return np.asarray(normals / np.linalg.norm(normals, axis=1, keepdims=True)).reshape(rows, columns, 3)
 
 

@@ -1,23 +1,20 @@
-"""Where the tilt of a plane is more open than its linearised sigma says."""
+"""How much larger the tilt error of a poorly determined plane is than linear error propagation says."""
 
 from __future__ import annotations
 
-from functools import lru_cache
+from functools import cache
 
 import numpy as np
 
 from slopecli.types import FloatArray
 
-_LINEAR = 1.05  # growth of a sigma below which linearising it is good enough
-_WELL_KNOWN = 0.05  # 1-sigma over length, in any direction, of a normal whose tilt grows by far less than that
-
 
 def tilt_growth(normals: FloatArray, covariance: FloatArray) -> FloatArray:
-    """How many times larger the RMS error of each tilt is than its derivative by the scaled normal says, at least 1.
+    """Ratio of the RMS tilt error of each plane to its first-order value, at least 1.
 
-    Points tell the scaled normal, and its error is Gaussian. The tilt is the direction of that normal alone. Points
-    that lie nearly on a line leave the normal so open along one direction that it may be several times too long; seen
-    from there, what leaves it open hardly turns it. The mean over the error itself knows better.
+    The error of a scaled normal is Gaussian, the tilt depends on its direction alone. With nearly collinear points the
+    normal's sigma in one direction exceeds its length, and linear error propagation fails. The RMS tilt is therefore
+    integrated over the Gaussian error.
 
     Parameters
     ----------
@@ -25,27 +22,28 @@ def tilt_growth(normals: FloatArray, covariance: FloatArray) -> FloatArray:
 
     Returns
     -------
-    growth : (m,), exactly 1 where linearising is good to 5 %.
+    growth : (m,), exactly 1 where first order is good to 5 %.
     """
     values, vectors = np.linalg.eigh(covariance)
     growth = np.ones(len(normals))
-    vague = np.sqrt(np.maximum(values[:, 2], 0.0)) > _WELL_KNOWN * np.linalg.norm(normals, axis=1)
+    # below a relative sigma of 0.05 the growth is far below 5 %
+    vague = np.sqrt(np.maximum(values[:, 2], 0.0)) > 0.05 * np.linalg.norm(normals, axis=1)
     if vague.any():
         factor = vectors[vague] * np.sqrt(np.maximum(values[vague], 0.0))[:, None, :]
         growth[vague] = _mean_growth(normals[vague], factor)
-    return np.where(growth > _LINEAR, growth, 1.0)
+    return np.where(growth > 1.05, growth, 1.0)
 
 
-@lru_cache(maxsize=1)
+@cache
 def _nodes() -> tuple[FloatArray, FloatArray]:
-    """Gauss-Hermite in three dimensions, (729, 3) and weights (729,): 9 nodes reach 4.5 standard deviations."""
+    """Gauss-Hermite nodes (729, 3) and weights (729,) in three dimensions; 9 a dimension reach 4.5 sigma."""
     nodes, weights = np.polynomial.hermite_e.hermegauss(9)
     z = np.stack(np.meshgrid(nodes, nodes, nodes, indexing="ij"), axis=-1).reshape(-1, 3)
     return z, np.einsum("i,j,k->ijk", weights, weights, weights).ravel() / (2.0 * np.pi) ** 1.5
 
 
 def _mean_growth(normals: FloatArray, factor: FloatArray) -> FloatArray:
-    """(m,) growth of tilts; factor (m, 3, 3) times its transpose is the covariance of the scaled normals (m, 3)."""
+    """(m,) RMS tilt over its first-order value; factor @ factor^T (m, 3, 3) is the covariance of the normals (m, 3)."""
     z, weight = _nodes()
     length = np.linalg.norm(normals, axis=1)[:, None]
     unit = normals / length
