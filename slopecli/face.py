@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import importlib
+import sys
 from collections.abc import Callable, Mapping
 from typing import Any
 
 
 def lazy_names(package: str, names: Mapping[str, str]) -> tuple[Callable[[str], Any], Callable[[], list[str]]]:
-    """Make the `__getattr__` and `__dir__` of a package that publishes names of its modules.
+    """Make the `__getattr__` and the `__dir__` of a package that publishes names of its modules.
 
     Parameters
     ----------
@@ -26,4 +27,4 @@ def lazy_names(package: str, names: Mapping[str, str]) -> tuple[Callable[[str], 
             importlib.import_module(module if module.startswith("slopecli") else f"{package}.{module}"), name
         )
 
-    return get, lambda: sorted(module_of)
+    return get, lambda: sorted({*module_of, *vars(sys.modules[package])})
