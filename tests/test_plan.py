@@ -357,9 +357,9 @@ def test_windows_that_estimate_would_not_tell_are_poor() -> None:
 
 def test_limits_are_those_of_estimate() -> None:
     from slopecli.patches.windows import matching
-    from slopecli.report import build as report
+    from slopecli.report import answered_planes
 
-    assert baseline_module.HALF_SEEN == report.LEAST_SEEN
+    assert baseline_module.HALF_SEEN == answered_planes.LEAST_MATCHED
     assert flight_module.LEAST_SHARE == matching.MIN_SHARE
 
 

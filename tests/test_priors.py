@@ -132,7 +132,7 @@ def test_however_sharp_a_prior_the_answer_it_rules_out_is_kept_with_the_margin(s
         assert np.abs(tilts(scene, found.ambiguity.alternative)).max() > 10 * DEG
         by_prior, in_all = found.ambiguity.delta_chi2_prior, found.ambiguity.delta_chi2
         assert in_all == pytest.approx(by_prior, abs=20.0, rel=1e-9)  # the images are all but neutral
-        apart = 2 * np.sin(40.7 / 2 * DEG)  # of the two motions, as test_second_answer has it
+        apart = 2 * np.sin(40.7 / 2 * DEG)  # of the two motions, as test_second_root has it
         assert by_prior == pytest.approx((apart / max(sigma_deg * DEG, 1e-7)) ** 2, rel=0.2)
         assert solved(scene).ambiguity.delta_chi2_prior is None
 

@@ -7,11 +7,11 @@ __getattr__, __dir__ = lazy_names(
     {
         "checks": "check_answer check_pair",
         "codes": "CODES",
-        "facts": "AnswerFacts PairFacts",
+        "facts": "AnswerFacts PairFacts epipole1_px",
         "known_motion": "motion_prior rotation_of_quaternion",
         "pair_checks": "check_lens refuse_identical refuse_mirrored refuse_unmatched",
         "parallax": "check_parallax parallax_px",
-        "plane_checks": "epipole1_px focus_of_expansion_in_plane",
+        "plane_checks": "focus_of_expansion_in_plane",
         "separation": "Separation",
         "wording": "beside finding",
     },

@@ -10,7 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from slopecli.findings.separation import Separation
-from slopecli.geometry.epipolar import homogeneous
+from slopecli.geometry.camera import pixels_from_rays
+from slopecli.geometry.epipolar import focus_of_expansion, homogeneous
 from slopecli.geometry.statistics import median
 from slopecli.look.changes import Change
 from slopecli.look.scene import Scene
@@ -18,7 +19,7 @@ from slopecli.options import Options
 from slopecli.patches.given.rows import RAYS
 from slopecli.patches.join import Joined
 from slopecli.patches.patch import Patch
-from slopecli.types import BoolArray, Camera, FloatArray, Image, Plane, Solution
+from slopecli.types import BoolArray, Camera, FloatArray, Image, IntArray, Plane, Solution
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,38 +36,42 @@ class PairFacts:
 class AnswerFacts:
     """The planes of an answer, and what they were computed from.
 
-    noise : 1-sigma of a match of weight one by its residuals, normalised coordinates.
     labels : (h, w) plane id per pixel of image 1, 0 for none.
     length_m : between the cameras, None where it is not known.
-    epipole1_px : in image 1, None where it lies outside.
     changes : areas of image 1 that changed between the images.
     """
 
     planes: tuple[Plane, ...]
     solution: Solution
     joined: Joined
-    camera2: Camera
+    cameras: tuple[Camera, Camera]
     options: Options
-    noise: float
     labels: NDArray[np.uint16]
     length_m: float | None = None
-    epipole1_px: tuple[float, float] | None = None
     changes: Sequence[Change] = field(default_factory=tuple)
 
     @property
     def focal_px(self) -> float | None:
         """Focal length of camera 2, None for rays without a camera."""
-        return None if self.camera2 is RAYS else self.camera2.focal_px
+        return None if self.cameras[1] is RAYS else self.cameras[1].focal_px
+
+    @cached_property
+    def epipole1_px(self) -> tuple[float, float] | None:
+        """Pixel of image 1 the camera moves towards or away from, None when it is not inside the image."""
+        return epipole1_px(self.solution, self.cameras[0])
+
+    @cached_property
+    def noise(self) -> float:
+        """1-sigma of a match of weight one, normalised coordinates; of given correspondences by their residuals."""
+        given = self.joined.patches[0].source == "given"
+        return measured_noise(self.solution, self.joined.plane) if given else self.solution.noise
 
     @property
     def noise_px(self) -> float:
         """1-sigma of the median match, px; NaN without a camera."""
-        return float("nan") if self.focal_px is None else self.noise_of_median * self.focal_px
-
-    @property
-    def noise_of_median(self) -> float:
-        """1-sigma of the median match, normalised coordinates."""
-        return self.noise / float(np.sqrt(median(self.joined.weight)))
+        if self.focal_px is None:
+            return float("nan")
+        return self.noise / float(np.sqrt(median(self.joined.weight))) * self.focal_px
 
     @cached_property
     def separation(self) -> Separation:
@@ -93,3 +98,24 @@ class AnswerFacts:
             return np.asarray(self.labels[rows, columns] == plane.id)
         low, high = plane.polygon_px.min(0), plane.polygon_px.max(0)
         return np.asarray(((low < points) & (points < high)).all(1))
+
+
+def epipole1_px(solution: Solution, camera1: Camera) -> tuple[float, float] | None:
+    """Pixel of image 1 the camera moves towards or away from, None when it is not inside the image."""
+    focus = focus_of_expansion(solution.T)
+    if focus is None:
+        return None
+    u, v = pixels_from_rays(camera1, focus[None])[0]
+    inside = -0.5 <= u < camera1.width - 0.5 and -0.5 <= v < camera1.height - 0.5  # False for NaN, too
+    return (float(u), float(v)) if inside else None
+
+
+def measured_noise(solution: Solution, plane: IntArray) -> float:
+    """1-sigma of a match of weight one by its residuals, normalised, at most the noise that the solution was given.
+
+    plane : (n,) index of the plane of each match, -1 for none.
+    """
+    on_none = int((plane[solution.inlier] < 0).sum())
+    residuals = 2 * int(solution.inlier.sum()) - on_none
+    freedom = residuals - 5 - 3 * len(solution.scaled_normals)
+    return float(solution.noise * min(np.sqrt(solution.chi2 / max(freedom, 1)), 1.0))

@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import numpy as np
-
 from slopecli.findings.facts import AnswerFacts
 from slopecli.findings.wording import finding
-from slopecli.types import Diagnostic, IntArray, Solution
+from slopecli.types import Diagnostic, Solution
 
 POOR_FIT_PX = 0.5  # noise of matches beyond which the cameras or the images are suspect
 
@@ -16,17 +14,6 @@ def solver_remedy(solution: Solution) -> str:
     if solution.solver == "lh" or (solution.solver == "ha" and not solution.converged):
         return f"--solver {solution.solver} does not minimise residuals; use mle"
     return ""
-
-
-def measured_noise(solution: Solution, plane: IntArray) -> float:
-    """1-sigma of a match of weight one by its residuals, normalised, at most the noise that the solution was given.
-
-    plane : (n,) index of the plane of each match, -1 for none.
-    """
-    on_none = int((plane[solution.inlier] < 0).sum())
-    residuals = 2 * int(solution.inlier.sum()) - on_none
-    freedom = residuals - 5 - 3 * len(solution.scaled_normals)
-    return float(solution.noise * min(np.sqrt(solution.chi2 / max(freedom, 1)), 1.0))
 
 
 def large_residuals(facts: AnswerFacts) -> list[Diagnostic]:

@@ -17,7 +17,7 @@ from slopecli.patches.given.rows import FEWEST, RAYS
 from slopecli.patches.join import Joined
 from slopecli.types import Camera, Diagnostic, Solution
 
-FAR = 2.0  # times the noise given, beyond which residuals contradict it
+TIMES_NOISE = 2.0  # times the noise given, beyond which residuals contradict it
 NOISY_PX = 2.0  # residuals no matcher leaves; points marked by hand need --noise
 
 
@@ -103,7 +103,7 @@ def _off_plane(solved: GivenSolution, noise: float | None) -> list[str]:
 
 def _off_plane_of(k: int, solved: GivenSolution, noise: float | None, growth: float) -> str:
     seen = solved.flatness
-    if seen.off[k] and noise is not None and seen.both[k] > FAR * noise:
+    if seen.off[k] and noise is not None and seen.both[k] > TIMES_NOISE * noise:
         return f"{NON_PLANAR}: residuals are {seen.both[k] / noise:.2g} times the noise given"
     if solved.emptied[k]:
         return f"{NON_PLANAR}: too many of its rows lie off it"
@@ -112,7 +112,7 @@ def _off_plane_of(k: int, solved: GivenSolution, noise: float | None, growth: fl
     if solved.unchecked[k]:
         return f"{NON_PLANAR}: only {FEWEST} rows were kept, which fit any plane, so the mismatch may be among them"
     bent = seen.shaped[k] or not solved.solution.relief.any()
-    if seen.off[k] and seen.along[k] > FAR * seen.across and bent:
+    if seen.off[k] and seen.along[k] > TIMES_NOISE * seen.across and bent:
         return f"{NON_PLANAR}: its rows do not lie on one plane"
     return ""
 
@@ -120,7 +120,7 @@ def _off_plane_of(k: int, solved: GivenSolution, noise: float | None, growth: fl
 def _reasons(facts: GivenFacts) -> list[str]:
     """(m,) why each plane is poor, "" where it is not."""
     m = len(facts.off_plane)
-    if facts.noise is not None and facts.measured > FAR * facts.noise:
+    if facts.noise is not None and facts.measured > TIMES_NOISE * facts.noise:
         return [f"residuals are {facts.measured / facts.noise:.3g} times the noise given"] * m
     if _is_noisy(facts):
         return [f"residuals of {facts.measured * facts.per:.3g} px"] * m
@@ -151,7 +151,7 @@ def _beyond_the_noise(facts: GivenFacts) -> list[Diagnostic]:
         return []
     times = worst / facts.noise
     measured, given = (f"{sigma * facts.per:.3g} {facts.unit}" for sigma in (worst, facts.noise))
-    if times <= FAR:
+    if times <= TIMES_NOISE:
         message = f"residuals are {measured}, more than the noise given, {given}; sigmas are based on the residuals"
         return [finding("noise-exceeded", message, worst * facts.per)]
     message = f"residuals are {times:.3g} times the noise given: {measured}, given {given}"

@@ -16,8 +16,6 @@ from slopecli.options import Options
 from slopecli.patches.join import excess_px
 from slopecli.types import Diagnostic, FloatArray, Solution
 
-# chi-square at 0.999 by the number of directions a prior fixes
-CONTRADICTED = {2: 13.8, 3: 16.3, 5: 20.5}
 USELESS_DEG = 90.0  # a 1-sigma that excludes no direction
 
 
@@ -96,7 +94,7 @@ def contradiction(
     own, whose noise is given and which have no systematic errors to allow for.
     """
     fixed = 3 * (prior.rotation is not None) + 2 * (prior.direction is not None)
-    chi2, limit = solution.prior_chi2 or 0.0, CONTRADICTED[fixed]
+    chi2, limit = solution.prior_chi2 or 0.0, {2: 13.8, 3: 16.3, 5: 20.5}[fixed]  # quantile 0.999
     if chi2 <= limit:
         return None
     what = {2: "direction", 3: "rotation", 5: "motion"}[fixed]

@@ -13,7 +13,7 @@ from slopecli.look.lens import lens_misfit
 from slopecli.types import Camera, Diagnostic, FloatArray, Image
 
 FEW_FEATURES = 60  # in an image with hardly any texture
-MIN_INLIERS, MIN_SHARE = 20, 0.12  # of the tentative matches: fewer agree on a motion by chance
+MIN_INLIERS, INLIER_SHARE = 20, 0.12  # of the tentative matches: fewer agree on a motion by chance
 STRANGE_SHARE, UNEXPLAINED_SHARE = 0.15, 0.5  # of the dense matches that contradict the motion: warned of, refused
 DISTORTED_PX = 1.0  # at the corner: a lens that is this close to its model is not reported
 
@@ -39,7 +39,7 @@ def refuse_unmatched(n_features: tuple[int, int], n_matches: int, n_inliers: int
             "use sharper, larger, better exposed or closer images",
             value=float(few),
         )
-    if n_inliers < MIN_INLIERS or n_inliers < MIN_SHARE * n_matches:
+    if n_inliers < MIN_INLIERS or n_inliers < INLIER_SHARE * n_matches:
         raise NoAnswer(
             "no-overlap",
             f"of {n_matches} tentative matches only {n_inliers} agree on one motion (at least {MIN_INLIERS} needed)",

@@ -6,23 +6,11 @@ import numpy as np
 
 from slopecli.findings.facts import AnswerFacts
 from slopecli.findings.wording import finding
-from slopecli.geometry.camera import pixels_from_rays
-from slopecli.geometry.epipolar import focus_of_expansion
 from slopecli.patches.given.given_solution import MOST_LEFT_OUT
-from slopecli.types import Camera, Diagnostic, Plane, Solution
+from slopecli.types import Diagnostic, Plane
 
 NON_PLANAR = "non-planar-patch"  # as a diagnostic, and as the reason of a plane
 ROUGH = 0.025  # RMS height off the plane over distance beyond which a patch is not one plane
-
-
-def epipole1_px(solution: Solution, camera1: Camera) -> tuple[float, float] | None:
-    """Pixel of image 1 the camera moves towards or away from, None when it is not inside the image."""
-    focus = focus_of_expansion(solution.T)
-    if focus is None:
-        return None
-    u, v = pixels_from_rays(camera1, focus[None])[0]
-    inside = -0.5 <= u < camera1.width - 0.5 and -0.5 <= v < camera1.height - 0.5  # False for NaN, too
-    return (float(u), float(v)) if inside else None
 
 
 def upside_down(facts: AnswerFacts) -> list[Diagnostic]:

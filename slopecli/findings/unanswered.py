@@ -22,7 +22,31 @@ class Cause(NamedTuple):
     remedy: str
 
 
-def answered(plane: Plane) -> bool:
+def divide(
+    planes: list[Plane], main: Measured, joined: Joined, options: Options
+) -> tuple[list[Plane], tuple[Rejected, ...]]:
+    """The planes to report, and the patches without an answer: those without matches and those of unknown slope.
+
+    planes : of all patches with matches, in the solver's order.
+
+    Raises
+    ------
+    NoAnswer : no plane can be reported.
+    """
+    known = [plane for plane in planes if _is_known(plane)]
+    causes = _causes(planes, main, options)
+    if not known:
+        raise _no_slope_known(list(causes.values()), joined)
+    bare = [Rejected(patch.id, patch.footprint.polygon_px, patch.code, patch.reason) for patch in joined.unanswered]
+    unknown = [
+        Rejected(plane.id, plane.polygon_px, causes[plane.id].code, causes[plane.id].message)
+        for plane in planes
+        if plane.id in causes
+    ]
+    return known, tuple(sorted(bare + unknown, key=lambda one: one.id))
+
+
+def _is_known(plane: Plane) -> bool:
     """Whether a plane is reported: its slope is known, and it lies in front of the camera (NaN compares false).
 
     A window, which was asked for, is reported up to a sigma of 60 degrees; a plane that was found up to `max_sigma`.
@@ -30,8 +54,8 @@ def answered(plane: Plane) -> bool:
     return plane.slope_sigma_deg <= MOST_SIGMA_DEG and plane.distance > 0 and (plane.slope_known or not plane.found)
 
 
-def causes(planes: list[Plane], main: Measured, options: Options) -> dict[int, Cause]:
-    """Why planes, in the solver's order, are not reported; by id."""
+def _causes(planes: list[Plane], main: Measured, options: Options) -> dict[int, Cause]:
+    """Why planes are not reported, by id."""
     up_sigma = np.radians(options.up_sigma_deg)
     spread = main.slopes.tilt_covariance - up_sigma**2 * np.eye(2)
     # the larger 1-sigma of the tilt, deg, without that of up, which is the same in both directions
@@ -39,7 +63,7 @@ def causes(planes: list[Plane], main: Measured, options: Options) -> dict[int, C
     return {
         plane.id: _cause(plane, float(sigma), options)
         for plane, sigma in zip(planes, alone, strict=True)
-        if not answered(plane)
+        if not _is_known(plane)
     }
 
 
@@ -73,22 +97,11 @@ def _cause(plane: Plane, alone_deg: float, options: Options) -> Cause:
     )
 
 
-def no_slope_known(found: dict[int, Cause], joined: Joined) -> NoAnswer:
+def _no_slope_known(causes: list[Cause], joined: Joined) -> NoAnswer:
     """The refusal where no plane is reported, with the commonest cause."""
-    codes = [cause.code for cause in found.values()]
-    cause = max(found.values(), key=lambda cause: codes.count(cause.code))
+    codes = [cause.code for cause in causes]
+    cause = max(causes, key=lambda cause: codes.count(cause.code))
     asked = [*joined.patches, *joined.unanswered]
     whose = f"all {len(asked)} {asked[0].noun}s"
     reason = f"the matches of {whose} do not determine their slopes: {cause.message}"
     return NoAnswer(cause.code, reason, cause.remedy)
-
-
-def rejected(joined: Joined, planes: list[Plane], found: dict[int, Cause]) -> tuple[Rejected, ...]:
-    """Patches without matches, and those whose matches do not determine the slope, by id."""
-    bare = [Rejected(patch.id, patch.footprint.polygon_px, patch.code, patch.reason) for patch in joined.unanswered]
-    vague = [
-        Rejected(plane.id, plane.polygon_px, found[plane.id].code, found[plane.id].message)
-        for plane in planes
-        if plane.id in found
-    ]
-    return tuple(sorted(bare + vague, key=lambda one: one.id))

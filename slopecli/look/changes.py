@@ -24,10 +24,9 @@ from slopecli.look.warp import FloatImage, Grid, covered, cut, resample, transfe
 from slopecli.types import BoolArray, FloatArray
 
 LEAST_AREA = 0.01  # of image 1: relief and specular reflections make areas of up to 0.7 %
-BLOCK = 6  # px of a cell, of image 1 averaged down to 1e5 px
+BLOCK_PX = 6  # px of a cell, of image 1 averaged down to 1e5 px
 SAME_GROUND = 0.6  # correlation of the texture of a cell from which on both images show the same ground
 DARKER = 0.25  # change of log brightness that counts, if it is 4 sigmas as well; a shadow's is 0.4 and more
-SCATTER = 0.03, 0.1  # smallest and largest 1-sigma of the log brightness of unchanged ground
 CONTRADICTING_PX = 3.0  # off its epipolar line, or behind the camera: a match of something that moved
 
 
@@ -65,10 +64,10 @@ def _connected(mask: BoolArray) -> BoolArray:
 def _brightness(scene: Scene) -> Change:
     """Ground with the same texture in both images whose brightness changed by more than exposure and lens explain."""
     grid, laid_over, seen = _image2_on_image1(scene)
-    rows, columns = grid.shape[0] // BLOCK, grid.shape[1] // BLOCK
+    rows, columns = grid.shape[0] // BLOCK_PX, grid.shape[1] // BLOCK_PX
 
     def mean(layer: FloatImage) -> FloatImage:
-        whole = np.ascontiguousarray(layer[: rows * BLOCK, : columns * BLOCK])
+        whole = np.ascontiguousarray(layer[: rows * BLOCK_PX, : columns * BLOCK_PX])
         return np.asarray(cv2.resize(whole, (columns, rows), interpolation=cv2.INTER_AREA), np.float32)
 
     grey1 = grid.grey.astype(np.float32)
@@ -76,7 +75,7 @@ def _brightness(scene: Scene) -> Change:
     alike = mean(a * b) > SAME_GROUND * np.sqrt(mean(a * a) * mean(b * b) + 1e-6)
     change = _log_change(mean(grey1), mean(laid_over), mean(seen.astype(np.float32)) > 0.99)
     cells = np.argwhere(_connected(alike & (change > 1.0)) | _connected(alike & (change < -1.0)))
-    centres = (cells[:, ::-1].astype(float) + 0.5) * BLOCK - 0.5
+    centres = (cells[:, ::-1].astype(float) + 0.5) * BLOCK_PX - 0.5
     return Change("brightness", grid.full(centres), 1.0 / (rows * columns))
 
 
@@ -106,7 +105,7 @@ def _log_change(mean1: FloatImage, mean2: FloatImage, known: BoolArray) -> Float
     design = np.stack([np.ones(known.shape), u, v, log1 - median(log1)], -1)[known]
     target = (log2 - log1)[known].astype(float)
     start = np.array([median(target), 0.0, 0.0, 0.0])
-    fitted, sigma = robust_least_squares(design, target, start, SCATTER, rounds=10)
+    fitted, sigma = robust_least_squares(design, target, start, (0.03, 0.1), rounds=10)  # sigma of unchanged ground
     change[known] = (target - design @ fitted) / np.maximum(DARKER, 4.0 * sigma)
     return change
 

@@ -10,9 +10,7 @@ from numpy.typing import NDArray
 
 from slopecli.findings.checks import check_answer
 from slopecli.findings.facts import AnswerFacts
-from slopecli.findings.fit_checks import measured_noise
-from slopecli.findings.plane_checks import epipole1_px
-from slopecli.findings.unanswered import answered, causes, no_slope_known, rejected
+from slopecli.findings.unanswered import divide
 from slopecli.look.changes import Change
 from slopecli.measure import measure
 from slopecli.options import Options
@@ -50,23 +48,18 @@ def build_report(
     """
     main = measure(solution, joined, options)
     alternative = solution.ambiguity.alternative
-    second = None if alternative is None else measure(alternative, joined, options)
+    second = measure(alternative, joined, options) if alternative else None
     scale, length = scale_of(main, joined, options)
-    every = planes_of(main, second, joined, cameras, options)
-    planes = tuple(in_unit(plane, scale, length) for plane in every if answered(plane))
-    unknown = causes(every, main, options)
-    if not planes:
-        raise no_slope_known(unknown, joined)
+    known, rejected = divide(planes_of(main, second, joined, cameras, options), main, joined, options)
+    planes = tuple(in_unit(plane, scale, length) for plane in known)
     facts = AnswerFacts(
         planes=planes,
         solution=solution,
         joined=joined,
-        camera2=cameras[1],
+        cameras=cameras,
         options=options,
-        noise=_noise(solution, joined),
         labels=_labels(joined, planes, images[0]),
         length_m=length if scale.unit == "m" else None,
-        epipole1_px=epipole1_px(solution, cameras[0]),
         changes=changes,
     )
     return Report(
@@ -79,18 +72,12 @@ def build_report(
         fit=fit_of(solution, joined, cameras[1]),
         ambiguity=ambiguity_report(main, second, joined, planes, length, options),
         planes=planes,
-        rejected=rejected(joined, every, unknown),
+        rejected=rejected,
         diagnostics=(*diagnostics, *check_answer(facts)),
         labels=facts.labels,
         epipole1_px=facts.epipole1_px,
         segmentation=joined.segmentation,
     )
-
-
-def _noise(solution: Solution, joined: Joined) -> float:
-    """1-sigma of a match of weight one by its residuals: the solution's own may have been given by the user."""
-    given = joined.patches[0].source == "given"
-    return measured_noise(solution, joined.plane) if given else solution.noise
 
 
 def _labels(joined: Joined, planes: Sequence[Plane], image: Image | ImageInfo) -> NDArray[np.uint16]:

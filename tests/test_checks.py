@@ -251,8 +251,9 @@ def in_planes(
     planes: tuple[Plane, ...], labels: NDArray[np.uint16], epipole: tuple[float, float] | None
 ) -> list[Diagnostic]:
     """The findings about an epipole, for which nothing but planes and labels is looked at."""
+    T = (1.0, 0.0, 0.0) if epipole is None else np.linalg.inv(CAMERA.K) @ [*epipole, 1.0]
     nothing: Any = None
-    facts = AnswerFacts(planes, nothing, nothing, CAMERA, Options(), 0.0, labels, epipole1_px=epipole)
+    facts = AnswerFacts(planes, make_solution([10], T=T), nothing, (CAMERA, CAMERA), Options(), labels)
     return focus_of_expansion_in_plane(facts)
 
 
@@ -307,7 +308,7 @@ def test_a_second_motion_is_a_warning_only_while_it_is_not_ruled_out() -> None:
     assert reported(make_report_of(with_second_root(solution, [30, 30], status="resolved"))) == []
 
 
-def test_a_solution_that_did_not_settle_is_a_poor_fit() -> None:
+def test_a_solution_that_did_not_converge_is_a_poor_fit() -> None:
     (found,) = make_report_of(make_solution([10, 20], converged=False)).diagnostics
     assert (found.code, found.severity) == ("poor-fit", "warning")
     assert "camera file" in str(found.remedy)
