@@ -39,7 +39,7 @@ class Options:
 
     grid: tuple[int, int] = (3, 3)  # the paper's nine windows
     windows: tuple[tuple[int, int, int, int], ...] = ()
-    planes: Literal["windows", "ransac", "regions"] = "windows"  # what is held to be a plane: see planes/
+    planes: str = "windows"  # what is held to be a plane: a choice of patches.FINDERS
     min_region_percent: float = 0.3  # of image 1: a smaller plane is not reported, its slope would be hearsay
     gradient_threshold: float | None = None  # grey levels per px; None: adapts to the image
     merge_px: float = 1.0  # two planes that send pixels this close together in image 2 may be one

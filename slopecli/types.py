@@ -17,9 +17,7 @@ IntArray = NDArray[np.int64]
 BoolArray = NDArray[np.bool_]
 
 CameraModel = Literal["pinhole", "brown", "fisheye"]
-Source = Literal["window", "ransac", "region", "given"]  # how a patch was found
 Verdict = Literal["safe", "unsafe", "undecided"]
-NOUNS: dict[Source, str] = {"window": "window", "ransac": "plane", "region": "region", "given": "plane"}  # in messages
 
 
 @dataclass(frozen=True)
@@ -249,7 +247,7 @@ class Plane:
     """One answered patch. normal_cam1 points out of the surface. distance, roughness and p_safe: see docs/output.md."""
 
     id: int
-    source: Source
+    source: str
     polygon_px: FloatArray
     normal_cam1: FloatArray
     distance: float
@@ -269,16 +267,8 @@ class Plane:
     reason: str | None = None
     slope_known: bool = True  # its sigma is at most `max_sigma_deg`; not in JSON, which has both numbers
     rms_mrad: float | None = None
-
-    @property
-    def found(self) -> bool:
-        """Whether it was found in the image (any shape), rather than given as a window or as correspondences."""
-        return self.source not in ("window", "given")
-
-    @property
-    def noun(self) -> str:
-        """What messages call it."""
-        return NOUNS[self.source]
+    noun: str = "window"  # what messages call it; this and `found` follow from its source and are not in JSON
+    found: bool = False  # it was found in the image (any shape), not given as a window or as correspondences
 
 
 @dataclass(frozen=True, eq=False)
@@ -329,4 +319,4 @@ class Report:
     @property
     def noun(self) -> str:
         """What messages call its patches, answered or not."""
-        return next((plane.noun for plane in self.planes if plane.source != "window"), NOUNS["window"])
+        return self.planes[0].noun if self.planes else "window"

@@ -8,6 +8,7 @@ from collections.abc import Sequence
 import cv2
 import numpy as np
 
+from slopecli.patches import FINDER_OF
 from slopecli.types import (
     Alternative,
     AlternativePlane,
@@ -104,6 +105,8 @@ def make_plane(
         "verdict": verdict,
         "p_safe": p_safe,
     }
+    finder = FINDER_OF[str(changes.get("source", "window"))]
+    values |= {"noun": finder.noun, "found": finder.found}
     return Plane(**{**values, **changes})  # type: ignore[arg-type]
 
 

@@ -15,7 +15,7 @@ from slopecli.patches import Footprint, Joined, Patch
 from slopecli.patches.windows import window_patch
 from slopecli.report import build_report
 from slopecli.study import project
-from slopecli.types import Ambiguity, FloatArray, Report, Solution, Source
+from slopecli.types import Ambiguity, FloatArray, Report, Solution
 from slopecli.windows import Window
 
 CAMERA = make_camera()
@@ -92,7 +92,7 @@ def make_report_of(
     windows: Sequence[Window] = WINDOWS,
     refused: Sequence[int] = (),
     patch_changes: dict[int, dict[str, object]] | None = None,
-    source: Source = "window",
+    source: str = "window",
     footprints: dict[int, Footprint] | None = None,
 ) -> Report:
     """The report of a solution whose planes lie in these windows; `refused` ones (by index) have no matches."""

@@ -13,7 +13,7 @@ from rich.console import Console
 
 from slopecli.cli.report_table import result_table, talk_lines
 from slopecli.cli.table import Table, draw_table
-from slopecli.types import Rejected, Scale, Source, Up
+from slopecli.types import Rejected, Scale, Up
 
 
 def rows_of(table: Table) -> list[str]:
@@ -198,9 +198,9 @@ def test_what_cannot_be_told_ground_from_roof_is_a_dash() -> None:
 
 
 @pytest.mark.parametrize(("source", "noun"), [("region", "region"), ("ransac", "plane")])
-def test_planes_found_and_refused_are_not_called_windows(source: Source, noun: str) -> None:
+def test_planes_found_and_refused_are_not_called_windows(source: str, noun: str) -> None:
     refused = Rejected(6, REGIONS.planes[0].polygon_px, "low-texture", "no texture in it")
-    planes = tuple(replace(plane, source=source) for plane in REGIONS.planes)
+    planes = tuple(replace(plane, source=source, noun=noun) for plane in REGIONS.planes)
     report = replace(REGIONS, planes=planes, rejected=(refused,), ambiguity=make_ambiguity(REGIONS))
     assert rows_of(result_table(report))[-1].split()[:3] == ["6", "-", "-"]
     talk = "\n".join(talk_lines(report))

@@ -446,7 +446,7 @@ def test_second_answer_stands_on_regions_too() -> None:
 
 def test_region_reports_of_any_shape_are_drawn_the_same_every_time() -> None:
     unseen = make_region_report()
-    unseen = replace(unseen, planes=(*unseen.planes, replace(unseen.planes[0], id=99, source="ransac")))
+    unseen = replace(unseen, planes=(*unseen.planes, replace(unseen.planes[0], id=99, source="ransac", found=True)))
     window = make_plane(50, rectangle(600, 10, 30, 30), 5.0)
     mixed = replace(unseen, planes=(*unseen.planes, window))
     for report in (unseen, mixed, make_region_report(EUROC)):

@@ -22,7 +22,7 @@ from slopecli.errors import InputError, NoAnswer
 from slopecli.options import Options
 from slopecli.patches import Footprint, Found, Patch, join_patches, window_footprint
 from slopecli.products import report_to_json
-from slopecli.types import Plane, Report, Source
+from slopecli.types import Plane, Report
 
 BORROWED = {"origin": "borrowed", "reason": "too little texture inside: this is the plane around it"}
 
@@ -402,7 +402,7 @@ def test_never_safe_where_the_slope_of_the_other_root_is_not_known() -> None:
 
 
 @pytest.mark.parametrize(("source", "noun"), [("window", "window"), ("ransac", "plane"), ("region", "region")])
-def test_messages_call_a_patch_what_it_is(source: Source, noun: str) -> None:
+def test_messages_call_a_patch_what_it_is(source: str, noun: str) -> None:
     partly = make_report_of(make_solution([5]), patch_changes={0: {"share": 0.3}}, source=source).planes[0]
     assert partly.reason == f"only 30 % of the {noun} could be matched"
     with pytest.raises(NoAnswer, match=f"the matches of all 2 {noun}s do not .*; choose larger {noun}s"):

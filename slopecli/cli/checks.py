@@ -10,14 +10,9 @@ import click
 from click.core import ParameterSource
 
 from slopecli.options import CameraChoice, Options
+from slopecli.patches import FINDERS
 
 CAMERA_FLAGS = ("camera", "intrinsics", "fov")
-# options that only some finders of planes use, and which these are
-FINDERS_WITH = {
-    ("windows",): ("grid", "windows"),
-    ("ransac", "regions"): ("min_region_percent",),
-    ("regions",): ("gradient_threshold", "merge_px", "debug_images"),
-}
 
 
 def given(ctx: click.Context, *names: str) -> list[str]:
@@ -68,8 +63,9 @@ def check_known_motion(ctx: click.Context) -> None:
 
 def check_planes(ctx: click.Context, finder: str) -> None:
     """Refuse options of one finder of planes together with another finder."""
-    for finders, names in FINDERS_WITH.items():
-        flags = given(ctx, *names)
+    for name in dict.fromkeys(name for row in FINDERS for name in row.options):
+        finders = [row.choice for row in FINDERS if name in row.options]
+        flags = given(ctx, name)
         if flags and finder not in finders:
             wanted = " or ".join(finders)
             raise click.UsageError(f"{flags[0]} is for --planes {wanted}, not for {finder}; leave one out.", ctx)

@@ -26,6 +26,7 @@ from slopecli.cli.parameter_types import (
 )
 from slopecli.cli.talk import Talk
 from slopecli.options import MOST_SIGMA_DEG, Options
+from slopecli.patches import FINDERS, PLANE_FINDERS
 from slopecli.products import BY_DEFAULT, CHOICES, PRODUCTS
 
 INPUT, OUTPUT, PLANES, FRAME = "Input", "Output", "Windows and planes", "Frame and scale"
@@ -77,8 +78,8 @@ finder_options = (
         PLANES,
         "--planes",
         "NAME",
-        choices_of("planes"),
-        "windows; or planes found among the matches (ransac) or in the image (regions)",
+        click.Choice(list(PLANE_FINDERS)),
+        "; ".join(finder.what for finder in FINDERS if finder.choice),
         Options.planes,
     ),
 )

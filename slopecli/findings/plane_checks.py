@@ -6,6 +6,7 @@ import numpy as np
 
 from slopecli.findings.facts import AnswerFacts
 from slopecli.findings.wording import finding
+from slopecli.patches import FINDER_OF
 from slopecli.patches.given.given_solution import MOST_LEFT_OUT
 from slopecli.types import Diagnostic, Plane
 
@@ -47,9 +48,5 @@ def _not_planar(plane: Plane, relief: float) -> Diagnostic:
         if relief > ROUGH
         else f"more than {100 * MOST_LEFT_OUT:.0f} % of its matches lie off it, across a step or an edge"
     )
-    remedy = None
-    if plane.source == "given":
-        remedy = "leave out rows that lie off it, or give them another patch"
-    elif plane.found:
-        remedy = "look at it with slopemap estimate --window, or lower --merge-px"
+    remedy = FINDER_OF[plane.source].flatter
     return finding(NON_PLANAR, f"{plane.noun} {plane.id} is not one plane: {why}", float(plane.id), remedy)

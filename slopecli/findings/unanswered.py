@@ -102,6 +102,6 @@ def _no_slope_known(causes: list[Cause], joined: Joined) -> NoAnswer:
     codes = [cause.code for cause in causes]
     cause = max(causes, key=lambda cause: codes.count(cause.code))
     asked = [*joined.patches, *joined.unanswered]
-    whose = f"all {len(asked)} {asked[0].noun}s"
+    whose = f"all {len(asked)} {asked[0].finder.noun}s"
     reason = f"the matches of {whose} do not determine their slopes: {cause.message}"
     return NoAnswer(cause.code, reason, cause.remedy)

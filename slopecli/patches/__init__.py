@@ -1,41 +1,103 @@
-"""Which correspondences are held coplanar: one module per finder of planes, and one dict that names them.
-
-Each finder is loaded when it is first asked for: none needs the others, and together they take as long to import as a
-pair of small images to solve.
-"""
+"""Finders of planes: which correspondences are held coplanar. One row of `FINDERS` a finder. Light to import."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
+from importlib import import_module
+from typing import TYPE_CHECKING
 
 from slopecli.face import lazy_names
-from slopecli.look.scene import Scene
-from slopecli.options import Options
-from slopecli.patches.patch import Found
 
-PlaneFinder = Callable[[Scene, Options], Found]
+if TYPE_CHECKING:
+    from slopecli.look.scene import Scene
+    from slopecli.options import Options
+    from slopecli.patches.patch import Found
 
-
-def _windows(scene: Scene, options: Options) -> Found:
-    from slopecli.patches.windows.window_finder import find_in_windows
-
-    return find_in_windows(scene, options)
+    PlaneFinder = Callable[[Scene, Options], Found]
 
 
-def _feature_planes(scene: Scene, options: Options) -> Found:
-    from slopecli.patches.labelling.feature_planes import find_feature_planes
+@dataclass(frozen=True)
+class Finder:
+    """One way to come by patches.
 
-    return find_feature_planes(scene, options)
+    Attributes
+    ----------
+    choice : the value of `--planes` that names it, "" for what is not chosen by that option.
+    source : how its planes are marked in slopes.json.  noun : what messages call one of them.
+    what : what it holds to be planes; for help texts.
+    function : "module:function" of this package, see `find`; imported when it is called.
+    options : names of those `Options` (and of command-line flags) that say something to this finder.
+    flatter : what to do about a patch that is not planar.
+    found : whether it finds patches in the image, of any shape, rather than being told where they are.
+    """
+
+    choice: str
+    source: str
+    noun: str
+    what: str
+    function: str
+    options: tuple[str, ...]
+    flatter: str
+    found: bool
+
+    def find(self, scene: Scene, options: Options) -> Found:
+        """Return the patches of a scene, each with its own matches or the reason why it has none.
+
+        Raises
+        ------
+        InputError : the options ask for patches that cannot be.
+        NoAnswer : there is no patch.
+        """
+        module, function = self.function.split(":")
+        found: Found = getattr(import_module(f"{__name__}.{module}"), function)(scene, options)
+        return found
 
 
-def _regions(scene: Scene, options: Options) -> Found:
-    from slopecli.patches.regions.region_finder import find_regions
-
-    return find_regions(scene, options)
-
-
-# what `--planes` names
-PLANE_FINDERS: dict[str, PlaneFinder] = {"windows": _windows, "ransac": _feature_planes, "regions": _regions}
+FINDERS = (
+    Finder(
+        choice="windows",
+        source="window",
+        noun="window",
+        what="windows",
+        function="windows.window_finder:find_in_windows",
+        options=("grid", "windows"),
+        flatter="use smaller windows",
+        found=False,
+    ),
+    Finder(
+        choice="ransac",
+        source="ransac",
+        noun="plane",
+        what="planes among the matches (ransac)",
+        function="labelling.feature_planes:find_feature_planes",
+        options=("min_region_percent",),
+        flatter="look at it with slopemap estimate --window, or lower --merge-px",
+        found=True,
+    ),
+    Finder(
+        choice="regions",
+        source="region",
+        noun="region",
+        what="planes in the image (regions)",
+        function="regions.region_finder:find_regions",
+        options=("min_region_percent", "gradient_threshold", "merge_px", "debug_images"),
+        flatter="look at it with slopemap estimate --window, or lower --merge-px",
+        found=True,
+    ),
+    Finder(  # a user's own correspondences, which `pipeline.solve` joins without a scene
+        choice="",
+        source="given",
+        noun="plane",
+        what="planes of the column patch",
+        function="",
+        options=(),
+        flatter="leave out rows that lie off it, or give them another patch",
+        found=False,
+    ),
+)
+FINDER_OF = {finder.source: finder for finder in FINDERS}
+PLANE_FINDERS: dict[str, PlaneFinder] = {finder.choice: finder.find for finder in FINDERS if finder.choice}
 
 
 __getattr__, __dir__ = lazy_names(

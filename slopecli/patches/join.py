@@ -76,11 +76,11 @@ def join_patches(found: Found, scene: Scene) -> Joined:
     """
     answered = [patch for patch in found.patches if patch.origin != "none"]
     if not answered:
-        first = found.patches[0]
+        first, noun = found.patches[0], found.patches[0].finder.noun
         raise NoAnswer(
             "low-texture",
-            f"none of the {len(found.patches)} {first.noun}s can be matched: {first.reason}",
-            f"choose {first.noun}s with texture that both images show",
+            f"none of the {len(found.patches)} {noun}s can be matched: {first.reason}",
+            f"choose {noun}s with texture that both images show",
         )
     outside = _outside(scene, answered)
     sigma_px = OVERVIEW_CELL_PX / float(scene.pyramid1.overview_scale.mean())

@@ -9,8 +9,9 @@ import numpy as np
 
 from slopecli.geometry.statistics import CHI2_MEDIAN, median
 from slopecli.look.matches import Matches
+from slopecli.patches import FINDER_OF, Finder
 from slopecli.patches.footprint import Footprint
-from slopecli.types import NOUNS, FloatArray, IntArray, Segmentation, Source
+from slopecli.types import FloatArray, IntArray, Segmentation
 from slopecli.windows import Window
 
 REFERENCE_PX = 0.05  # 1-sigma of a match of weight 1
@@ -22,7 +23,7 @@ class Patch:
 
     Attributes
     ----------
-    id : the number users know it by.  source : which finder it is from.  footprint : its pixels of image 1.
+    id : the number users know it by.  source : that of its finder in `FINDERS`.  footprint : its pixels of image 1.
     matches : (n) on its plane.  weight : (n,) inverse variance along the epipolar line, relative to REFERENCE_PX.
     cell : (n, 2) row and column of the matches on a lattice; errors of neighbouring matches are correlated.
     origin : "own" where the matches lie in the patch, "borrowed" where they are those of the plane around it, "none".
@@ -35,7 +36,7 @@ class Patch:
     """
 
     id: int
-    source: Source
+    source: str
     footprint: Footprint
     matches: Matches = field(default_factory=Matches.none)
     weight: FloatArray = field(default_factory=lambda: np.empty(0))
@@ -56,14 +57,9 @@ class Patch:
         return self.footprint.bounds
 
     @property
-    def found(self) -> bool:
-        """Whether it was found in the image rather than asked for."""
-        return self.source not in ("window", "given")
-
-    @property
-    def noun(self) -> str:
-        """What messages call it."""
-        return NOUNS[self.source]
+    def finder(self) -> Finder:
+        """The row of `FINDERS` it comes from."""
+        return FINDER_OF[self.source]
 
     def unmatched(self, reason: str, code: str = "low-texture") -> Patch:
         """This patch without matches, with the reason in words and as a diagnostic code."""

@@ -16,7 +16,7 @@ from slopecli.patches.given.given_solution import MOST_LEFT_OUT
 from slopecli.patches.join import Joined
 from slopecli.patches.patch import Patch
 from slopecli.report.fit import residual_mrad, residual_px
-from slopecli.types import Camera, FloatArray, Plane, Solution, Source
+from slopecli.types import Camera, FloatArray, Plane, Solution
 
 LEAST_MATCHED = 0.5  # share of a window that must be matched to tell its slope
 LEAST_WHOLE = 0.5  # share of a plane found that its largest piece must have: less is no surface
@@ -67,6 +67,8 @@ def _plane(
         status="poor" if reasons else "ok",
         reason="; ".join(reasons) or None,
         slope_known=known,
+        noun=patch.finder.noun,
+        found=patch.finder.found,
     )
 
 
@@ -85,13 +87,13 @@ def _of_patch(patch: Patch, roughness: float, inlier_share: float) -> list[str]:
     if patch.reason:  # borrowed, or of a user's own and contradicted by their residuals
         return [patch.reason]
     if patch.share < LEAST_MATCHED:
-        return [f"only {beside(100 * patch.share, 100 * LEAST_MATCHED)} % of the {patch.noun} could be matched"]
+        return [f"only {beside(100 * patch.share, 100 * LEAST_MATCHED)} % of the {patch.finder.noun} could be matched"]
     if roughness > ROUGH or patch.left_out > MOST_LEFT_OUT or inlier_share < 1 - MOST_LEFT_OUT:
         return [NON_PLANAR]
     return []
 
 
-def _roughness(solution: Solution, k: int, source: Source, options: Options) -> float:
+def _roughness(solution: Solution, k: int, source: str, options: Options) -> float:
     """Relief of a plane over its distance, NaN where it was not estimated.
 
     Only the joint solution tells relief from noise, and given points are held coplanar unless they show relief.

@@ -14,18 +14,17 @@ from slopecli.findings.unanswered import divide
 from slopecli.look.changes import Change
 from slopecli.measure import measure
 from slopecli.options import Options
+from slopecli.patches import FINDERS
 from slopecli.patches.footprint import paint_labels
 from slopecli.patches.join import Joined
 from slopecli.report.answered_planes import planes_of
 from slopecli.report.fit import fit_of, motion_of
 from slopecli.report.scale import in_unit, scale_of
 from slopecli.report.second_root import ambiguity_report
-from slopecli.types import Camera, Diagnostic, Image, ImageInfo, Plane, Report, Solution, Source
+from slopecli.types import Camera, Diagnostic, Image, ImageInfo, Plane, Report, Solution
 
 # options of how images are matched and planes found
-OF_IMAGES = {
-    "grid", "windows", "planes", "min_region_percent", "gradient_threshold", "merge_px", "features", "seed",
-}  # fmt: skip
+OF_IMAGES = {"planes", "features", "seed"}.union(*(finder.options for finder in FINDERS))
 
 
 def build_report(
@@ -94,7 +93,7 @@ def _info(image: Image | ImageInfo) -> ImageInfo:
     return ImageInfo(image.path, image.width, image.height, image.sha256)
 
 
-def _options_used(options: Options, source: Source) -> dict[str, object]:
+def _options_used(options: Options, source: str) -> dict[str, object]:
     """The options, without those that had no effect."""
     values = asdict(options)
     if source == "given":
