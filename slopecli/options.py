@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal
 
-MOST_SIGMA_DEG = 60.0  # a slope known no better could be any
+MOST_SIGMA_DEG = 60.0  # bound of max_sigma_deg: with a larger 1-sigma any slope is possible
 
 
 @dataclass(frozen=True)
@@ -39,23 +39,23 @@ class Options:
 
     grid: tuple[int, int] = (3, 3)  # the paper's nine windows
     windows: tuple[tuple[int, int, int, int], ...] = ()
-    planes: str = "windows"  # what is held to be a plane: a choice of patches.FINDERS
-    min_region_percent: float = 0.3  # of image 1: a smaller plane is not reported, its slope would be hearsay
-    gradient_threshold: float | None = None  # grey levels per px; None: adapts to the image
-    merge_px: float = 1.0  # two planes that send pixels this close together in image 2 may be one
+    planes: str = "windows"  # how planes are found: a choice of patches.FINDERS
+    min_region_percent: float = 0.3  # of image 1: smaller planes have too few matches to be reliable
+    gradient_threshold: float | None = None  # grey levels per px; None: what 60 % of image 1 are below
+    merge_px: float = 1.0  # px of image 2 to which the planes of two regions agree that may be merged
     features: Literal["sift", "foerstner"] = "sift"  # foerstner: the paper's corners and correlation
     solver: Literal["mle", "ha", "lh"] = "mle"
-    merge_coplanar: bool = False  # solve patches that may lie on one plane, or face one way, as such
+    merge_coplanar: bool = False  # solve patches as coplanar or parallel where chi-square allows it
     up: str | tuple[float, float, float] = "camera"  # "camera", "dominant-plane" or a vector in camera-1 axes
     up_sigma_deg: float = 0.0
     north: tuple[float, float, float] | None = None  # None: the image's up direction
     rotation_prior: tuple[float, ...] | None = None  # quaternion w, x, y, z of camera 2 from camera 1; 1-sigma, deg
     direction_prior: tuple[float, ...] | None = None  # of the motion, in camera-1 axes: x, y, z; 1-sigma, deg
-    pose: Pose | None = None  # the motion itself, in metres: only planes are solved, unless it has a sigma
+    pose: Pose | None = None  # known motion, m: only planes are solved, unless it has a sigma
     pose_sigma_deg: float | None = None  # 1-sigma of its rotation and of its direction; None: they are exact
     baseline_m: float | None = None
     altitude_m: float | None = None
-    tolerance_deg: float = 15.0  # what landers bear (paper, section I)
+    tolerance_deg: float = 15.0  # the steepest slope that landers are designed for (paper, section I)
     confidence: float = 0.99
-    max_sigma_deg: float = 10.0  # a slope known no better than this is not told: "12 +- 24" reads like twelve
+    max_sigma_deg: float = 10.0  # largest 1-sigma of a slope that is reported: "12 +- 24" would be read as 12
     seed: int = 0  # of the random draws in the search for motions and planes; the answer hardly depends on it

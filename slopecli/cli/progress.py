@@ -15,7 +15,6 @@ if TYPE_CHECKING:
 
     from slopecli.batch.jobs import Outcome, Progress
 
-REDRAW_S = 0.1  # on a terminal
 SILENCE_S, TENTH_S = 30.0, 2.0  # in a log: the longest silence, and the shortest from one tenth to the next
 
 
@@ -38,7 +37,7 @@ class ProgressLine:
         """Show that `done` of `total` parts are done, in the words of `text`, unless that was done a moment ago."""
         now, tenths = time.monotonic(), 10 * done // total
         if self._bar:
-            if now - self._last >= REDRAW_S:
+            if now - self._last >= 0.1:  # s
                 self._last = now
                 with stderr_may_be_gone():
                     self._bar.update(self._bar.task_ids[0], completed=done, total=total, description=text, refresh=True)
