@@ -75,7 +75,11 @@ def codes_table() -> str:
     rows = [
         ("code", "severity", "value", "what was found, and why it matters", "what to do"),
         ("---",) * 5,
-        *((f"`{c.code}`", c.severity, c.value, c.meaning, _sentence(c.remedy)) for c in CODES if not c.is_rejection),
+        *(
+            (f"`{c.code}`", c.severity, c.value, c.meaning, _sentence(c.remedy))
+            for c in CODES
+            if c.severity != "rejection"
+        ),
     ]
     return table(rows)
 
@@ -83,7 +87,7 @@ def codes_table() -> str:
 def rejections_table() -> str:
     """The table of docs/diagnostics.md with the reasons of patches without an answer."""
     rows = [("reason", "what was found"), ("---",) * 2]
-    return table([*rows, *((f"`{c.code}`", c.meaning) for c in CODES if c.is_rejection)])
+    return table([*rows, *((f"`{c.code}`", c.meaning) for c in CODES if c.severity == "rejection")])
 
 
 def _sentence(remedy: str) -> str:

@@ -24,7 +24,7 @@ class NoAnswer(SlopemapError):
 
     Parameters
     ----------
-    code : diagnostic code as in slopes.json, for example "pure-rotation".
+    code : of a row of `findings.codes.CODES` with the severity "refusal", for example "pure-rotation".
     reason : what was found, with its number.
     remedy : what to do about it.
     """

@@ -244,7 +244,7 @@ class AmbiguityReport:
 
 @dataclass(frozen=True, eq=False)
 class Plane:
-    """One answered patch. normal_cam1 points out of the surface. distance, roughness and p_safe: see docs/output.md."""
+    """The plane of a patch. normal_cam1 points out of the surface; distance, roughness, p_safe: see docs/output.md."""
 
     id: int
     source: str
@@ -318,5 +318,5 @@ class Report:
 
     @property
     def noun(self) -> str:
-        """What messages call its patches, answered or not."""
+        """What messages call its patches."""
         return self.planes[0].noun if self.planes else "window"

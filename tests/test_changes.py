@@ -1,4 +1,4 @@
-"""Shadows and things that moved between the images: found, measured, and the windows they touch named; else silence."""
+"""Shadows and things that moved between the images are found, measured, and the windows they touch are named."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""When a pair cannot tell, or tells little: every refusal and warning with its code, its number and its remedy."""
+"""Checks of a pair and of its planes: every refusal and diagnostic with its code, its number and its remedy."""
 
 from __future__ import annotations
 

@@ -102,7 +102,7 @@ def test_rows_have_the_numbers_of_the_code() -> None:
         f"Below {parallax.LOW_PARALLAX_PX:.0f} px",
         f"motion within {flat_scene.ALONG_DEG:.0f}°, slopes alike to {flat_scene.FLAT_DEG:.0f}°",
         f"at least {100 * changes.LEAST_AREA:.0f} %",
-        f"{100 * pair_checks.STRANGE_SHARE:.0f} % of the matches contradict",
+        f"{100 * pair_checks.MANY_CONTRADICT:.0f} % of the matches contradict",
         f"by more than {fit_checks.POOR_FIT_PX:g} px",
     ):
         assert said in PAGE

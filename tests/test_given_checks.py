@@ -1,4 +1,4 @@
-"""Planes that a user's own rows were said to lie on: none is safe whose rows, or whose noise, say otherwise."""
+"""Correspondences of a user's own: no plane is safe whose rows, or whose noise, contradict it."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Ground, wall, roof: what a plane is by its slope and its height, seen from above and at an angle."""
+"""Ground, wall or roof: the kind of a plane by its slope and its height, seen from above and at an angle."""
 
 from __future__ import annotations
 

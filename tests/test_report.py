@@ -1,4 +1,4 @@
-"""What is said of a solution: slopes against the right vertical, lengths in the right unit, verdicts that hold."""
+"""Reports of solutions made by hand: slopes against up, units of lengths, verdicts, status with its reasons."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What is said to decide between two answers does decide, and no more is asked for than that takes."""
+"""The second root in the report: the sensor that is said to decide does decide, and need not be better than said."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Checks of images, matches and answers; each returns diagnostics or refuses the pair."""
+"""Checks of a pair and of its planes: functions from facts to diagnostics, with one row a code in `codes.CODES`."""
 
 from slopecli.face import lazy_names
 

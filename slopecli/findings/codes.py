@@ -27,11 +27,6 @@ class Code:
     remedy: str = ""
     value: str = ""
 
-    @property
-    def is_rejection(self) -> bool:
-        """Whether it is the reason of a patch without an answer, rather than a diagnostic or a refusal."""
-        return self.severity == "rejection"
-
 
 CODES = (
     Code(

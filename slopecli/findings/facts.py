@@ -1,4 +1,4 @@
-"""What the checks look at: of a pair before its planes are found, and of the finished planes."""
+"""What the checks look at: of a pair before its planes are found, and of the planes of its report."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ class PairFacts:
 
 @dataclass(frozen=True, eq=False)
 class AnswerFacts:
-    """The planes of an answer, and what they were computed from.
+    """The planes of a report, and what they were computed from.
 
     labels : (h, w) plane id per pixel of image 1, 0 for none.
     length_m : between the cameras, None where it is not known.

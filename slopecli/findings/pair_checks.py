@@ -14,7 +14,7 @@ from slopecli.types import Camera, Diagnostic, FloatArray, Image
 
 FEW_FEATURES = 60  # in an image with hardly any texture
 MIN_INLIERS, INLIER_SHARE = 20, 0.12  # of the tentative matches: fewer agree on a motion by chance
-STRANGE_SHARE, UNEXPLAINED_SHARE = 0.15, 0.5  # of the dense matches that contradict the motion: warned of, refused
+MANY_CONTRADICT, MOST_CONTRADICT = 0.15, 0.5  # of the dense matches that contradict the motion: warned of, refused
 DISTORTED_PX = 1.0  # at the corner: a lens that is this close to its model is not reported
 
 
@@ -73,14 +73,14 @@ def contradicting_matches(pair: PairFacts) -> list[Diagnostic]:
     """Raise NoAnswer when most of the dense matches contradict the motion of the camera; warn when many do."""
     evidence = pair.scene.evidence
     share = 1 - len(evidence) / max(evidence.n_given, 1)
-    if share > UNEXPLAINED_SHARE:
+    if share > MOST_CONTRADICT:
         raise NoAnswer(
             "no-overlap",
             f"{100 * share:.0f} % of the dense matches contradict the best motion of the camera",
             "give two images of the same ground, neither mirrored, and the camera they were taken with",
             value=share,
         )
-    if share < STRANGE_SHARE:
+    if share < MANY_CONTRADICT:
         return []
     message = (
         f"{100 * share:.0f} % of the dense matches contradict the motion of the camera: shadows, vehicles or mismatches"

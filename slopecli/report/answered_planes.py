@@ -25,12 +25,12 @@ LEAST_WHOLE = 0.5  # share of a plane found that its largest piece must have: le
 def planes_of(
     root: Measured, second: Measured | None, joined: Joined, cameras: tuple[Camera, Camera], options: Options
 ) -> list[Plane]:
-    """All answered patches in the solver's order, their lengths in baselines.
+    """The planes of all patches with matches, in the solver's order, their lengths in baselines.
 
     second : the second root, None where there is none; verdicts hold in both where it is not ruled out.
     """
-    rival = second if root.solution.ambiguity.status == "unresolved" else None
-    return [_plane(k, root, rival, joined, cameras, options) for k in range(len(joined.patches))]
+    possible = second if root.solution.ambiguity.status == "unresolved" else None
+    return [_plane(k, root, possible, joined, cameras, options) for k in range(len(joined.patches))]
 
 
 def _plane(
