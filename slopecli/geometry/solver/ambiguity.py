@@ -1,11 +1,10 @@
-"""Two answers: when the images rule one of them out, and what is left open where the two run into each other.
+"""Second root of the motion: the chi-square test that rules it out, and the covariance of two joined roots.
 
-Each root bends its patches along its own epipolar lines to follow the noise, so even on exactly flat ground, where both
-explain the scene, their chi-squares differ by chance, and by more the more patches there are (`by_chance`).
+Each root fits the noise along its own epipolar lines. So even on exactly flat ground, which both roots explain, their
+chi-squares differ by chance, and by more the more patches there are (`by_chance`).
 
-Roots that run into each other are one broad minimum with two dents, where each dent's curvature says too little.
-Vertical descent over nearly level ground is such a case. The bound on the slope then grows without limit at the true
-root, while each estimated root looks sharp by itself. What the data leave open is the whole stretch between the two.
+Joined roots are two shallow minima in one broad valley, as in vertical descent over nearly level ground. The curvature
+at either minimum underestimates the uncertainty, which spans the distance between the two.
 """
 
 from __future__ import annotations
@@ -18,46 +17,43 @@ from slopecli.geometry.solver.refinement import State, optimal_normals
 from slopecli.geometry.solver.uncertainty import Covariance
 from slopecli.types import FloatArray
 
-# chi-square with 1 degree of freedom at 0.99: a lower ridge between two roots does not separate them
-_RIDGE = 6.63
-_SURELY = 10.0  # dents are not equal and curvature is local, so the cheap test leaves a wide margin
-_CHANCE = 1e-3  # of a wrong root to fit so much better than the true one
-_TILTS = np.linspace(0.005, 0.4995, 200)  # at which the bound on the tail is taken; its best lies well between them
+JOINED_CHI2 = 6.63  # chi-square, 1 degree of freedom, at 0.99: roots with a lower ridge between them are joined
 
 
 def by_chance(freedom: float, spare: float = np.inf) -> float:
-    """How much better than the true root a wrong one may fit, in units of noise^2, once in a thousand scenes.
+    """Difference of chi-square by which a wrong root fits better than the true one in one of a thousand scenes.
 
-    Both explain flat ground exactly. Their minima then differ by n^T (A - B) n for noise n and projections A, B onto
-    what the two roots can follow; its eigenvalues are +-sin of the angles between the two. Source: Chernoff's bound on
-    the tail of that form, which grows with the sum of the squared sines only.
+    Both roots explain flat ground exactly. Their minima differ by n^T (A - B) n for noise n and the projections A, B
+    onto the subspaces the two roots can fit; its eigenvalues are +-sin of the angles between these. Source: Chernoff's
+    bound on the tail of that form, which depends on the sum of the squared sines only.
 
     Parameters
     ----------
     freedom : that sum, see `separate_freedom`; 0 gives the quantile of chi-square with two degrees of freedom.
-    spare : degrees of freedom the noise was estimated from, infinite when it was given: then a large difference is
-        judged as the likelihood ratio it is.
+    spare : degrees of freedom the noise was estimated from, infinite if it was given; if finite, the bound is that of
+        the likelihood ratio.
     """
-    tail = (-np.log(_CHANCE) - 0.5 * freedom * np.log1p(-4.0 * _TILTS**2)) / _TILTS
+    s = np.linspace(0.005, 0.4995, 200)  # parameters of the bound; the tightest is taken
+    tail = (np.log(1e3) - 0.5 * freedom * np.log1p(-4.0 * s**2)) / s
     most = float(tail.min())
     return most if np.isinf(spare) else float(spare * np.expm1(min(most / spare, 700.0)))
 
 
 def rules_out(worse_by: float, by_prior: float, chance: float) -> bool:
-    """Whether the second root is ruled out: by the images, or by what else is known where they leave it to that.
+    """Whether the second root is ruled out: by the images, or by the prior if the images do not contradict it.
 
-    worse_by : by how much its chi-square is larger in all; by_prior : the part of it that is not the images'.
-    chance : by how much the images prefer a wrong root by chance, see `by_chance`.
+    worse_by : difference of chi-square to the best root; by_prior : the part of it due to the prior.
+    chance : difference that occurs by chance, see `by_chance`.
     """
     by_images = worse_by - by_prior
     return by_images > chance or (by_prior > by_chance(0.0) and by_images > -chance)
 
 
 def separate_freedom(fit: Fit) -> float:
-    """How much the first root can follow the noise where the second cannot: a sum of squared sines, see `by_chance`.
+    """Sum of squared sines of the angles between the subspaces that the two roots can fit, see `by_chance`.
 
-    A patch bends in three ways along its epipolar lines, a point on no patch or off its plane in one; the lines of the
-    two roots differ by an angle at each point, and so do the ways. Motions share their part with one of the patches.
+    A patch has three degrees of freedom along its epipolar lines, a point on no patch or off its plane one. The angles
+    are those between the epipolar lines of the two roots. The motions account for one of the patches.
     """
     observations, prediction = fit.observations, fit.prediction
     slide, counted = prediction.slide[:2], observations.weight > 0.0
@@ -73,14 +69,14 @@ def separate_freedom(fit: Fit) -> float:
 
 
 def _squared_sine(directions: FloatArray) -> FloatArray:
-    """(n,) of the angle between two fields of directions (2, 2, n), the first index telling the fields apart."""
+    """(n,) squared sine of the angle between two fields of directions; (2, 2, n): field, coordinate, point."""
     a, b = directions
     lengths = (a * a).sum(axis=0) * (b * b).sum(axis=0)
     return np.asarray((a[0] * b[1] - a[1] * b[0]) ** 2 / np.maximum(lengths, np.finfo(float).tiny))
 
 
 def _off_plane(slide: FloatArray, W: FloatArray, weight: FloatArray) -> FloatArray:
-    """(n,) how far a point is free of its plane, 0 to 1: what its 2x2 weight W (3, n) lacks along its slide (2, n)."""
+    """(n,) share of a point's weight that relief removes along its slide (2, n), 0..1; W (3, n) its 2x2 weight."""
     along = W[0] * slide[0] ** 2 + 2.0 * W[1] * slide[0] * slide[1] + W[2] * slide[1] ** 2
     bound = weight * (slide * slide).sum(axis=0)
     return np.asarray(1.0 - along / np.maximum(bound, np.finfo(float).tiny)) * (bound > 0.0)
@@ -101,18 +97,18 @@ def roots_are_joined(fit: Fit, noise: float) -> bool:
         form = fit.form(midway, W)
         midway, chi2 = optimal_normals(midway.R, midway.T, form)
         cost = float(chi2[0])
-    return cost - float(fit.system.chi2[0]) < _RIDGE * noise**2
+    return cost - float(fit.system.chi2[0]) < JOINED_CHI2 * noise**2
 
 
 def _clearly_apart(fit: Fit, noise: float) -> bool:
-    """Cheap test. Of two equal dents a distance D apart, in sigmas by curvature, the ridge rises to D^2 / 16."""
+    """Cheap test by curvature: between two equal minima D sigmas apart the ridge rises to D^2 / 16; tenfold margin."""
     apart = np.concatenate([rotation_vector(fit.state.R[1] @ fit.state.R[0].T), fit.state.T[1] - fit.state.T[0]])
     squared = apart @ fit.system.reduced[0, :6, :6] @ apart
-    return bool(squared > _SURELY * 16.0 * _RIDGE * noise**2)
+    return bool(squared > 10.0 * 16.0 * JOINED_CHI2 * noise**2)
 
 
 def reaching_across(covariance: Covariance, state: State, index: int) -> Covariance:
-    """Widen the covariance of root `index` (0 or 1): two standard deviations then span the stretch to the other one."""
+    """Widen the covariance of root `index` (0 or 1), so that two sigmas span the distance to the other root."""
     other = 1 - index
     half_way = 0.5 * np.concatenate(
         [

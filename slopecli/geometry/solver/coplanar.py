@@ -1,7 +1,4 @@
-"""Patches that lie on one plane, or face one way, found by chi-square on their joint covariance and solved as such.
-
-Nine windows of a level field know its slope each by itself; as one plane, they know it together.
-"""
+"""Merge patches that share a plane or a normal: chi-square tests on their joint covariance, constrained solution."""
 
 from __future__ import annotations
 
@@ -12,20 +9,18 @@ import numpy as np
 
 from slopecli.geometry.epipolar import rotation_from_vector, tangent_basis
 from slopecli.geometry.solver.mismatches import chi2_quantile
+from slopecli.geometry.solver.observations import parameter_count
 from slopecli.types import FloatArray, IntArray, Solution
 
-# standard normal quantiles. 0.999: of many patches of one plane, hardly one is taken for another. 0.95: that planes
-# apart from each other face one way is a stronger claim, which vague normals must not pass too easily
+# standard normal quantiles of the chi-square tests. 0.999 for a shared plane: patches of one plane are rarely split.
+# 0.95 for a shared normal: a stronger claim, which poorly determined normals must not pass easily
 AT: dict[str, float] = {"plane": 3.090, "normal": 1.645}
-ROUNDS = 6  # of linearising what holds; it settles in two or three
-SETTLED = 1e-10
-LEAST_SHARE = 1e-12  # of the largest variance: a smaller one is rounding
 
 Shared = Literal["plane", "normal"]
 
 
 class Group(NamedTuple):
-    """Patches that share a plane, or only the direction they face; chi2: what that costs over `dof` freedoms."""
+    """Patches that share a plane or only a normal; chi2 of that constraint with `dof` degrees of freedom."""
 
     members: tuple[int, ...]
     shares: Shared
@@ -34,47 +29,48 @@ class Group(NamedTuple):
 
 
 def merge_coplanar(
-    solution: Solution, candidates: IntArray, doubt_rad: FloatArray | None = None
+    solution: Solution, candidates: IntArray, tilt_sigma_rad: FloatArray | None = None
 ) -> tuple[Solution, list[Group]]:
-    """The solution with every group of coplanar or parallel patches solved as one, and the groups; both roots alike.
+    """Solve every group of coplanar or parallel patches as one, in both roots; return the solution and the groups.
 
-    Where two answers run into each other (straight down over level ground) nothing can be told apart, and nothing is
-    merged.
+    Nothing is merged if the two roots are joined (straight down over level ground).
 
     Parameters
     ----------
     candidates : patches that may be grouped.
-    doubt_rad : (m,) 1-sigma of tilt of each plane that no residual shows; it weighs in, and is in the covariance after.
+    tilt_sigma_rad : (m,) 1-sigma of tilt of each plane beyond what residuals show; added to the covariance.
     """
     found = solution.ambiguity
     if found.joined:
         return solution, []
-    merged, groups = _merged(solution, candidates, doubt_rad)
+    merged, groups = _merged(solution, candidates, tilt_sigma_rad)
     if not groups:
         return solution, []
     if found.alternative is not None:
-        alternative, _ = _merged(found.alternative, candidates, doubt_rad)
+        alternative, _ = _merged(found.alternative, candidates, tilt_sigma_rad)
         merged = replace(merged, ambiguity=replace(found, alternative=alternative))
     return merged, groups
 
 
-def _merged(solution: Solution, candidates: IntArray, doubt_rad: FloatArray | None) -> tuple[Solution, list[Group]]:
-    """One root with its groups held together, if it has any; the doubt is in its covariance either way."""
-    joint = joint_covariance(solution, doubt_rad)
+def _merged(
+    solution: Solution, candidates: IntArray, tilt_sigma_rad: FloatArray | None
+) -> tuple[Solution, list[Group]]:
+    """One root with its groups solved as one, if there are any; `tilt_sigma_rad` is in its covariance either way."""
+    joint = joint_covariance(solution, tilt_sigma_rad)
     groups = coplanar_groups(solution.scaled_normals, joint, candidates)
     if not groups:
         return replace(solution, normal_covariance=_blocks(joint, len(solution.scaled_normals))), []
     return held_together(solution, joint, groups), groups
 
 
-def joint_covariance(solution: Solution, doubt_rad: FloatArray | None = None) -> FloatArray:
+def joint_covariance(solution: Solution, tilt_sigma_rad: FloatArray | None = None) -> FloatArray:
     """(3m + 5, 3m + 5) covariance of all scaled normals and the motion.
 
-    doubt_rad : (m,) 1-sigma of tilt to add to each plane, which no residual shows.
+    tilt_sigma_rad : (m,) 1-sigma of tilt to add to each plane, beyond what residuals show.
     """
     m, C = len(solution.scaled_normals), solution.motion_covariance
     gain = solution.normal_gain.reshape(3 * m, 5)
-    joint = np.empty((3 * m + 5, 3 * m + 5))
+    joint = np.empty((parameter_count(m), parameter_count(m)))
     joint[: 3 * m, : 3 * m] = gain @ C @ gain.T
     joint[: 3 * m, 3 * m :] = gain @ C
     joint[3 * m :, : 3 * m] = joint[: 3 * m, 3 * m :].T
@@ -82,10 +78,10 @@ def joint_covariance(solution: Solution, doubt_rad: FloatArray | None = None) ->
     N = solution.scaled_normals
     length = np.linalg.norm(N, axis=1)
     across = length[:, None, None] ** 2 * np.eye(3) - N[:, :, None] * N[:, None, :]
-    doubt = np.zeros(m) if doubt_rad is None else doubt_rad
+    tilt = np.zeros(m) if tilt_sigma_rad is None else tilt_sigma_rad
     for i in range(m):
         block = slice(3 * i, 3 * i + 3)
-        joint[block, block] = solution.normal_covariance[i] + doubt[i] ** 2 * across[i]
+        joint[block, block] = solution.normal_covariance[i] + tilt[i] ** 2 * across[i]
     return joint
 
 
@@ -97,7 +93,7 @@ def _blocks(joint: FloatArray, m: int) -> FloatArray:
 def coplanar_groups(normals: FloatArray, joint: FloatArray, candidates: IntArray) -> list[Group]:
     """Groups of at least two patches that share a plane, and of such and single ones that share a normal.
 
-    Agglomerative: the two groups that differ least are joined, as long as chance explains what that costs.
+    Agglomerative: the two groups that differ least are joined as long as the chi-square test accepts it.
 
     Parameters
     ----------
@@ -112,7 +108,7 @@ def coplanar_groups(normals: FloatArray, joint: FloatArray, candidates: IntArray
 def _agglomerated(
     groups: list[tuple[int, ...]], normals: FloatArray, joint: FloatArray, shares: Shared
 ) -> list[tuple[int, ...]]:
-    """Groups joined while the cheapest pair of them costs no more than chance does."""
+    """Groups joined while the test accepts the pair with the smallest chi-square."""
     groups = list(groups)
     cost = np.full((len(groups), len(groups)), np.inf)
     for i in range(len(groups)):
@@ -129,7 +125,7 @@ def _agglomerated(
 
 
 def _excess(members: tuple[int, ...], normals: FloatArray, joint: FloatArray, shares: Shared) -> float:
-    """Chi-square of one plane (or normal) beyond what chance makes of it, per degree of freedom; it is one below 0."""
+    """Chi-square of a shared plane (or normal) less its quantile, per degree of freedom; accepted if not positive."""
     chi2, dof = _misfit(members, normals, joint, shares)
     return (chi2 - chi2_quantile(dof, AT[shares])) / dof
 
@@ -147,7 +143,7 @@ def _misfit(members: tuple[int, ...], normals: FloatArray, joint: FloatArray, sh
 
 
 def _constraint(members: tuple[int, ...], normals: FloatArray, shares: Shared) -> tuple[FloatArray, FloatArray]:
-    """Derivative (d, 3k) of what must vanish among k members, by their normals, and its values (d,)."""
+    """Jacobian (d, 3k), by the normals of k members, of d differences that must vanish, and their values (d,)."""
     own = normals[list(members)]
     if shares == "plane":
         value = own
@@ -168,28 +164,28 @@ def _constraint(members: tuple[int, ...], normals: FloatArray, shares: Shared) -
 
 
 def _inverse(spread: FloatArray) -> FloatArray:
-    """Inverse of a covariance; differences that cannot vary leave no say to rounding."""
+    """Inverse of a covariance whose eigenvalues below rounding are lifted to it."""
     values, vectors = np.linalg.eigh(spread)
-    values = np.maximum(values, max(LEAST_SHARE * float(values[-1]), np.finfo(float).tiny))
+    values = np.maximum(values, max(1e-12 * float(values[-1]), np.finfo(float).tiny))
     return np.asarray((vectors / values) @ vectors.T)
 
 
 def held_together(solution: Solution, joint: FloatArray, groups: list[Group]) -> Solution:
-    """The solution nearest to this one, in its covariance, in which every group shares what it shares.
+    """The solution nearest to this one, in its covariance, under the constraints of every group.
 
-    To first order in the noise this is the maximum likelihood under those constraints: the motion moves with the
-    normals, and the covariances are those of what is left free.
+    To first order in the noise this is the constrained maximum likelihood: the motion changes with the normals, and the
+    covariances are those of the remaining parameters.
     """
     m = len(solution.scaled_normals)
-    normals, change = solution.scaled_normals, np.zeros(3 * m + 5)
+    normals, change = solution.scaled_normals, np.zeros(parameter_count(m))
     start = np.concatenate([normals.ravel(), np.zeros(5)])
-    for _ in range(ROUNDS):
-        J, off = _all_constraints(groups, normals, 3 * m + 5)
+    for _ in range(6):  # it settles in two or three
+        J, off = _all_constraints(groups, normals, len(change))
         gain = joint @ J.T @ _inverse(J @ joint @ J.T)
         now = start + change
         before, change = change, -gain @ (off + J @ (start - now))
         normals = (start + change)[: 3 * m].reshape(m, 3)
-        if np.abs(change - before).max() <= SETTLED * np.abs(start).max():
+        if np.abs(change - before).max() <= 1e-10 * np.abs(start).max():
             break
     left = joint - gain @ J @ joint
     left = 0.5 * (left + left.T)

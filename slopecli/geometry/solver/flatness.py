@@ -1,8 +1,8 @@
-"""Whether points lie on the planes they are said to lie on: the residual along epipolar lines against that across them.
+"""Test whether the points of each patch are coplanar: residuals along epipolar lines against residuals across them.
 
-A point that stands off its plane moves along its epipolar line and nowhere else (see `relief`), so what the residual
-along the line has more than that across it is the shape of the ground. Rough ground scatters from point to point; the
-shape of one that is bent, broken or made of several planes is shared by neighbours.
+A point off its plane is displaced along its epipolar line only (see `relief`), so a larger variance along the line is
+due to the shape of the ground. On rough ground it varies from point to point; on bent or broken ground, or several
+planes, neighbouring points are displaced alike.
 """
 
 from __future__ import annotations
@@ -11,20 +11,16 @@ from typing import NamedTuple
 
 import numpy as np
 
-from slopecli.geometry.solver.observations import observe, predict
+from slopecli.geometry.solver.observations import FINEST_RESIDUAL, observe, predict
 from slopecli.types import BoolArray, FloatArray, IntArray, Solution
-
-_BEYOND_CHANCE = 4.0  # standard normal quantile: 3 in 100 000, as every patch is tested
-_FINEST = 1e-9  # normalised coordinates, a millionth of a pixel: below it residuals are rounding
-_IN_A_CELL = 3  # points of a neighbourhood whose residuals are compared with each other
 
 
 class Flatness(NamedTuple):
-    """How far the points kept are off their planes: 1-sigma of a coordinate of weight 1, normalised.
+    """Residuals of the points kept against their planes: 1-sigma of a coordinate of weight 1, normalised.
 
-    across : of all points, across their epipolar lines.  along (m,) : of each patch along them.  both (m,) : in all.
-    off (m,) : whether along is more than across by more than chance.
-    shaped (m,) : whether, besides, neighbours are off alike.
+    across : of all points, across their epipolar lines.  along (m,) : of each patch along them.  both (m,) : of each
+    patch, both components.  off (m,) : whether along is significantly larger than across.
+    shaped (m,) : whether, besides, neighbouring points are displaced alike.
     """
 
     across: float
@@ -51,7 +47,7 @@ def flatness(solution: Solution, x1: FloatArray, x2: FloatArray, patch: IntArray
     freedom = max(float(count.sum()) - 5.0, 1.0)
     noise = float(np.sqrt(acrosses.sum() / freedom))
     sigma = np.sqrt(alongs / np.maximum(spare, 1.0))
-    off = (spare > 0.0) & (sigma > _FINEST) & _larger(sigma**2, spare, noise**2, freedom)
+    off = (spare > 0.0) & (sigma > FINEST_RESIDUAL) & _larger(sigma**2, spare, noise**2, freedom)
 
     places = seen.p[:2].T
     ends = seen.first + seen.count
@@ -60,7 +56,7 @@ def flatness(solution: Solution, x1: FloatArray, x2: FloatArray, patch: IntArray
         bool(off[k]) and _shared_by_neighbours(places[rows][kept[rows]], along[rows][kept[rows]])
         for k, rows in enumerate(patches)
     ]
-    # rows given the wrong patch share their shape with neighbours in other patches
+    # rows with the wrong patch label are displaced like neighbours in other patches
     chosen = kept & np.repeat(off, seen.count)
     every = _shared_by_neighbours(places[chosen], along[chosen])
     return Flatness(
@@ -73,22 +69,24 @@ def flatness(solution: Solution, x1: FloatArray, x2: FloatArray, patch: IntArray
 
 
 def _larger(variance: FloatArray, freedom: FloatArray, other: float, other_freedom: float) -> BoolArray:
-    """Whether variances (m,) are larger than another, with their degrees of freedom, by more than chance.
+    """Whether variances (m,) are significantly larger than another (by chance 3 in 100 000, as all patches are tested).
+
+    freedom, other_freedom : degrees of freedom of the variances.
 
     Source: Paulson, "An approximate normalization of the analysis of variance distribution", 1942.
     """
     ratio = np.cbrt(variance / max(other, np.finfo(float).tiny))
     a, b = 2.0 / (9.0 * np.maximum(freedom, 1.0)), 2.0 / (9.0 * other_freedom)
-    return np.asarray((1.0 - b) * ratio - (1.0 - a) > _BEYOND_CHANCE * np.sqrt(b * ratio**2 + a))
+    return np.asarray((1.0 - b) * ratio - (1.0 - a) > 4.0 * np.sqrt(b * ratio**2 + a))
 
 
 def _shared_by_neighbours(places: FloatArray, values: FloatArray) -> bool:
-    """Whether values (n,) at places (n, 2) vary more between neighbourhoods than within, by more than chance.
+    """Whether values (n,) at places (n, 2) vary significantly more between neighbourhoods than within.
 
-    Source: analysis of variance (Fisher 1925) over cells of equally many points.
+    Source: analysis of variance (Fisher 1925) over a grid of cells with about three points each.
     """
     n = len(values)
-    side = int(np.sqrt(n / _IN_A_CELL))
+    side = int(np.sqrt(n / 3))
     if side < 2:
         return False
     strip = np.empty(n, np.int64)

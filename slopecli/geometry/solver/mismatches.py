@@ -1,4 +1,4 @@
-"""Finding gross mismatches: only when the residuals of a plain fit show some, so that clean data loses no accuracy."""
+"""Gross mismatches among correspondences: robust scale of residuals, gates, consensus of a patch, significance."""
 
 from __future__ import annotations
 
@@ -8,23 +8,16 @@ from typing import NamedTuple
 import numpy as np
 
 from slopecli.geometry.homography import four_point_homographies
-from slopecli.geometry.solver.observations import Observations, Prediction
+from slopecli.geometry.solver.observations import FINEST_RESIDUAL, Observations, Prediction, parameter_count
 from slopecli.geometry.statistics import CHI2_MEDIAN, CHI2_MEDIAN_2, median
 from slopecli.types import BoolArray, FloatArray
 
-# one false alarm in this many clean data sets
-_FALSE_ALARMS = 100.0
-LEAST_FREEDOM = 2  # that leaving points out must leave: with less, what is left fits whatever it is
-# finest residual scale that means anything in double precision, normalised coordinates (a millionth of a pixel)
-_FINEST = 1e-9
-# free points may be this much noisier than patch points and still be judged by their own scale
-_ONE_SCALE = 1.25
-_BEYOND_CHANCE = 3.09  # standard normal quantile at 0.999
-_SAMPLES = 64  # four-point samples a patch: finds a clean one in 20 % outliers for sure, in 40 % with p = 0.9999
+FALSE_ALARM = 0.01  # probability that any point of a clean data set is called a mismatch
+LEAST_FREEDOM = 2  # degrees of freedom that must remain when points are left out; with fewer, any rest fits
 
 
 class Kept(NamedTuple):
-    """Which patch points (n,) and which free points (k,) a fit rests on."""
+    """Which patch points (n,) and which free points (k,) a fit uses."""
 
     planes: BoolArray
     free: BoolArray
@@ -39,8 +32,8 @@ class Kept(NamedTuple):
 
 
 def gate_squared(n: int) -> float:
-    """Squared residual, in sigma, that one of n clean two-dimensional residuals exceeds in 1 of 100 data sets."""
-    return 2.0 * float(np.log(max(n, 1) * _FALSE_ALARMS))
+    """Squared residual, in sigma, that any of n clean two-dimensional residuals exceeds in 1 of 100 data sets."""
+    return 2.0 * float(np.log(max(n, 1) / FALSE_ALARM))
 
 
 def chi2_quantile(dof: float, at: float) -> float:
@@ -50,22 +43,22 @@ def chi2_quantile(dof: float, at: float) -> float:
 
 
 def noise_at_least(given: float, squares: float, freedom: int) -> float:
-    """The noise given, or what the residuals show where they exceed it by more than chance.
+    """The given noise, or that of the residuals if it is significantly larger (probability of 0.001 by chance).
 
-    squares : weighted sum of squared residuals.  freedom : how many of them are left to vary.
+    squares : weighted sum of squared residuals.  freedom : their degrees of freedom.
     """
-    shown = squares > given**2 * chi2_quantile(max(freedom, 1), _BEYOND_CHANCE)
-    return float(np.sqrt(squares / max(freedom, 1))) if shown else given
+    larger = squares > given**2 * chi2_quantile(max(freedom, 1), 3.09)
+    return float(np.sqrt(squares / max(freedom, 1))) if larger else given
 
 
 def is_beyond_chance(before: float, after: float, freedom: int, removed: int, n: int) -> bool:
-    """Whether leaving some points out makes the rest fit better than the best choice of as many clean ones would.
+    """Whether leaving some points out improves the fit more than leaving out the worst of as many clean points would.
 
     before, after : weighted sums of squares of all points and of those left.  freedom : of `after`.
-    removed : residuals left out.  n : points that could have been.
+    removed : residuals left out.  n : number of points to choose from.
 
-    Of clean points after / before follows a beta distribution; its tail, times the number of choices, is the chance of
-    a false alarm. With hardly any freedom left, anything fits, and nothing is beyond chance.
+    For clean points after / before follows a beta distribution; its tail times the number of choices bounds the
+    probability of a false alarm. False if fewer than LEAST_FREEDOM degrees of freedom are left.
     Source: Hawkins, "Identification of Outliers", 1980, for one; Bonferroni's inequality for the choices.
     """
     if freedom < LEAST_FREEDOM:
@@ -76,22 +69,22 @@ def is_beyond_chance(before: float, after: float, freedom: int, removed: int, n:
     chosen = math.ceil(q)
     choices = math.lgamma(n + 1) - math.lgamma(chosen + 1) - math.lgamma(max(n - chosen, 0) + 1)
     tail = math.lgamma(a + q) - math.lgamma(a + 1) - math.lgamma(q) + a * math.log(max(after / before, 1e-300))
-    return choices + tail < -math.log(_FALSE_ALARMS)
+    return choices + tail < math.log(FALSE_ALARM)
 
 
 def residual_scale(squared: FloatArray, kept: BoolArray, dimensions: int, lost: float) -> float:
     """Robust 1-sigma of residuals from the median of their squares.
 
     squared : (n,) squared residuals (weighted); kept : (n,) those in the fit; dimensions : 1 or 2 numbers a residual;
-    lost : part of the degrees of freedom the fit took up, 0..1.
+    lost : part of the degrees of freedom used by the fit, 0..1.
     """
     if not kept.any():
-        return _FINEST
+        return FINEST_RESIDUAL
     values = squared[kept]
     middle = len(values) // 2
     expected = CHI2_MEDIAN_2 if dimensions == 2 else CHI2_MEDIAN
     variance = float(np.partition(values, middle)[middle]) / expected / max(1.0 - lost, 0.1)
-    return max(variance**0.5, _FINEST)
+    return max(variance**0.5, FINEST_RESIDUAL)
 
 
 def unit_squares(observations: Observations, prediction: Prediction, index: int) -> tuple[FloatArray, FloatArray]:
@@ -108,30 +101,30 @@ def inliers(
     each_patch: bool = False,
     one_scale: bool = False,
 ) -> tuple[Kept, float]:
-    """Which points agree with motion number `index`, by their own robust scale, and how badly all of them fit.
+    """Points within the gate of motion number `index` by their robust scale, and the cost of all points.
 
     Parameters
     ----------
     observations : every point under its full weight.  kept : the points the motion was fitted to.
-    each_patch : judge a patch by its own scale, doubled, when that is larger: its points need not be coplanar.
-    one_scale : judge free points by nearly the scale of the patches, once the motion rests on both.
+    each_patch : use a patch's own scale, doubled, where that is larger: its points need not be coplanar.
+    one_scale : limit the scale of free points to 1.25 that of patch points, once the motion is fitted to both.
 
     Returns
     -------
-    kept : the new choice.  cost : sum of squared residuals in sigma, none counting for more than the gate.
+    kept : the new choice.  cost : truncated sum of squared residuals, in units of the squared scale.
     """
     squared, free_squared = unit_squares(observations, prediction, index)
     used = 2 * int(np.count_nonzero(kept.planes)) + int(np.count_nonzero(kept.free))
-    lost = min((5.0 + 3.0 * observations.n_patches) / max(used, 1), 1.0)
+    lost = min(parameter_count(observations.n_patches) / max(used, 1), 1.0)
     gate = gate_squared(len(squared) + len(free_squared))
     scale = np.full(len(squared), residual_scale(squared, kept.planes, 2, lost))
-    # a motion that rests on few points predicts epipolar lines badly; judge free points by their own scale then
+    # a motion from few points predicts epipolar lines poorly; free points then have a scale of their own
     trusted = kept.free if kept.free.any() else observations.free_weight > 0.0
     free_scale = residual_scale(free_squared, trusted, 1, 0.0)
     if each_patch:
         scale = np.maximum(scale, 2.0 * _patch_scales(observations, squared))
     else:
-        free_scale = max(scale[0], min(free_scale, _ONE_SCALE * scale[0]) if one_scale else free_scale)
+        free_scale = max(scale[0], min(free_scale, 1.25 * scale[0]) if one_scale else free_scale)
     relative, free_relative = squared / scale**2, free_squared / free_scale**2
     planes = (relative <= gate) & (observations.weight > 0.0)
     planes = _enough_each(observations, planes, squared)
@@ -147,7 +140,7 @@ def _patch_scales(observations: Observations, squared: FloatArray) -> FloatArray
 
 
 def _enough_each(observations: Observations, keep: BoolArray, squared: FloatArray) -> BoolArray:
-    """Keep at least the best quarter of every patch (and three points): a patch is judged poor, never emptied."""
+    """Keep at least the best quarter of every patch, and three points."""
     left = observations.sum_patches(keep.astype(np.int64))
     least = np.minimum(observations.count, np.maximum(3, observations.count // 4))
     for i in np.flatnonzero(left < least):
@@ -162,7 +155,7 @@ def consensus(observations: Observations) -> BoolArray:
     """(n,) points of each patch that agree with its least-median-of-squares homography.
 
     Source: Rousseeuw, "Least Median of Squares Regression", JASA 1984. Patches of fewer than six points are kept
-    whole. The samples are always the same: the same input gives the same answer.
+    whole. The seed is fixed: the same input gives the same result.
     """
     keep = np.ones(len(observations.weight), dtype=bool)
     for first, count in zip(observations.first, observations.count, strict=True):
@@ -175,7 +168,8 @@ def consensus(observations: Observations) -> BoolArray:
 def _patch_consensus(p: FloatArray, x2: FloatArray) -> BoolArray:
     """p : (3, n), x2 : (2, n) of one patch, n >= 6."""
     n = p.shape[1]
-    samples = np.random.default_rng(0).random((_SAMPLES, n)).argpartition(4, axis=1)[:, :4]
+    # with 40 % outliers, one of 64 samples is clean with probability 0.9999
+    samples = np.random.default_rng(0).random((64, n)).argpartition(4, axis=1)[:, :4]
     H = four_point_homographies(p[:2].T[samples], x2.T[samples])
     y = H @ p
     with np.errstate(all="ignore"):
@@ -184,5 +178,5 @@ def _patch_consensus(p: FloatArray, x2: FloatArray) -> BoolArray:
     rank = min((n + 5) // 2, n - 1)
     medians = np.partition(squared, rank, axis=1)[:, rank]
     best = int(np.argmin(medians))
-    scale = max(float(np.sqrt(medians[best] / CHI2_MEDIAN_2)) * (1.0 + 5.0 / (n - 4)), _FINEST)
+    scale = max(float(np.sqrt(medians[best] / CHI2_MEDIAN_2)) * (1.0 + 5.0 / (n - 4)), FINEST_RESIDUAL)
     return squared[best] <= gate_squared(n) * scale**2

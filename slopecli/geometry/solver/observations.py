@@ -1,7 +1,7 @@
-"""Correspondences in the order the solvers want them, and the sums over points that everything else works on.
+"""Correspondences sorted by patch, predictions of image 2, and their chi-square as a quadratic form.
 
 One pass over the points condenses each patch into a 9x9 quadratic form on its homography; after that the cost of an
-iteration does not depend on how many points there are.
+iteration does not depend on the number of points.
 """
 
 from __future__ import annotations
@@ -14,8 +14,7 @@ import numpy as np
 from slopecli.errors import DegenerateConfiguration, InputError
 from slopecli.types import BoolArray, FloatArray, IntArray
 
-# a patch narrower than this fraction of its length (squared) fixes no plane in double precision or in practice
-_COLLINEAR = 1e-8
+FINEST_RESIDUAL = 1e-9  # normalised coordinates, a millionth of a pixel; below it residuals are rounding
 # rows of a symmetric 3x3 matrix stored as its 6 upper entries 00 01 02 11 12 22
 _PACKED = np.array([[0, 1, 2], [1, 3, 4], [2, 4, 5]])
 # where entry ((j, a), (k, b)) of a patch's 9x9 form sits among the 6 x 6 packed sums
@@ -58,6 +57,10 @@ class Observations:
         """Two residuals for a point on a patch, one (the distance to its epipolar line) for a point on none."""
         return 2 * int(np.count_nonzero(self.weight)) + int(np.count_nonzero(self.free_weight))
 
+    def freedom(self) -> int:
+        """Degrees of freedom: residuals less parameters; not positive when there are too few points."""
+        return self.residual_count() - parameter_count(self.n_patches)
+
     def per_point(self, per_patch: FloatArray) -> FloatArray:
         """Repeat values (..., m) of patches for each of their points: (..., n)."""
         return np.repeat(per_patch, self.count, axis=-1)
@@ -81,8 +84,13 @@ class Observations:
         return restored
 
 
+def parameter_count(n_patches: int) -> int:
+    """Parameters of the joint solution, 5 + 3m: rotation and direction of the motion, a normal for each patch."""
+    return 5 + 3 * n_patches
+
+
 def checked_points(x1: FloatArray, x2: FloatArray, patch: IntArray) -> tuple[FloatArray, FloatArray, IntArray]:
-    """The three arrays as float64 and int64, or one clear sentence about what is wrong with them (InputError)."""
+    """The three arrays as float64 and int64. InputError when a shape, type or value is unusable."""
     x1, x2, labels = np.asarray(x1, dtype=float), np.asarray(x2, dtype=float), np.asarray(patch)
     for name, x in (("x1", x1), ("x2", x2)):
         if x.ndim != 2 or x.shape[1] != 2:
@@ -159,7 +167,8 @@ def _check_spread(sums: FloatArray) -> None:
     """sums : (6, m) of the packed products. Compares the two principal extents of every patch in image 1."""
     xx, xy, x, yy, y, n = sums
     a, b, c = xx / n - (x / n) ** 2, xy / n - (x / n) * (y / n), yy / n - (y / n) ** 2
-    flat = np.flatnonzero(~(a * c - b * b > _COLLINEAR * (a + c) ** 2))
+    # width over length below 1e-4 fixes no plane in practice
+    flat = np.flatnonzero(~(a * c - b * b > 1e-8 * (a + c) ** 2))
     if len(flat):
         raise DegenerateConfiguration(
             f"the {int(n[flat[0]])} correspondences of patch {flat[0]} are collinear or coincide in image 1, "
@@ -173,9 +182,9 @@ class QuadraticForm(NamedTuple):
     chi2 = constant + sum_i (2 g_i.h_i + h_i^T A_i h_i) + 2 gE.e + e^T AE e, h = vec(H), e = vec(E) row by row.
     A (s, m, 9, 9), g (s, m, 9), AE (s, 9, 9), gE (s, 9), constant (s,); s is the number of motions or 1.
     AE and gE are None when every point is on a patch.
-    motion (s, 7, 7): what is known of the motion besides, see `priors.MotionPrior.terms`; None for nothing.
-    centred: the form was taken at the very state it is used at, where chi2 = constant and the terms in h and e cancel
-    exactly; leaving them out keeps every digit of a tiny residual.
+    motion (s, 7, 7): terms of a prior on the motion, see `priors.MotionPrior.terms`; None without a prior.
+    centred: the form is used at the state it was computed at. There chi2 = constant and the terms in h and e cancel;
+    leaving them out avoids their rounding.
     """
 
     A: FloatArray
@@ -211,7 +220,7 @@ def isotropic(weight: FloatArray) -> FloatArray:
 
 
 class Prediction(NamedTuple):
-    """Where given motions and planes put the points. For points on patches, s motions at once:
+    """Predicted points of image 2 under s motions and their planes. For points on patches:
 
     x2 (s, 2, n) predicted positions, residual (s, 2, n) predicted minus found, inverse_depth (s, n) N.p,
     depth_ratio (s, n) depth in view 2 over depth in view 1, slide (s, 2, n) d x2 / d inverse_depth.

@@ -1,4 +1,4 @@
-"""What is known of the motion before the images speak: further measurements in a joint solution, no filter after it."""
+"""Prior on the motion: a measured rotation or direction as further residuals of the joint least squares."""
 
 from __future__ import annotations
 
@@ -10,14 +10,10 @@ from slopecli.errors import InputError
 from slopecli.geometry.epipolar import rotation_vector, skew, unit_vector
 from slopecli.types import FloatArray, Solution
 
-# rad; what is known better than this is known exactly, and more would only cost digits
-_FINEST = 1e-7
-REACH = 3.0  # sigmas from what is known within which a motion still agrees with it
-
 
 @dataclass(frozen=True, eq=False)
 class MotionPrior:
-    """A motion as another sensor measured it; None where it says nothing.
+    """A motion measured by another sensor; None for a part that was not measured.
 
     rotation : (3, 3) of P2 = R (P1 - T), with an error of `rotation_sigma` rad about each axis.
     direction : (3,) unit vector from camera 1 to camera 2 in camera-1 axes, `direction_sigma` rad off to each side.
@@ -56,16 +52,17 @@ class MotionPrior:
         for name, known, sigma in (("rotation", rotation, rotation_sigma), ("direction", direction, direction_sigma)):
             if known is not None and not sigma > 0:
                 raise InputError(f"the sigma of the {name} known beforehand is {sigma}; it must be positive, in rad")
-        return cls(rotation, max(rotation_sigma, _FINEST), direction, max(direction_sigma, _FINEST))
+        # smaller sigmas would only lose digits
+        return cls(rotation, max(rotation_sigma, 1e-7), direction, max(direction_sigma, 1e-7))
 
     def chi2(self, solution: Solution) -> float:
-        """Squared distance, in sigmas, of a solution's motion from what is known."""
+        """Squared distance, in sigmas of the prior, of a solution's motion from the prior."""
         return float(self.terms(solution.R[None], solution.T[None], 1.0)[0, 6, 6])
 
     def strain(self, alone: Solution) -> float:
-        """By how much chi-square of the images alone must grow for their motion to come within REACH of what is known.
+        """Increase of the images' own chi-square that moves their motion to within 3 sigmas of the prior.
 
-        alone : the solution without what is known, the root of it that is nearer.
+        alone : the solution without the prior, its root nearer to the prior.
         """
         off, sigmas, rows = np.empty(0), np.empty(0), list[int]()
         if self.rotation is not None:
@@ -74,7 +71,7 @@ class MotionPrior:
         if self.direction is not None:
             off = np.append(off, alone.tangent.T @ (self.direction - alone.T))
             rows, sigmas = [*rows, 3, 4], np.append(sigmas, np.full(2, self.direction_sigma))
-        beyond = max(0.0, 1.0 - REACH / max(float(np.linalg.norm(off / sigmas)), REACH))
+        beyond = max(0.0, 1.0 - 3.0 / max(float(np.linalg.norm(off / sigmas)), 3.0))
         return float(beyond**2 * off @ np.linalg.solve(alone.motion_covariance[np.ix_(rows, rows)], off))
 
     def terms(self, R: FloatArray, T: FloatArray, noise: float) -> FloatArray:

@@ -1,8 +1,8 @@
-"""Patches of real terrain: points lie near their plane, not on it.
+"""Relief of terrain patches, whose points lie near their plane, not on it: noise, relief and weights of points.
 
-A point that stands off its plane moves along its epipolar line and nowhere else. So the residual across the line is
-image noise alone, and the residual along it is noise plus relief. Each patch has its own relative relief r: the RMS
-height off the plane over the distance of the plane. With r = 0 this is the exact-plane model.
+A point off its plane is displaced along its epipolar line only. So the residual across the line is image noise, and
+the residual along it is noise plus relief. Each patch has its own relative relief r: the RMS height off the plane over
+the distance of the plane. With r = 0 this is the exact-plane model.
 """
 
 from __future__ import annotations
@@ -15,11 +15,6 @@ from slopecli.geometry.solver.mismatches import gate_squared, noise_at_least, re
 from slopecli.geometry.solver.observations import Observations, Prediction
 from slopecli.geometry.statistics import median, robust_sigma
 from slopecli.types import BoolArray, FloatArray
-
-_STAND_OFF = 4.0  # robust standard deviations beyond which a point of a minority counts as standing off
-_MINORITY = 0.25  # a larger share is the shape of the terrain, and its best-fit plane is wanted
-_NO_LEVER = 1e-150  # of a point at the epipole or behind the camera: any height, but a finite one
-_SCORING_STEPS = 5  # relief is the fixed point of a scoring step that converges by a factor of several each time
 
 
 class Relief(NamedTuple):
@@ -45,9 +40,9 @@ def estimate_relief(
     """Noise and relief from the residuals of motion number `index`, and the weights that follow from them.
 
     noise : known 1-sigma of a normalised coordinate of image 2, or None to estimate it from the residuals across the
-        epipolar lines, as is done where those exceed what is known.
-    settled : take the noise as it is, as for a root that is compared with the one it was estimated from.
-    robust : leave out mismatches, and minorities that stand off their plane.
+        epipolar lines; also estimated if these are significantly larger.
+    settled : do not estimate the noise again, as for a second root that is compared under the noise of the first.
+    robust : leave out mismatches, and minorities far off their plane.
     """
     residual, slide = prediction.residual[index], prediction.slide[index]
     gain = np.hypot(slide[0], slide[1])
@@ -75,7 +70,7 @@ def estimate_relief(
 
 
 def _small_sample(observations: Observations, keep: BoolArray) -> FloatArray:
-    """(m,) factor on relief that widens a patch's errors as Student's t does: its relief rests on n - 3 residuals."""
+    """(m,) factor on relief for the variance of Student's t: a patch's relief is estimated from n - 3 residuals."""
     freedom = observations.sum_patches(keep.astype(float)) - 3.0
     return np.sqrt(np.where(freedom > 2.0, freedom / np.maximum(freedom - 2.0, 1.0), 1.0))
 
@@ -93,8 +88,8 @@ def _match_gate(
 def _standing_off(
     observations: Observations, along: FloatArray, lever: FloatArray, noise: float, keep: BoolArray
 ) -> BoolArray:
-    """(n,) points of minorities far off their plane: rocks, poles, a neighbour's roof."""
-    lever = np.maximum(lever, _NO_LEVER)
+    """(n,) outliers of each patch, more than 4 sigmas off its plane and less than a quarter of it, such as rocks."""
+    lever = np.maximum(lever, 1e-150)  # finite heights also at the epipole and behind the camera
     height, noise_height = along / lever, noise / lever
     off = np.zeros(len(keep), dtype=bool)
     for first, count in zip(observations.first, observations.count, strict=True):
@@ -105,8 +100,8 @@ def _standing_off(
         h = height[patch]
         centre = median(h[kept])
         scale = robust_sigma(h[kept] - centre)
-        far = kept & (np.abs(h - centre) > _STAND_OFF * np.hypot(scale, noise_height[patch]))
-        if far.sum() < _MINORITY * kept.sum():
+        far = kept & (np.abs(h - centre) > 4.0 * np.hypot(scale, noise_height[patch]))
+        if far.sum() < 0.25 * kept.sum():  # a larger share is the shape of the terrain
             off[patch] = far
     return off
 
@@ -114,14 +109,14 @@ def _standing_off(
 def _relative_relief(
     observations: Observations, along: FloatArray, lever: FloatArray, noise: float, keep: BoolArray
 ) -> FloatArray:
-    """(m,) relief by scoring on the along residuals; a plane takes three of them, so patches of three say nothing."""
+    """(m,) relief by Fisher scoring on the residuals along epipolar lines; 0 for patches of three points."""
     kept = keep.astype(float)
     count = observations.sum_patches(kept)
     freedom = np.where(count > 3.0, count / np.maximum(count - 3.0, 1.0), 0.0)
     variance = noise**2 / np.where(observations.weight > 0.0, observations.weight, 1.0)
     excess = observations.per_point(freedom) * along**2 - variance
     relative_squared = np.zeros(observations.n_patches)
-    for _ in range(_SCORING_STEPS):
+    for _ in range(5):  # each step reduces the error several times
         expected = variance + lever**2 * observations.per_point(relative_squared)
         share = kept * lever**2 / expected**2
         information = observations.sum_patches(share * lever**2)

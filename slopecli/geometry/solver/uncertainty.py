@@ -1,4 +1,4 @@
-"""What noise in image 2 does to the motion and the normals: Fisher information and the Cramer-Rao bound."""
+"""Covariance of motion and normals from noise in image 2: Fisher information and the Cramer-Rao bound."""
 
 from __future__ import annotations
 
@@ -13,12 +13,6 @@ from slopecli.geometry.solver.observations import Observations, linearise, obser
 from slopecli.geometry.solver.priors import MotionPrior
 from slopecli.geometry.solver.refinement import State, System, normal_equations
 from slopecli.types import FloatArray, IntArray
-
-# information this much smaller than the largest is rounding: that direction is reported as almost unknown
-_LEAST_INFORMATION = 1e-15
-_NO_INFORMATION = 1e-100  # of a patch all of whose points were left out
-_LEVEL = 0.975  # of the intervals that hold: 95 % two-sided
-_MANY = 300  # degrees of freedom from which on a sigma would change by less than 0.5 %, and is left as it is
 
 
 class Covariance(NamedTuple):
@@ -48,30 +42,30 @@ def covariance_of(system: System, T: FloatArray, index: int, noise: float) -> Co
 
 
 def small_sample(freedom: float) -> float:
-    """Factor on standard errors whose noise was estimated from so many degrees of freedom, infinite when it was given.
+    """Factor on standard errors whose noise was estimated from `freedom` degrees of freedom (infinite: given).
 
-    An error over a sigma that is itself estimated follows Student's t, not a Gaussian. Times t_0.975 / 1.96, the
-    Gaussian 95 % interval is Student's: 6.5 with one degree of freedom, 1.4 with four, 1.01 with a hundred. Sources:
-    Student, "The probable error of a mean", 1908; for regressions Seber and Lee, "Linear Regression Analysis", 2003.
+    The error over an estimated sigma follows Student's t. The factor t_0.975 / 1.96 turns the Gaussian 95 % interval
+    into Student's: 6.5 with one degree of freedom, 1.4 with four, 1.01 with a hundred. Sources: Student, "The probable
+    error of a mean", 1908; for regressions Seber and Lee, "Linear Regression Analysis", 2003.
     """
-    if freedom >= _MANY:
+    if freedom >= 300:  # the factor is below 1.005
         return 1.0
     from scipy.special import stdtrit
 
-    return float(stdtrit(max(int(freedom), 1), _LEVEL)) / NormalDist().inv_cdf(_LEVEL)
+    return float(stdtrit(max(int(freedom), 1), 0.975)) / NormalDist().inv_cdf(0.975)
 
 
 def _inverse(information: FloatArray) -> FloatArray:
-    """Inverses (..., k, k) of positive semi-definite matrices; null directions become very uncertain, not errors."""
+    """Inverses (..., k, k) of positive semi-definite matrices; null directions get a very large variance."""
     values, vectors = np.linalg.eigh(information)
-    least = np.maximum(_LEAST_INFORMATION * values[..., -1:], _NO_INFORMATION)
+    least = np.maximum(1e-15 * values[..., -1:], 1e-100)
     return np.asarray((vectors / np.maximum(values, least)[..., None, :]) @ vectors.swapaxes(-1, -2))
 
 
 def information_system(observations: Observations, state: State, motion: FloatArray | None = None) -> System:
     """Exact Gauss-Newton system of the points at a state: J^T W J and J^T W e with the normals eliminated.
 
-    motion : (1, 7, 7) what is known of the motion besides, see `MotionPrior.terms`.
+    motion : (1, 7, 7) terms of a prior on the motion, see `MotionPrior.terms`.
     """
     return normal_equations(state, linearise(observations, predict(observations, *state))._replace(motion=motion))
 
@@ -85,15 +79,15 @@ def cramer_rao_bound(
     noise: float,
     prior: MotionPrior | None = None,
 ) -> Covariance:
-    """Least covariance any unbiased estimator of motion and normals can reach, at the truth.
+    """Smallest covariance an unbiased estimator of motion and normals can have, at the truth.
 
-    Independent Gaussian noise of the given 1-sigma on both coordinates of image 2, image 1 exact, patches exactly
-    plane. A point on no patch (label -1) has an unknown depth of its own and counts through its epipolar line.
+    Assumes independent Gaussian noise of the given 1-sigma on both coordinates of image 2, exact points in image 1 and
+    exactly planar patches.
 
     Parameters
     ----------
     R : (3, 3), T : (3,) unit, normals : (m, 3) scaled; x1 : (n, 2); patch : (n,); noise : normalised coordinates.
-    prior : what is known of the motion besides, centred on the truth.
+    prior : prior on the motion, centred on the truth.
 
     Returns
     -------
