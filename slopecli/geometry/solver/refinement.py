@@ -1,7 +1,7 @@
-"""Joint least squares over one motion and all planes: 5 + 3m parameters, Levenberg-Marquardt, several starts at once.
+"""Levenberg-Marquardt over one motion and all planes, several starts at once.
 
-The normals are eliminated patch by patch (Schur complement over the 3x3 plane blocks), so the system that is solved
-for the motion stays 6x6 however many patches there are. The sixth parameter, the length of T, is a gauge and pinned.
+The normals are eliminated patch by patch (Schur complement over the 3x3 plane blocks), so the system of the motion is
+6x6 for any number of patches. Its sixth parameter, the length of T, is a gauge and held fixed.
 """
 
 from __future__ import annotations
@@ -19,14 +19,6 @@ from slopecli.types import BoolArray, FloatArray, IntArray
 _ROTATE = np.einsum("kij,ab->jakib", LEVI_CIVITA, np.eye(3)).reshape(9, 27)
 # (3, 27): K -> vec(K e_c^T) for c = 0, 1, 2
 _SPREAD = np.einsum("ij,ca->icja", np.eye(3), np.eye(3)).reshape(3, 27)
-_EYE6 = np.eye(6)
-# the residual sum below which only rounding is left, per residual: (1e-15)^2 in normalised coordinates
-ROUNDING = 1e-30
-# after this many iterations a start that still fits this many times worse than the best one is a stray, not a root
-GRACE, _HOPELESS = 4, 10.0
-# a start that is not there after so many steps sits in the bent valley where rotation, baseline and normals trade off
-# (a narrow field of view); normals solved anew after every step follow its bend
-_PLAIN_STEPS = 2
 
 
 class State(NamedTuple):
@@ -37,8 +29,19 @@ class State(NamedTuple):
     N: FloatArray
 
     def pick(self, index: list[int] | IntArray | slice) -> State:
-        """The motions at these places."""
+        """The motions with these indices."""
         return State(self.R[index], self.T[index], self.N[index])
+
+    def distinct(self, order: list[int]) -> list[int]:
+        """Of motions in the given order, those that repeat no earlier one to 2e-3 rad."""
+        # the Frobenius norm of a difference of rotations is sqrt(2) times the small angle between them
+        turned = np.sqrt(0.5 * ((self.R[:, None] - self.R) ** 2).sum(axis=(2, 3)))
+        apart = np.maximum(turned, np.linalg.norm(self.T[:, None] - self.T, axis=2))
+        kept: list[int] = []
+        for i in order:
+            if (apart[i, kept] > 2e-3).all():
+                kept.append(i)
+        return kept
 
     def homographies(self) -> FloatArray:
         """(s, m, 3, 3) H_i = R (I - T N_i^T), eq. (3)."""
@@ -95,7 +98,7 @@ def normal_equations(state: State, form: QuadraticForm) -> System:
 
 
 def _free_part(R: FloatArray, T: FloatArray, AE: FloatArray, gE: FloatArray, centred: bool) -> FloatArray:
-    """What points on no patch add to the motion's 7x7 block."""
+    """Contribution of points on no patch to the motion's 7x7 block."""
     s = len(R)
     E = (R @ skew(T)).reshape(s, 9)
     G = np.empty((s, 7, 9))
@@ -112,7 +115,7 @@ def _free_part(R: FloatArray, T: FloatArray, AE: FloatArray, gE: FloatArray, cen
 
 
 def _solve_blocks(V: FloatArray, X: FloatArray) -> FloatArray:
-    """V^-1 X for every plane; an exactly singular block (a patch at the epipole) is lifted off zero first."""
+    """V^-1 X for every plane; the diagonal is lifted if a block is exactly singular (a patch at the epipole)."""
     try:
         return np.asarray(np.linalg.solve(V, X), dtype=np.float64)
     except np.linalg.LinAlgError:
@@ -121,7 +124,7 @@ def _solve_blocks(V: FloatArray, X: FloatArray) -> FloatArray:
 
 
 def optimal_normals(R: FloatArray, T: FloatArray, form: QuadraticForm) -> tuple[State, FloatArray]:
-    """The best normals for fixed motions R (s, 3, 3), T (s, 3), in closed form, and the chi-square they leave (s,).
+    """The best normals for fixed motions R (s, 3, 3), T (s, 3), in closed form, and their chi-square (s,).
 
     H_i = R - K N_i^T is linear in N_i, so each normal is a 3x3 system of its own.
     """
@@ -144,18 +147,18 @@ def optimal_normals(R: FloatArray, T: FloatArray, form: QuadraticForm) -> tuple[
 
 
 def step(state: State, system: System, damping: FloatArray) -> tuple[State, FloatArray]:
-    """One damped Gauss-Newton step, and the decrease of chi-square it promises (s,)."""
+    """One damped Gauss-Newton step, and the decrease of chi-square it predicts (s,)."""
     R, T, N = state
     U, b = system.reduced[:, :6, :6], system.reduced[:, :6, 6:]
     scale = np.einsum("sii->s", U)[:, None, None] + np.finfo(float).tiny
-    U = U + (damping[:, None, None] * scale) * _EYE6
+    U = U + (damping[:, None, None] * scale) * np.eye(6)
     U[:, 3:, 3:] += scale * (T[:, :, None] * T[:, None, :])  # the length of T is a gauge
     motion = -np.linalg.solve(U, b)
-    promised = system.chi2 - system.reduced[:, 6, 6] - (b * motion).sum(axis=(1, 2))
+    predicted = system.chi2 - system.reduced[:, 6, 6] - (b * motion).sum(axis=(1, 2))
     dN = (system.response[..., :6] @ motion[:, None])[..., 0] + system.response[..., 6]
     longer = T + motion[:, 3:, 0]
     length = np.sqrt((longer * longer).sum(axis=1))[:, None]
-    return State(_turned(R, motion[:, :3, 0]), longer / length, (N - dN) * length[:, None]), promised
+    return State(_turned(R, motion[:, :3, 0]), longer / length, (N - dN) * length[:, None]), predicted
 
 
 def _turned(R: FloatArray, w: FloatArray) -> FloatArray:
@@ -170,7 +173,7 @@ _Tuple = TypeVar("_Tuple", State, System)
 
 
 class Refined(NamedTuple):
-    """Where the iteration ended: state, its system, iterations taken, converged (s,)."""
+    """Result of the iteration: state, its system, iterations taken, converged (s,)."""
 
     state: State
     system: System
@@ -184,9 +187,9 @@ def levenberg_marquardt(
     degrees_of_freedom: int,
     *,
     tolerance: float = 1e-3,
-    rounding: float = ROUNDING,
+    rounding: float = 1e-30,
     max_iterations: int = 100,
-    grace: int = GRACE,
+    grace: int = 4,
 ) -> Refined:
     """Minimise chi-square from s starts together.
 
@@ -194,24 +197,27 @@ def levenberg_marquardt(
     ----------
     linearise : gives the quadratic form at a state; it may ignore the state when the form is fixed.
     degrees_of_freedom : residuals less parameters, for the stopping rule.
-    tolerance : stop when the promised decrease is below this part of one residual variance: the parameters are then
+    tolerance : stop when the predicted decrease is below this part of one residual variance. The parameters are then
         within about sqrt(tolerance) standard errors before the last step, and far closer after it.
-    grace : iterations after which a start that fits many times worse than the best is given up.
-    rounding : per residual, the part of chi-square that is rounding; no step is taken for less.
+    rounding : chi-square per residual that is rounding, (1e-15)^2 in normalised coordinates; a predicted decrease below
+        it ends the iteration.
+    grace : iterations after which a start with ten times the chi-square of the best is no longer waited for.
     """
     system = normal_equations(state, linearise(state))
     dof = max(degrees_of_freedom, 1)
     damping = np.full(len(state.T), 1e-9)
     settled = np.zeros(len(state.T), dtype=bool)
     for iteration in range(1, max_iterations + 1):
-        trial, promised = step(state, system, damping)
+        trial, predicted = step(state, system, damping)
         floor = np.maximum(system.chi2 / dof, rounding)
-        worthwhile = promised > dof * rounding
-        settled = settled | ~worthwhile | (promised <= tolerance * floor)
+        worthwhile = predicted > dof * rounding
+        settled = settled | ~worthwhile | (predicted <= tolerance * floor)
         if _finished(settled, damping, system.chi2, iteration > grace):
-            # a step this small needs no check, and moves too little to change the system
+            # a step this small needs no check and does not change the system
             return Refined(_accept(settled & worthwhile, trial, state), system, iteration, settled)
-        if iteration > _PLAIN_STEPS:
+        # with a narrow field of view, rotation, baseline and normals trade off along a curved valley; solving the
+        # normals again after every step follows it. Most starts converge before the third step
+        if iteration > 2:
             trial = optimal_normals(trial.R, trial.T, linearise(trial))[0]
         trial_system = normal_equations(trial, linearise(trial))
         better = (trial_system.chi2 <= system.chi2 + 1e-6 * tolerance * floor) & worthwhile
@@ -221,10 +227,10 @@ def levenberg_marquardt(
 
 
 def _finished(settled: BoolArray, damping: FloatArray, chi2: FloatArray, late: bool) -> bool:
-    """Every start is settled, stuck, or a stray that has had its time."""
+    """Whether every start is settled, stuck, or, late, fits far worse than the best."""
     done = settled | (damping > 1e6)
     if late:
-        done = done | (chi2 > _HOPELESS * chi2.min())
+        done = done | (chi2 > 10.0 * chi2.min())
     return bool(done.all())
 
 

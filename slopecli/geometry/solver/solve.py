@@ -12,17 +12,15 @@ from slopecli.geometry.alignment import closed_form
 from slopecli.geometry.epipolar import fit_rotation
 from slopecli.geometry.metrics import direction_angle, rotation_angle
 from slopecli.geometry.solver.ambiguity import by_chance, reaching_across, roots_are_joined, rules_out, separate_freedom
-from slopecli.geometry.solver.joint import Fit, Motion, degrees_of_freedom, maximum_likelihood, with_prior
+from slopecli.geometry.solver.joint import Fit, Motion, maximum_likelihood, with_prior
 from slopecli.geometry.solver.mismatches import noise_at_least
-from slopecli.geometry.solver.observations import Observations, observe
+from slopecli.geometry.solver.observations import Observations, observe, parameter_count
 from slopecli.geometry.solver.one_thread import one_blas_thread
 from slopecli.geometry.solver.priors import MotionPrior
 from slopecli.geometry.solver.uncertainty import covariance_of, small_sample
 from slopecli.types import Ambiguity, FloatArray, IntArray, Solution
 
-# normalised units (a billionth of a pixel) below which residuals are rounding
-_ROUNDING = 1e-12
-_ASTRAY = 0.2  # rad; a closed-form motion further from the joint one is another answer
+EXACT_RESIDUAL = 1e-12  # normalised coordinates; correspondences that fit better are exact to rounding
 
 
 @one_blas_thread()
@@ -40,7 +38,7 @@ def solve_planes(
     noise_gain: float = 1.0,
     prior: MotionPrior | None = None,
 ) -> Solution:
-    """Find the motion and the planes that explain the correspondences, with their covariance and any second answer.
+    """Solve for one motion and one plane per patch, with their covariance and a second root if there is one.
 
     "mle" minimises the image-2 residuals over the 5 + 3m parameters jointly: two residuals for a point on a patch, the
     distance to the epipolar line for a point on none. "ha" is homography alignment as printed (Cheng, section III),
@@ -50,26 +48,25 @@ def solve_planes(
     ----------
     x1, x2 : (n, 2) normalised (undistorted) coordinates in images 1 and 2.
     patch : (n,) int labels 0..m-1; -1 = on no plane, constrains the motion only.
-    noise : 1-sigma of a normalised coordinate in image 2; None estimates it from the residuals, and so do residuals
-        that exceed it by more than chance: a sigma is never smaller than what is seen. Where few residuals tell the
-        noise, standard errors are larger as Student's t is wider, see `uncertainty.small_sample`.
+    noise : 1-sigma of a normalised coordinate in image 2; None estimates it from the residuals. It is also estimated if
+        the residuals are significantly larger. Standard errors from few residuals are widened as by Student's t, see
+        `uncertainty.small_sample`.
     weights : (n,) inverse relative variances of the correspondences, None for equal ones.
-    relief : points of a patch lie near a plane, not on it (terrain): the best-fit plane is found and
-        `Solution.relief` says how rough it is. Used by "mle" only.
-    robust : look for gross mismatches and leave them out. Clean data are fitted by plain least squares either way, and
-        so are few that agree no better without some, see `robust.is_beyond_chance`.
-    initial : motions (R, T) to try besides those found in closed form.
-    noise_gain : how many times larger the standard errors are than independent noise makes them, for correspondences
-        that share errors; multiplies every standard error and divides the chi-square between two roots by its square.
-
-    prior : what is known of the motion besides, weighed by its sigmas against the correspondences. "mle" only.
+    relief : points of a patch lie near a plane, not on it (terrain): the best-fit plane is estimated, and
+        `Solution.relief` is its roughness. Used by "mle" only.
+    robust : leave out gross mismatches. Data without significant ones are fitted by plain least squares, see
+        `mismatches.is_beyond_chance`.
+    initial : motions (R, T) to start from besides those found in closed form.
+    noise_gain : factor on standard errors for correspondences with common errors; the chi-square between two roots is
+        divided by its square.
+    prior : measured motion, weighed by its sigmas against the correspondences. "mle" only.
 
     Returns
     -------
-    solution : `Solution`. `converged` is False when the iteration did not settle or a plane is not in front of both
-        cameras at every point kept. `ambiguity` holds the other root when it is visible too: "resolved" when its
-        chi-square, that of the prior included, is larger by more than chance makes it (`ambiguity.by_chance`), else
-        "unresolved". Where a sharp prior leaves no such root, it is the one of the correspondences alone.
+    solution : `Solution`. `converged` is False if the iteration did not converge or a plane is not in front of both
+        cameras at every point kept. `ambiguity` holds the second root if it is visible too: "resolved" if its
+        chi-square, with that of the prior, is significantly larger (`ambiguity.by_chance`), else "unresolved". If only
+        one root is left with a sharp prior, the second root is that without it.
 
     Raises
     ------
@@ -89,7 +86,7 @@ def solve_planes(
     scale = _scale(fit, noise, noise_gain)
     if fit.observations is not observations:
         rotation = _rotation_only(fit.observations)
-    if solver == "mle":  # a poor closed form may lose to a rotation where there is parallax
+    if solver == "mle":  # a closed form may fit worse than a rotation in spite of parallax
         _check_parallax(fit, scale.noise, *rotation)
     if solver != "mle":
         joint = maximum_likelihood(observations, noise, False, False, list(zip(fit.state.R, fit.state.T, strict=True)))
@@ -125,7 +122,7 @@ def _checked_motion(R: FloatArray, T: FloatArray) -> Motion:
 
 
 def _check_enough(observations: Observations, noise: float | None) -> None:
-    found, needed = observations.residual_count(), 5 + 3 * observations.n_patches + (noise is None)
+    found, needed = observations.residual_count(), parameter_count(observations.n_patches) + (noise is None)
     if found >= needed:
         return
     m = observations.n_patches
@@ -138,7 +135,7 @@ def _check_enough(observations: Observations, noise: float | None) -> None:
 
 
 def _rotation_only(observations: Observations) -> tuple[FloatArray, float]:
-    """The rotation that explains all points best, and the weighted sum of squares it leaves."""
+    """The best rotation for all points, and its weighted sum of squared residuals."""
     p = np.concatenate([observations.free1, observations.p], axis=1)
     x2 = np.concatenate([observations.free2, observations.x2], axis=1)
     weight = np.concatenate([observations.free_weight, observations.weight])
@@ -149,18 +146,18 @@ def _rotation_only(observations: Observations) -> tuple[FloatArray, float]:
 
 
 def _check_baseline(observations: Observations) -> tuple[FloatArray, float]:
-    """Stop before the solver when a rotation explains the points to rounding: there is nothing to solve then."""
+    """Raise NoAnswer if a rotation explains the points to rounding; else return it with its sum of squares."""
     R, cost = _rotation_only(observations)
-    if cost <= observations.residual_count() * _ROUNDING**2:
+    if cost <= observations.residual_count() * EXACT_RESIDUAL**2:
         raise _pure_rotation(R, "exactly")
     return R, cost
 
 
 def _check_parallax(fit: Fit, noise: float, R: FloatArray, cost: float) -> None:
-    """Test against the pure rotation R: the parallax must explain more than its parameters do by chance."""
+    """Raise NoAnswer unless the fit is significantly better than the pure rotation R with the given cost."""
     extra = 2 + 3 * fit.observations.n_patches + int(np.count_nonzero(fit.observations.free_weight))
-    gained = (cost - float(fit.system.chi2[0])) / max(noise, _ROUNDING) ** 2
-    # mean and five standard deviations of chi-square with that many degrees of freedom, and a little for its tail
+    gained = (cost - float(fit.system.chi2[0])) / max(noise, EXACT_RESIDUAL) ** 2
+    # mean and five standard deviations of chi-square with `extra` degrees of freedom, and 10 for its tail
     if gained < extra + 5.0 * np.sqrt(2.0 * extra) + 10.0:
         raise _pure_rotation(R, "within their noise")
 
@@ -177,8 +174,8 @@ def _pure_rotation(R: FloatArray, how_well: str) -> NoAnswer:
 
 
 class _Scale(NamedTuple):
-    """noise : 1-sigma of a unit-weight residual.  gain : of errors that points share.  widening : of standard errors,
-    where few residuals tell the noise.  freedom : how many do, infinite where it was given."""
+    """noise : 1-sigma of a unit-weight residual.  gain : factor for common errors of points.  widening : factor on
+    standard errors whose noise was estimated.  freedom : its degrees of freedom, infinite if it was given."""
 
     noise: float
     gain: float
@@ -187,17 +184,17 @@ class _Scale(NamedTuple):
 
     @property
     def unit(self) -> float:
-        """What chi-squares are counted in."""
-        return max(self.noise * self.gain, _ROUNDING)
+        """Square root of the unit of chi-square."""
+        return max(self.noise * self.gain, EXACT_RESIDUAL)
 
     def all_widened(self) -> _Scale:
-        """For weighing the points against what does not scale with their noise."""
+        """With the widening moved into the gain, to weigh the points against a prior."""
         return self._replace(gain=self.gain * self.widening, widening=1.0)
 
 
 def _scale(fit: Fit, given: float | None, gain: float) -> _Scale:
     """Noise as given, or from the residuals across epipolar lines, or from all residuals over their freedom."""
-    squares, freedom = max(float(fit.system.chi2[0]), 0.0), degrees_of_freedom(fit.observations)
+    squares, freedom = max(float(fit.system.chi2[0]), 0.0), max(fit.observations.freedom(), 1)
     if fit.relief:
         noise = fit.relief[0].noise
     else:
@@ -220,9 +217,9 @@ def _with_ambiguity(fit: Fit, solver: str, scale: _Scale) -> Solution:
 
 
 def _given_up(known: Fit, free: Fit, solution: Solution, scale: _Scale) -> Ambiguity:
-    """The root that images alone admit besides, where what is known of the motion is so sharp that it leaves but one.
+    """Second root without the prior, for a prior so sharp that only one root is left with it.
 
-    known, free : the fits with and without that knowledge.  solution : the root that is left.
+    known, free : the fits with and without the prior.  solution : the root that is left.
     """
     apart = np.linalg.norm(free.state.R[:2] - solution.R, axis=(1, 2)) + np.linalg.norm(
         free.state.T[:2] - solution.T, axis=1
@@ -234,26 +231,26 @@ def _given_up(known: Fit, free: Fit, solution: Solution, scale: _Scale) -> Ambig
     worse_by = float(free.cost[twin] - known.cost[0]) / scale.unit**2 + left
     by_prior = left - prior.chi2(solution)
     chance = by_chance(separate_freedom(free), scale.freedom)
-    # where neither speaks against it, both were dents of one minimum
+    # if neither rules it out, both were part of one broad minimum
     ruled_out = by_prior > by_chance(0.0) or worse_by - by_prior > chance
     return Ambiguity("resolved", worse_by, alternative, by_prior) if ruled_out else Ambiguity()
 
 
 def _beside(own: Solution, joint: Solution) -> Solution:
-    """A closed-form answer with the ambiguity of the joint solution: its own chi-square is no minimum, and tells less.
+    """A closed-form solution with the ambiguity of the joint one, as its own chi-square is not at a minimum.
 
-    An answer that is not the one the joint solution prefers is never called the only one.
+    If it is not near the best joint root (0.2 rad), that root becomes its unresolved alternative.
     """
     other = joint.ambiguity.alternative
     if other is None:
-        return own if _apart(own, joint) < _ASTRAY else replace(own, ambiguity=Ambiguity("unresolved", 0.0, joint))
+        return own if _apart(own, joint) < 0.2 else replace(own, ambiguity=Ambiguity("unresolved", 0.0, joint))
     if _apart(own, joint) > _apart(own, other):
         return replace(own, ambiguity=Ambiguity("unresolved", joint.ambiguity.delta_chi2, joint))
     return replace(own, ambiguity=joint.ambiguity)
 
 
 def _apart(a: Solution, b: Solution) -> float:
-    """How far two motions are apart, rad."""
+    """Angle between two motions, rotation and direction added up, rad."""
     return float(rotation_angle(a.R, b.R) + direction_angle(a.T, b.T))
 
 
@@ -271,7 +268,7 @@ def _solution(fit: Fit, index: int, solver: str, scale: _Scale, joined: bool = F
         noise=scale.noise,
         relief=fit.relief[index].relative if fit.relief else np.zeros(observations.n_patches),
         rms=_rms(observations, fit, index),
-        chi2=float(fit.system.chi2[index]) / max(scale.noise, _ROUNDING) ** 2,
+        chi2=float(fit.system.chi2[index]) / max(scale.noise, EXACT_RESIDUAL) ** 2,
         inlier=observations.in_given_order(observations.free_weight > 0.0, observations.weight > 0.0),
         converged=bool(fit.converged[index]),
         iterations=fit.iterations,
@@ -280,7 +277,7 @@ def _solution(fit: Fit, index: int, solver: str, scale: _Scale, joined: bool = F
 
 
 def _rms(observations: Observations, fit: Fit, index: int) -> float:
-    """Root mean square length of the residuals of the points kept: distance to the prediction, or to the line."""
+    """RMS residual of the points kept: distance to the predicted point, or to the epipolar line on no patch."""
     kept, kept_free = observations.weight > 0.0, observations.free_weight > 0.0
     total = (fit.prediction.residual[index] ** 2).sum(axis=0) @ kept
     total += fit.prediction.distance[index] ** 2 @ kept_free

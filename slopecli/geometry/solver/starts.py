@@ -1,4 +1,4 @@
-"""Where the joint refinement starts: closed-form motions from homographies and the essential matrix."""
+"""Starting motions of the joint refinement: closed form, from homographies and the essential matrix."""
 
 from __future__ import annotations
 
@@ -10,21 +10,10 @@ from slopecli.geometry.solver.observations import Observations, QuadraticForm, i
 from slopecli.geometry.solver.refinement import State, levenberg_marquardt, optimal_normals
 from slopecli.types import FloatArray, IntArray
 
-_PATCH_STARTS = 2  # single patches whose own homography is tried besides the homography of all points
-_SCORED_PATCHES = 64  # a motion is found from this many patches; the others only add their normals to it
-_SCATTERED = 16  # directions over half a sphere, about 35 degrees apart
-COARSE_STEPS = 2  # enough to tell which starts are roots; the exact refinement goes on from there
-_DISTINCT = 2e-3  # rad; closer motions are the same minimum
-_ROUNDING = 1e-15  # of chi-square per residual, where it is a difference of sums of order one
-# a start that fits 10 times worse than the best and by more than 1000 in chi-square is not a second answer
-_HOPELESS, _HOPELESS_CHI2 = 10.0, 1000.0
-# the same before refinement: planes that leave two answers fit one homography, whose roots both start close
-_UNPROMISING = 30.0
+START_ROUNDING = 1e-15  # of chi-square per residual, where it is a difference of sums of order one
 
 
-def starting_states(
-    observations: Observations, initial: list[tuple[FloatArray, FloatArray]], steps: int = COARSE_STEPS
-) -> State:
+def starting_states(observations: Observations, initial: list[tuple[FloatArray, FloatArray]], steps: int = 2) -> State:
     """Refined, distinct motions with their normals, best chi-square first.
 
     Every start is a motion; its normals follow in closed form, which also gives its chi-square, so all starts are
@@ -32,8 +21,8 @@ def starting_states(
 
     Parameters
     ----------
-    initial : motions (R, T) the caller wants tried as well.  steps : of refinement before those that repeat others or
-        fit far worse are left out.
+    initial : further motions (R, T) to start from.  steps : iterations before those that repeat others or fit far
+        worse are left out; two tell which starts are roots unless there are few points.
 
     Returns
     -------
@@ -49,12 +38,12 @@ def starting_states(
     dof = observations.residual_count()
     keep = _promising(chi2, len(initial), dof)
     form = _form(observations, weighted[:, sample], R[keep], T[keep])
-    # chi-square is a difference of sums of order dof here, so nothing below their rounding can be trusted
+    # chi-square is a difference of sums of order dof here, exact only to their rounding
     refined = levenberg_marquardt(
-        state.pick(keep), lambda _: form, dof, tolerance=1.0, rounding=_ROUNDING, max_iterations=steps
+        state.pick(keep), lambda _: form, dof, tolerance=1.0, rounding=START_ROUNDING, max_iterations=steps
     )
     state = refined.state
-    order = _distinct(state.R, state.T, _plausible(refined.system.chi2, dof))
+    order = state.distinct(_plausible(refined.system.chi2, dof))
     if isinstance(sample, slice):
         return state.pick(order)
     R, T = state.R[order], state.T[order]
@@ -62,39 +51,39 @@ def starting_states(
 
 
 def _plausible(chi2: FloatArray, dof: int) -> list[int]:
-    """Starts by chi-square, best first, without those that fit so much worse that they cannot be an answer."""
+    """Starts by chi-square, best first, without those ten times worse than the best and by more than 1000."""
     values = chi2.tolist()
-    limit = (_HOPELESS + _HOPELESS_CHI2 / dof) * _least(values, dof)
+    limit = (10.0 + 1000.0 / dof) * _least(values, dof)
     return [i for i in sorted(range(len(values)), key=values.__getitem__) if values[i] <= limit]
 
 
 def scattered_motions(observations: Observations) -> list[tuple[FloatArray, FloatArray]]:
-    """Motions to try where few points leave closed forms too noisy to be near every root: moves in all directions.
+    """Motions in 16 directions over half a sphere, for few points, from which closed forms are too noisy.
 
-    Of a direction and its opposite one puts the scene in front, so half a sphere of them does. The rotation of each is
-    the one that explains the points without any move.
+    Half a sphere suffices, as the sign of T follows from the visibility. The rotation is the best one without baseline.
     """
     points = np.concatenate([observations.free1, observations.p], axis=1)
     found = np.concatenate([observations.free2, observations.x2], axis=1)
     R = fit_rotation(points, found, np.concatenate([observations.free_weight, observations.weight]))
-    height = (np.arange(_SCATTERED) + 0.5) / _SCATTERED
-    turn = np.pi * (3.0 - np.sqrt(5.0)) * np.arange(_SCATTERED)
+    number = np.arange(16)  # about 35 degrees apart
+    height = (number + 0.5) / len(number)
+    turn = np.pi * (3.0 - np.sqrt(5.0)) * number
     across = np.sqrt(1.0 - height**2)
     return [(R, T) for T in np.column_stack([across * np.cos(turn), across * np.sin(turn), height])]
 
 
 def _least(chi2: list[float], n_residuals: int) -> float:
-    """The best chi-square and its rounding, which leaves exact fits below 0."""
-    return max(min(chi2), 0.0) + n_residuals * _ROUNDING
+    """The best chi-square plus its rounding; that of exact fits may be below 0."""
+    return max(min(chi2), 0.0) + n_residuals * START_ROUNDING
 
 
 def _null_vectors(observations: Observations, moments: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Homographies of all points and of the largest patches (k, 3, 3), and an essential matrix (3, 3), all linear.
+    """Linear homographies of all points and of the two largest patches (k, 3, 3), and an essential matrix (3, 3).
 
-    The coordinates are shifted and scaled to unit spread for it: a linear fit is worth little otherwise, the less so
-    the narrower the field of view (Hartley, "In defense of the eight-point algorithm", PAMI 1997).
+    Coordinates are shifted and scaled to unit spread first (Hartley, "In defense of the eight-point algorithm", PAMI
+    1997), which matters most for a narrow field of view.
     """
-    largest = np.argsort(-observations.count, kind="stable")[:_PATCH_STARTS]
+    largest = np.argsort(-observations.count, kind="stable")[:2]
     stacked = np.concatenate([moments.sum(axis=0)[None], moments[largest], _essential_moments(observations)[None]])
     C1, C2 = _conditioner(observations.p[:2]), _conditioner(observations.x2)
     # H = C2^-1 H' C1 and E = C2^T E' C1 for the conditioned H' and E', vec row by row
@@ -124,7 +113,7 @@ def _essential_moments(observations: Observations) -> FloatArray:
 
 
 def _depth_weights(observations: Observations, H: FloatArray) -> FloatArray:
-    """Weights over squared depth ratio, the latter from one homography of all points: near enough for a start."""
+    """Weights over the squared depth ratio, which is approximated by one homography of all points."""
     z = (H[2] / np.linalg.svd(H, compute_uv=False)[1]) @ observations.p
     typical = z.mean()
     z = np.clip(z / typical, 0.3, 3.0) * abs(typical)
@@ -144,13 +133,13 @@ def _candidate_motions(
     return rotations, directions
 
 
-def _sample(observations: Observations) -> IntArray | slice:
-    """Patches that decide the motion of a start: all, or the largest half and an even spread for the other half."""
+def _sample(observations: Observations, most: int = 64) -> IntArray | slice:
+    """Patches that determine the motion of a start: all, or the largest and as many evenly spread over the others."""
     m = observations.n_patches
-    if m <= _SCORED_PATCHES:
+    if m <= most:
         return slice(None)
-    largest = np.argsort(-observations.count, kind="stable")[: _SCORED_PATCHES // 2]
-    return np.union1d(largest, np.linspace(0, m - 1, _SCORED_PATCHES // 2).astype(np.int64))
+    largest = np.argsort(-observations.count, kind="stable")[: most // 2]
+    return np.union1d(largest, np.linspace(0, m - 1, most // 2).astype(np.int64))
 
 
 def _form(observations: Observations, moments: FloatArray, R: FloatArray, T: FloatArray) -> QuadraticForm:
@@ -192,8 +181,8 @@ def _promising(chi2: FloatArray, n_initial: int, n_residuals: int) -> list[int]:
     """Which starts to refine.
 
     Both roots of the homography of all points, the best of E and the best of another homography (both of its roots if
-    it beats them all), unless they fit far worse than the best; and all of the caller's. Roots are kept in pairs,
-    because two noisy versions of one root may score better than the other root.
+    it is the best of all), unless their chi-square is 30 times that of the best; and all of the caller's. Roots are
+    kept in pairs, because two noisy versions of one root may score better than the other root.
     """
     values = chi2.tolist()
     n_homographies = len(values) - 2 - n_initial
@@ -202,20 +191,7 @@ def _promising(chi2: FloatArray, n_initial: int, n_residuals: int) -> list[int]:
     candidates = [0, 1, essential, best]
     if values[best] <= min(values[0], values[1], values[essential]):
         candidates.append(best ^ 1)
-    limit = _UNPROMISING * _least(values, n_residuals)
+    limit = 30.0 * _least(values, n_residuals)
     keep = [i for i in candidates if values[i] <= limit]
     keep += [i for i in range(n_homographies + 2, len(values)) if np.isfinite(values[i])]
     return keep or [min(range(len(values)), key=values.__getitem__)]
-
-
-def _distinct(R: FloatArray, T: FloatArray, order: list[int]) -> list[int]:
-    """Indices in the given order, without motions that repeat an earlier one."""
-    # the Frobenius norm of a difference of rotations is sqrt(2) times the small angle between them
-    apart = np.maximum(
-        np.sqrt(0.5 * ((R[:, None] - R) ** 2).sum(axis=(2, 3))), np.sqrt(((T[:, None] - T) ** 2).sum(axis=2))
-    )
-    kept: list[int] = []
-    for i in order:
-        if all(apart[i, k] > _DISTINCT for k in kept):
-            kept.append(i)
-    return kept
