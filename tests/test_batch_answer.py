@@ -163,7 +163,7 @@ def test_a_finished_pair_is_looked_up(pairs: list[Pair], tmp_path: Path, monkeyp
 @pytest.mark.parametrize("what", ["options", "image", "camera"])
 def test_a_pair_is_answered_anew_when_something_has_changed(tmp_path: Path, what: str) -> None:
     paths = make_images(tmp_path / "views", 2)
-    job = make_job(make_pairs(paths)[0], tmp_path / "out")
+    job = make_job(make_pairs(paths)[0], tmp_path / "out", QUICK)
     before = answer(job).outcome
     if what == "options":
         job = replace(job, options=Options(grid=(2, 2)))
@@ -345,7 +345,7 @@ def shipped(job: Job) -> Job:
 def test_a_shipped_job_needs_no_file_and_comes_to_the_same(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     paths = make_images(tmp_path / "views", 2)
     pair = make_pairs(paths)[0]
-    here, there = make_job(pair, tmp_path / "here"), shipped(make_job(pair, tmp_path / "there"))
+    here, there = make_job(pair, tmp_path / "here", QUICK), shipped(make_job(pair, tmp_path / "there", QUICK))
     answer(here)
     for path in (tmp_path / "views").iterdir():
         path.unlink()
@@ -359,7 +359,9 @@ def test_a_shipped_job_needs_no_file_and_comes_to_the_same(tmp_path: Path, monke
 def test_a_camera_of_several_in_a_file_is_found_in_a_shipped_job(images: list[Path], tmp_path: Path) -> None:
     file = tmp_path / "cameras.txt"
     file.write_text("1 PINHOLE 800 800 692.8 692.8 400 400\n2 PINHOLE 800 800 700 700 400 400\n")
-    jobs = [make_job(make_pair(*images[:2], CameraChoice(f"{file}#{name}")), tmp_path / name) for name in ("1", "2")]
+    jobs = [
+        make_job(make_pair(*images[:2], CameraChoice(f"{file}#{name}")), tmp_path / name, QUICK) for name in ("1", "2")
+    ]
     sent = [answer(shipped(job)) for job in jobs]
     assert [one.outcome.exit_status for one in sent] == [0, 0]
     assert sent[0].outcome.fingerprint != sent[1].outcome.fingerprint

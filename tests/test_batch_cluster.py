@@ -19,8 +19,8 @@ from slopecli.batch import Keep, Outcome, Pair, Progress, run
 from slopecli.errors import InputError
 from slopecli.options import Options
 
-pytestmark = pytest.mark.slow
-N_IMAGES = 25
+N_IMAGES = 9
+OPTIONS, KEEP = Options(grid=(1, 1)), Keep(overlay=False, ply=False)
 
 
 @pytest.fixture(scope="module")
@@ -47,7 +47,7 @@ def cluster() -> Iterator[Any]:
 
 
 def answer(pairs: list[Pair], folder: Path, **how: Any) -> list[Outcome]:
-    outcomes = run(pairs, Options(), Keep(), folder, **how)
+    outcomes = run(pairs, OPTIONS, KEEP, folder, **how)
     assert [outcome.exit_status for outcome in outcomes] == [0] * len(pairs)
     return outcomes
 
@@ -64,6 +64,7 @@ def test_a_cluster_comes_to_the_same_bytes(
     assert tree(tmp_path) == here
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("ship", [False, True], ids=["shared paths", "shipped"])
 def test_a_worker_killed_half_way_changes_nothing(
     cluster: Any, pairs: list[Pair], here: dict[str, bytes], tmp_path: Path, ship: bool
@@ -81,9 +82,11 @@ def test_a_worker_killed_half_way_changes_nothing(
     assert tree(tmp_path) == here
 
 
+@pytest.mark.slow
 def test_the_command_runs_on_a_cluster(cluster: Any, pairs: list[Pair], here: dict[str, bytes], tmp_path: Path) -> None:
     folder = Path(pairs[0].image1).parent
     program = [sys.executable, "-m", "slopecli", "batch", str(folder), "-o", str(tmp_path), "-q"]
+    program += ["--grid", "1x1", "--no-overlay", "--no-ply"]
     done = subprocess.run(
         [*program, "--cluster", cluster.scheduler_address], capture_output=True, text=True, timeout=300, check=False
     )
@@ -96,17 +99,17 @@ def test_a_cluster_that_is_not_there_is_one_line(pairs: list[Pair], tmp_path: Pa
     pytest.importorskip("distributed")
     monkeypatch.setattr("slopecli.batch.running.CONNECT_S", 1)
     with pytest.raises(InputError, match=r"no Dask cluster answers at tcp://127.0.0.1:9") as refused:
-        run(pairs, Options(), Keep(), tmp_path, cluster="tcp://127.0.0.1:9")
+        run(pairs, OPTIONS, KEEP, tmp_path, cluster="tcp://127.0.0.1:9")
     assert "\n" not in str(refused.value)
 
 
 EXECUTORS: list[Callable[[], Executor]] = [
-    lambda: ProcessPoolExecutor(2, mp_context=get_context("spawn")),
     lambda: ThreadPoolExecutor(2),
+    lambda: ProcessPoolExecutor(2, mp_context=get_context("spawn")),
 ]
 
 
-@pytest.mark.parametrize("make", EXECUTORS, ids=["process pool", "thread pool"])
+@pytest.mark.parametrize("make", EXECUTORS, ids=["thread pool", "process pool"])
 def test_any_executor_will_do(
     make: Callable[[], Executor], pairs: list[Pair], here: dict[str, bytes], tmp_path: Path
 ) -> None:

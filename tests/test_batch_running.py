@@ -17,7 +17,7 @@ from slopecli.io import atomic
 from slopecli.options import Options
 
 SUMMARY = {"summary.csv", "results.jsonl", "index.html"}
-OPTIONS, KEEP = Options(), Keep()
+OPTIONS, KEEP = Options(grid=(1, 1)), Keep(overlay=False, ply=False)
 
 
 @pytest.fixture(scope="module")
@@ -56,7 +56,6 @@ def test_progress_counts_what_is_done_failed_and_kept(pairs: list[Pair], tmp_pat
         assert (last.n_pairs, last.n_failed, last.n_kept) == (5, 1, n_kept)
 
 
-@pytest.mark.slow
 def test_how_many_processes_work_does_not_show(pairs: list[Pair], alone: dict[str, bytes], tmp_path: Path) -> None:
     run(pairs, OPTIONS, KEEP, tmp_path, jobs=3)
     assert tree(tmp_path) == alone
@@ -163,7 +162,7 @@ def peak_memory_mb() -> float:
 @pytest.mark.slow
 @pytest.mark.skipif(sys.platform != "linux", reason="reads /proc")
 def test_memory_does_not_grow_with_the_number_of_pairs(tmp_path: Path) -> None:
-    jobs = [make_job(pair, tmp_path / "out") for pair in make_pairs(make_images(tmp_path / "views", 61))]
+    jobs = [make_job(pair, tmp_path / "out", OPTIONS) for pair in make_pairs(make_images(tmp_path / "views", 61))]
     worker = Worker()
     worker.submit(answer_here, jobs[:10]).result()
     after_ten = worker.submit(peak_memory_mb).result()

@@ -27,7 +27,7 @@ with locked(Path(sys.argv[1])) as descriptor:
     print("held", flush=True)
     time.sleep(600)
 """
-CHILD = 'import subprocess; subprocess.Popen(["sleep", "4"], pass_fds=(descriptor,), stdout=subprocess.DEVNULL)'
+CHILD = 'import subprocess; subprocess.Popen(["sleep", "2"], pass_fds=(descriptor,), stdout=subprocess.DEVNULL)'
 
 
 def hold_elsewhere(folder: Path, then: str = "pass") -> subprocess.Popen[str]:
@@ -80,7 +80,6 @@ def test_a_killed_holder_is_in_nobodys_way(tmp_path: Path) -> None:
     assert not list(tmp_path.iterdir())
 
 
-@pytest.mark.slow
 def test_children_of_a_killed_holder_are_waited_for(tmp_path: Path) -> None:
     kill(hold_elsewhere(tmp_path, CHILD))
     assert not is_free(tmp_path)

@@ -1,4 +1,4 @@
-"""The only code that opens files: images, cameras, and everything that is written."""
+"""All reading and writing of files: images, cameras, correspondences, poses, outputs."""
 
 from slopecli.face import lazy_names
 

@@ -1,4 +1,4 @@
-"""Files that are whole or not there."""
+"""Write files so that a reader, or a run after a crash, finds the old or the new content, never a part."""
 
 from __future__ import annotations
 
@@ -8,12 +8,12 @@ import shutil
 from contextlib import suppress
 from pathlib import Path
 
-TEMPORARY = ".slopemap-"  # what the names of unfinished files and folders begin with
+TEMPORARY = ".slopemap-"  # prefix of the names of unfinished files and folders
 DISK_FULL = (errno.ENOSPC, errno.EDQUOT)
 
 
 def write_through(path: Path, content: bytes) -> None:
-    """Write a new file and wait until the disk has it."""
+    """Write a new file and wait until it is on the disk."""
     with open(path, "xb") as file:
         file.write(content)
         file.flush()
@@ -21,7 +21,7 @@ def write_through(path: Path, content: bytes) -> None:
 
 
 def sync_folder(folder: Path) -> None:
-    """Wait until the disk has the names in a folder; only POSIX systems can."""
+    """Wait until the entries of a folder are on the disk (POSIX only)."""
     if os.name != "posix":
         return
     descriptor = os.open(folder, os.O_RDONLY)
@@ -32,11 +32,11 @@ def sync_folder(folder: Path) -> None:
 
 
 def write_atomically(path: Path, content: bytes) -> None:
-    """Replace a file at once: whoever looks, even after a power cut, finds the old one or the new one.
+    """Replace a file in one step: readers find the old or the new content, also after a power cut.
 
     Raises
     ------
-    OSError : it could not be written; the old file is as it was.
+    OSError : it could not be written; the old file is unchanged.
     """
     beside = path.with_name(f"{TEMPORARY}{os.getpid()}-{path.name}")
     try:
@@ -51,10 +51,10 @@ def write_atomically(path: Path, content: bytes) -> None:
 
 
 def remove_temporary(folder: Path) -> None:
-    """Remove what a killed process left unfinished in a folder; what cannot be removed stays and does no harm."""
+    """Remove the unfinished files of killed processes from a folder; errors are ignored, as such files do no harm."""
     try:
         left = [entry for entry in os.scandir(folder) if entry.name.startswith(TEMPORARY)]
-    except OSError:  # none there, or none that can be read: whoever writes to it will say so
+    except OSError:  # no such folder, or not readable: writing to it will report that
         return
     for entry in left:
         with suppress(OSError):

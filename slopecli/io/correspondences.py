@@ -1,4 +1,4 @@
-"""Correspondences from a CSV file: columns x1, y1, x2, y2 and if need be patch and sigma, under a header."""
+"""Read correspondences from a CSV file with a header: columns x1, y1, x2, y2, optionally patch and sigma."""
 
 from __future__ import annotations
 
@@ -25,9 +25,9 @@ SHOWN = 40  # characters of a bad cell in a message
 
 
 def read_correspondences(path: str | PathLike[str]) -> Given:
-    """Read a CSV file with a header, or stdin for "-". Columns come in any order, and others are passed over.
+    """Read a CSV file with a header, or stdin for "-". Columns may be in any order; others are ignored.
 
-    Without the column patch all rows lie on plane 1; an empty cell in it, like -1, is a row on no plane.
+    Without the column patch all rows belong to patch 1; an empty cell or -1 means no patch.
 
     Raises
     ------
@@ -69,7 +69,7 @@ def _all_of(path: Path, file: BinaryIO) -> bytes:
 
 
 def _rows(path: str | PathLike[str], data: bytes) -> Iterator[tuple[str, list[str]]]:
-    """Where a row is, in words, and its cells, the header first; blank lines are passed over."""
+    """Position of a row for messages, and its cells; the header first, blank lines skipped."""
     try:
         reader = csv.reader(StringIO(data.decode("utf-8-sig"), newline=""), strict=True)
         number = 0
@@ -82,7 +82,7 @@ def _rows(path: str | PathLike[str], data: bytes) -> Iterator[tuple[str, list[st
 
 
 def _columns(path: str | PathLike[str], header: tuple[str, list[str]] | None) -> Mapping[str, int]:
-    """Where each column stands."""
+    """Index of each column."""
     names = [cell.strip().lower() for cell in header[1]] if header else []
     missing = [name for name in COORDINATES if name not in names]
     if missing:
@@ -95,7 +95,7 @@ def _columns(path: str | PathLike[str], header: tuple[str, list[str]] | None) ->
 
 
 def _values(path: str | PathLike[str], where: str, cells: list[str], columns: Mapping[str, int]) -> tuple[float, ...]:
-    """x1, y1, x2, y2, patch, sigma of a row; sigma is 1 where there is no such column."""
+    """x1, y1, x2, y2, patch, sigma of a row; sigma is 1 without such a column."""
     if len(cells) <= max(columns.values()):
         raise InputError(f"{path}: {where} has {len(cells)} cells, and the header names more; complete the row")
     texts = {name: cells[column].strip() for name, column in columns.items()}

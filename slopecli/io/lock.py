@@ -1,4 +1,4 @@
-"""Folders that one program at a time may write to."""
+"""A lock on a folder, so that one program at a time writes to it."""
 
 from __future__ import annotations
 
@@ -14,17 +14,17 @@ from slopecli.errors import InputError
 
 LOCK = ".slopemap.lock"
 MARK = ".slopemap.held"
-NO_LOCKS = (errno.ENOLCK, errno.ENOSYS, errno.ENOTSUP, errno.EINVAL)  # what file systems without locks answer
-PATIENCE_S = 30.0  # for workers of a killed program to notice that they are alone
+NO_LOCKS = (errno.ENOLCK, errno.ENOSYS, errno.ENOTSUP, errno.EINVAL)  # errors of file systems without locks
+PATIENCE_S = 30.0  # time for the workers of a killed program to end
 PAUSE_S = 0.05
 
 
 @contextmanager
 def locked(folder: Path) -> Iterator[int]:
-    """Hold a folder; gives the descriptor of the lock, for child processes that shall hold it too.
+    """Lock a folder; gives the file descriptor of the lock, which child processes may inherit.
 
-    The lock lasts until all of them have ended, however they end. Where the file system has no locks, a file stands
-    for it; a killed program leaves that behind, and it counts no longer once no process of its number is found.
+    The lock lasts until all processes that hold the descriptor have ended. On a file system without locks, a marker
+    file is used instead; it is ignored when the process that made it no longer runs.
 
     Raises
     ------
@@ -39,12 +39,12 @@ def locked(folder: Path) -> Iterator[int]:
     finally:
         for name in (MARK, LOCK):
             with suppress(OSError):
-                os.unlink(folder / name)  # while the lock is held, so that nobody can have taken the new one
+                os.unlink(folder / name)  # before the lock is released, so that no other program has locked it
         os.close(descriptor)
 
 
 def _take(folder: Path) -> int:
-    """Descriptor of the lock. Waits for the workers of a program that is gone, but not for one that runs."""
+    """Descriptor of the lock. Waits for the workers of a program that has ended, but not for a running program."""
     deadline = time.monotonic() + PATIENCE_S
     while (descriptor := _try(folder)) is None:
         holder = _holder(folder / MARK) or _holder(folder / LOCK)
@@ -66,10 +66,10 @@ def _holder(path: Path) -> str:
 
 
 def _runs(holder: str) -> bool:
-    """Whether the process of a holder ("PID HOST") runs; of other machines that cannot be told, and it may."""
+    """Whether the process of a holder ("PID HOST") runs; assumed if it is on another machine."""
     process, _, host = holder.partition(" ")
     if not process.isdigit():
-        return False  # it has not signed yet
+        return False  # it has not written its number yet
     if host != socket.gethostname() or os.name != "posix":
         return True
     try:
@@ -82,7 +82,7 @@ def _runs(holder: str) -> bool:
 
 
 def _try(folder: Path) -> int | None:
-    """Descriptor of the lock if it was free."""
+    """Descriptor of the lock, None if another program holds it."""
     path = folder / LOCK
     descriptor = os.open(path, os.O_RDWR | os.O_CREAT, 0o666)
     taken = False
@@ -99,7 +99,7 @@ def _try(folder: Path) -> int | None:
 
 
 def _lock(descriptor: int) -> bool:
-    """Take the lock of an open file if it is free."""
+    """Lock an open file; False if it is locked."""
     try:
         import fcntl
     except ImportError:
@@ -112,7 +112,7 @@ def _lock(descriptor: int) -> bool:
 
 
 def _lock_byte(descriptor: int) -> bool:
-    """The same on Windows, by a byte far behind the holder's name, which stays readable."""
+    """As `_lock`, on Windows: locks a byte far behind the holder's name, which stays readable."""
     import msvcrt
 
     os.lseek(descriptor, 1 << 20, os.SEEK_SET)
@@ -126,7 +126,7 @@ def _lock_byte(descriptor: int) -> bool:
 
 
 def _is_still(descriptor: int, path: Path) -> bool:
-    """Whether the file that was locked still has its name: its last holder took that away."""
+    """Whether the locked file still has its name; the last holder may have deleted it."""
     try:
         return os.path.samestat(os.fstat(descriptor), os.stat(path))
     except FileNotFoundError:
@@ -134,7 +134,7 @@ def _is_still(descriptor: int, path: Path) -> bool:
 
 
 def _try_mark(path: Path) -> int | None:
-    """Without locks: descriptor of a file that only one program can make; one that is left over is removed."""
+    """Without locks: descriptor of a marker file that is created exclusively; an abandoned one is removed."""
     try:
         return os.open(path, os.O_RDWR | os.O_CREAT | os.O_EXCL, 0o666)
     except FileExistsError:

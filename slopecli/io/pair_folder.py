@@ -1,7 +1,7 @@
-"""The folder of one pair of a batch: its files, and beside them a record that they are complete.
+"""The folder of one pair of a batch: its files, and a record that they are complete.
 
-The record is removed before the first file changes and is put in place after the last: where it stands, the files that
-it names are whole and belong together, whenever the writer was killed. Two writers of the same files do no harm.
+The record is removed before the first file changes and written after the last. Where there is a record, its files are
+complete and belong together, whenever the writer was killed. Two writers of the same files do no harm.
 """
 
 from __future__ import annotations
@@ -18,11 +18,11 @@ RECORD = "pair.json"
 
 
 def store_pair(folder: Path, contents: Mapping[str, bytes], record: bytes) -> None:
-    """Make `contents` the files of a pair, and `record` what is known of it; other files of an answer are removed.
+    """Replace the output files of a pair by `contents`, then write its record.
 
     Raises
     ------
-    OSError : something could not be written. Until all is on the disk, the folder is as it was.
+    OSError : a file could not be written. Until all are on the disk, the folder is unchanged.
     """
     folder.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory(prefix=TEMPORARY, dir=folder) as temporary:
@@ -41,14 +41,14 @@ def store_pair(folder: Path, contents: Mapping[str, bytes], record: bytes) -> No
 
 
 def _remove_record(path: Path) -> None:
-    """Remove the record of an earlier answer, for good before any of its files changes."""
+    """Remove the record of an earlier answer, and wait until that is on the disk."""
     if os.path.lexists(path):
-        path.unlink(missing_ok=True)  # another writer may have been faster
+        path.unlink(missing_ok=True)  # another writer may have removed it
         sync_folder(path.parent)
 
 
 def read_record(folder: Path) -> bytes | None:
-    """The record of a pair, None where there is none that can be read."""
+    """The record of a pair, None if there is none or it cannot be read."""
     try:
         return (folder / RECORD).read_bytes()
     except OSError:
@@ -56,7 +56,7 @@ def read_record(folder: Path) -> bytes | None:
 
 
 def has_files(folder: Path, sizes: Mapping[str, int]) -> bool:
-    """Whether all files of these names and sizes, bytes, are there, and none that an earlier answer left."""
+    """Whether the output files of a pair are exactly these, by name and size in bytes."""
     try:
         there = {name: os.path.getsize(folder / name) for name in OUTPUT_NAMES if os.path.lexists(folder / name)}
     except OSError:

@@ -1,4 +1,4 @@
-"""Where the pairs of a batch come from: the images, sub-folders and camera files of a folder, and lists of pairs."""
+"""The inputs of a batch: images, sub-folders and camera files of a folder, and lists of pairs."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ LIST_COLUMNS = ("image1", "image2", "camera1", "camera2")
 
 
 class PairRow(NamedTuple):
-    """A row of a list of pairs, as written; cameras are "" where none is named. line : in the file, from 1."""
+    """A row of a list of pairs; a camera is "" if none is given. line : in the file, from 1."""
 
     line: int
     image1: str
@@ -38,16 +38,16 @@ class PairRow(NamedTuple):
 
 
 def natural_key(name: str) -> tuple[list[str | int], str]:
-    """Key that sorts names as people count: img2 before img10, whatever the case."""
+    """Sort key of natural order, ignoring case: img2 before img10."""
     parts: list[str | int] = list(re.split(r"([0-9]+)", name.casefold()))
     parts[1::2] = map(int, parts[1::2])
     return parts, name
 
 
 def images_in(folder: str) -> list[str]:
-    """Names of the entries of a folder that are named like images, in natural order; hidden ones are left out.
+    """Names in a folder that have the suffix of an image, in natural order, without hidden ones.
 
-    What a name promises is not looked into: a folder named view.jpg is listed, for whoever reads it to refuse by name.
+    The content is not checked: a folder named view.jpg is listed, and reading it will fail with a message.
 
     Raises
     ------
@@ -62,7 +62,7 @@ def folders_in(folder: str) -> list[str]:
 
 
 def cameras_in(folder: str) -> list[str]:
-    """Names of the files of a folder whose names say that they hold a camera; none where it cannot be read."""
+    """Names of the files of a folder that have the name of a camera file; none if it cannot be read."""
     files = _camera_like(folder)
     for stems in CAMERA_STEMS:
         found = [name for name in files if stems.fullmatch(Path(name).stem.lower())]
@@ -72,7 +72,7 @@ def cameras_in(folder: str) -> list[str]:
 
 
 def cameras_by_number(folder: str) -> tuple[str | None, str | None]:
-    """Names of the camera files of the first and the second image, camera1 and camera2, where each is there once."""
+    """Names of the files camera1.* and camera2.* of a folder; None for one that is missing or not unique."""
     files = _camera_like(folder)
     first, second = (
         [name for name in files if re.fullmatch(rf"camera[-_]?{number}", Path(name).stem.lower())] for number in "12"
@@ -89,7 +89,7 @@ def _camera_like(folder: str) -> list[str]:
 
 
 def why_no_images(folder: str) -> str:
-    """What is in a folder that holds no images, and what to do about it."""
+    """The end of a message about a folder without images: what it holds, and what to do."""
     names = _entries(folder)
     unread = [name for name in names if _suffix(name) in UNREAD_SUFFIXES]
     if unread:
@@ -100,20 +100,20 @@ def why_no_images(folder: str) -> str:
 
 
 def is_same_place(one: str, other: str) -> bool:
-    """Whether two paths lead to the same place, which need not exist."""
+    """Whether two paths, which need not exist, lead to the same place."""
     return os.path.realpath(one) == os.path.realpath(other)
 
 
 def lies_in(path: str, folder: str) -> bool:
-    """Whether a path, which need not exist, leads to a folder or to a place below it."""
+    """Whether a path, which need not exist, leads to this folder or to a place below it."""
     return Path(os.path.realpath(path)).is_relative_to(os.path.realpath(folder))
 
 
 def read_pair_list(file: str) -> list[PairRow]:
     """Rows of a list of pairs: two images, and one or two cameras if need be.
 
-    Columns are image1, image2, camera1, camera2, in this order or in that of a header with these names, which may have
-    others besides. They are separated by commas, or by semicolons or tabs where the first line has no comma.
+    Columns are image1, image2, camera1, camera2, in this order or in that of a header; other columns of a header are
+    ignored. They are separated by commas, or by semicolons or tabs if the first line has no comma.
 
     Raises
     ------
@@ -128,7 +128,7 @@ def read_pair_list(file: str) -> list[PairRow]:
 
 
 def _numbered_cells(file: str) -> list[tuple[int, list[str]]]:
-    """Number of the line and stripped cells of every row that is not empty."""
+    """Line number and stripped cells of every row that is not empty."""
     text = _text_of(file)
     lines = csv.reader(StringIO(text, newline=""), delimiter=_delimiter(text), strict=True)
     try:
@@ -161,7 +161,7 @@ def _delimiter(text: str) -> str:
 
 
 def _header(cells: list[str]) -> dict[str, int] | None:
-    """Where the columns are, if these are the cells of a header."""
+    """Indices of the columns, if these are the cells of a header."""
     titles = [cell.lower() for cell in cells]
     return {name: titles.index(name) for name in LIST_COLUMNS if name in titles} if _has_images(titles) else None
 
@@ -199,5 +199,5 @@ def _suffix(name: str) -> str:
 
 
 def _without_doubles(names: list[str]) -> list[str]:
-    """COLMAP writes the same cameras as cameras.bin and cameras.txt; one of them is enough."""
+    """Without a .bin that has a .txt beside it: COLMAP writes the same cameras to both."""
     return [name for name in names if not (name.endswith(".bin") and f"{name[:-4]}.txt" in names)]

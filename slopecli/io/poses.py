@@ -1,4 +1,4 @@
-"""A known motion between two cameras, from a JSON file."""
+"""Read a known motion between two cameras from a JSON file."""
 
 from __future__ import annotations
 
@@ -15,8 +15,8 @@ from slopecli.options import Pose
 from slopecli.types import FloatArray
 
 MAX_BYTES = 4_000_000
-ORTHONORMAL = 1e-4  # by which R R^T may differ from 1: six printed digits
-SHORTEST_M, LONGEST_M = 1e-9, 1e12  # what lies beyond is no distance, and its square overflows
+ORTHONORMAL = 1e-4  # largest difference of R R^T from the identity: R printed with few digits
+SHORTEST_M, LONGEST_M = 1e-9, 1e12  # beyond, its square underflows or overflows
 POSITIONS = ("T", "baseline_cam1", "t")
 WANTED = (
     'needed JSON with "R" (3x3, camera 2 from camera 1) and "T" (where camera 2 is in camera-1 axes, metres), '
@@ -28,12 +28,11 @@ def load_pose(path: str | PathLike[str]) -> Pose:
     """Read {"R": 3x3, "T": [x, y, z]}: P2 = R (P1 - T), T in metres; or "t" = -R T in place of "T", as three numbers or
     a column of three.
 
-    `rotation_cam2_from_cam1` and `baseline_cam1`, as slopes.json calls them, are understood as well; other keys are
-    passed over.
+    The names in slopes.json, `rotation_cam2_from_cam1` and `baseline_cam1`, are accepted too; other keys are ignored.
 
     Raises
     ------
-    InputError : the file cannot be read, holds no motion with a baseline, or two that contradict each other.
+    InputError : the file cannot be read, has no motion with a baseline, or values that contradict each other.
     """
     values = _read(Path(path))
     R = _numbers(path, values, ("R", "rotation_cam2_from_cam1"), (3, 3))
@@ -50,7 +49,7 @@ def load_pose(path: str | PathLike[str]) -> Pose:
 
 
 def _position(path: str | PathLike[str], values: dict[str, Any], R: FloatArray) -> FloatArray:
-    """T, said once or more often in either convention, but only one T."""
+    """T from all keys that are given, in either convention; they must agree."""
     found = [(name, _numbers(path, values, (name,), (3,))) for name in POSITIONS if name in values]
     if not found:
         raise InputError(f"{path}: has no {' or '.join(map(repr, POSITIONS))}; {WANTED}")

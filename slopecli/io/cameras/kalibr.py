@@ -8,15 +8,7 @@ from typing import Any
 
 from slopecli.errors import InputError
 from slopecli.io.cameras.content import CameraFileContent
-from slopecli.io.cameras.values import (
-    Size,
-    Tree,
-    lens_model,
-    make_camera,
-    numbers,
-    refuse_unread_distortion,
-    size_of,
-)
+from slopecli.io.cameras.values import Size, Tree, lens_model, make_camera, numbers, refuse_unread_distortion, size_of
 from slopecli.types import Camera
 
 LENS_KEYS = ("distortion_model", "distortion_coeffs", "distortion_coefficients")
