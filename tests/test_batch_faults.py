@@ -59,20 +59,8 @@ def undisturbed(flight: Flight) -> dict[str, bytes]:
 
 
 def command(views: Path, output: Path, *options: str) -> list[str]:
-    return [
-        sys.executable,
-        "-m",
-        "slopecli",
-        "batch",
-        str(views),
-        "-o",
-        str(output),
-        "--jobs",
-        "2",
-        "-q",
-        *QUICK,
-        *options,
-    ]
+    asked = [str(views), "-o", str(output), "--jobs", "2", "-q", *QUICK, *options]
+    return [sys.executable, "-m", "slopecli", "batch", *asked]
 
 
 def batch(views: Path, output: Path, *options: str, **how: Any) -> subprocess.CompletedProcess[str]:
@@ -237,7 +225,7 @@ def test_other_options_are_other_answers_and_leave_nothing_of_the_first(
     views: Path, undisturbed: dict[str, bytes], tmp_path: Path
 ) -> None:
     output = tmp_path / "out"
-    with started(views, output, "--grid", "2x1", "--debug-images"):
+    with started(views, output, "--grid", "2x1", "--no-overlay"):
         wait_for(output, 3)
     assert batch(views, output).returncode == 0
     assert tree(output) == undisturbed

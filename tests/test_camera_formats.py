@@ -29,7 +29,7 @@ from camera_factory import (
 )
 
 from slopecli.errors import InputError
-from slopecli.io.cameras import CAMERA_FORMATS, load_camera
+from slopecli.io.cameras import CAMERA_FORMATS, CameraFormat, load_camera
 
 
 @pytest.mark.parametrize(("content", "source"), SAMPLES.values(), ids=SAMPLES.keys())
@@ -60,8 +60,10 @@ def test_coefficients_under_another_name_never_count_as_none(tmp_path: Path, tre
         load_camera(tmp_path / "camera.json", size=(1024, 768))
 
 
-def test_every_format_has_a_sample() -> None:
-    assert {source for _, source in SAMPLES.values()} == {form.name for form in CAMERA_FORMATS}
+@pytest.mark.parametrize("form", CAMERA_FORMATS, ids=lambda form: form.name)
+def test_every_format_has_tests_of_its_own(form: CameraFormat) -> None:
+    module = form.read.__module__.rpartition(".")[2]
+    assert Path(__file__).with_name(f"test_camera_{module}.py").exists()
 
 
 def test_the_table_of_formats_is_current() -> None:
