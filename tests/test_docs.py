@@ -195,4 +195,4 @@ def test_plan_page_has_every_key_and_the_limits_of_the_code() -> None:
     assert "Twenty pairs are simulated" in PLAN
     assert prediction.TRIALS == 20
     assert "at least half of themselves in image 2" in PLAN
-    assert pytest.approx(0.5) == baseline.HALF_SEEN
+    assert pytest.approx(0.5) == baseline.LEAST_MATCHED

@@ -1,4 +1,4 @@
-"""plan.json and plan.png: the plan of a pair, for programs and to look at."""
+"""Writing plan.json and plan.png."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from pathlib import Path
 
 from slopecli import __version__
 from slopecli.io.outputs import check_directory, store_outputs
-from slopecli.plan import Plan
+from slopecli.plan.planned import Plan
 from slopecli.products.slopes_json import to_json
 
 PLAN, MAP = "plan.json", "plan.png"

@@ -1,4 +1,4 @@
-"""What a simulation study leaves behind: tables of every trial and scene, a summary with verdicts, and figures."""
+"""Writing the files of a simulation study: tables of trials and scenes, a summary with verdicts, figures."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ import numpy as np
 
 from slopecli import __version__
 from slopecli.io.outputs import check_directory, store_outputs
-from slopecli.products.slopes_json import to_json
+from slopecli.products.slopes_json import SIGNIFICANT_DIGITS, to_json
 from slopecli.study.claims import CannotTell, Claim, bound_ratios, mean, rms
 from slopecli.study.figures import TIMES, draw_figures, draw_times
 from slopecli.study.timing import Timing
@@ -22,7 +22,6 @@ from slopecli.study.trials import QUANTITIES, Spread, Study
 from slopecli.types import FloatArray
 
 SCHEMA_VERSION = "1.0"
-SIGNIFICANT_DIGITS = 9  # as in slopes.json
 TRIALS, SCENES, SUMMARY = "trials.csv", "scenes.csv", "summary.json"
 TIMING_TABLE, TIMING = "timing.csv", "timing.json"
 FIGURES = tuple(
@@ -72,7 +71,7 @@ def trials_csv(study: Study) -> bytes:
     head += [f"slope_error_deg_window_{w}" for w in windows] + ["iterations", "converged", "reason"]
     rows = (
         [t.trajectory_deg, t.noise_px, t.terrain, t.solver]
-        + [_degrees(error) for error in (t.rotation_error, t.direction_error, *t.normal_errors)]
+        + [math.degrees(error) for error in (t.rotation_error, t.direction_error, *t.normal_errors)]
         + [t.iterations, int(t.converged), t.reason or ""]
         for t in study.trials
     )
@@ -86,7 +85,7 @@ def scenes_csv(study: Study) -> bytes:
     head += [f"slope_bound_deg_window_{w}" for w in windows] + [f"true_slope_deg_window_{w}" for w in windows]
     rows = (
         [b.trajectory_deg, b.noise_px, b.terrain]
-        + [_degrees(value) for value in (b.rms[0], b.rms[1], *b.rms[2], *b.slopes)]
+        + [math.degrees(value) for value in (b.rms[0], b.rms[1], *b.rms[2], *b.slopes)]
         for b in study.bounds
     )
     return _csv(head, rows)
@@ -141,10 +140,6 @@ def timing_json(timings: Sequence[Timing], claims: Sequence[Claim]) -> bytes:
     """What was measured of time, and whether it is as claimed."""
     document = {"claims": [asdict(claim) for claim in claims], "timings": [timing._asdict() for timing in timings]}
     return (to_json(document) + "\n").encode("ascii")
-
-
-def _degrees(angle: float) -> float:
-    return math.degrees(angle)
 
 
 def _csv(head: list[str], rows: Iterable[Sequence[Any]]) -> bytes:

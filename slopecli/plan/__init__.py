@@ -1,35 +1,20 @@
-"""Before a flight: how well two images will tell the slopes, and how far apart they must be taken.
+"""Before a flight: the slope sigmas that two images will give, and the baseline that a wanted sigma needs.
 
-What the solver would say of its own answer is computed without images, from where points lie: the same covariance, at
-the true motion and planes. A few simulated pairs, solved, say whether geometry would leave two answers.
+Sigmas are the solver's covariance at the true motion and planes, computed from where points lie, without images. A few
+simulated pairs are solved, too: they show whether a second root will be left.
 """
-
-from slopecli.plan.baseline import needed_baseline
-from slopecli.plan.flight import Flight, Window, ground_normals, horizontal
-from slopecli.plan.prediction import Forecast, forecast
-from slopecli.plan.result import Plan, PlannedWindow, PlanOptions, make_plan, sigma_text
-
-__all__ = [
-    "Flight",
-    "Forecast",
-    "Plan",
-    "PlanOptions",
-    "PlannedWindow",
-    "Window",
-    "forecast",
-    "ground_normals",
-    "horizontal",
-    "make_plan",
-    "needed_baseline",
-    "sigma_text",
-]
 
 from slopecli.face import lazy_names
 
 __getattr__, __dir__ = lazy_names(
     __name__,
     {
+        "baseline": "needed_baseline",
+        "flight": "Flight Window ground_normals horizontal",
         "plan_map": "draw_plan sigma_colours",
+        "planned": "Plan PlanOptions PlannedWindow sigma_text",
+        "prediction": "Forecast forecast",
+        "result": "make_plan",
         "visibility": "unseen_tilts",
     },
 )

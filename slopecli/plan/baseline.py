@@ -1,4 +1,4 @@
-"""How far apart two images must be taken for a wanted sigma."""
+"""The shortest baseline that gives a wanted slope sigma."""
 
 from __future__ import annotations
 
@@ -12,16 +12,13 @@ from slopecli.findings.parallax import parallax_px
 from slopecli.findings.wording import beside
 from slopecli.plan.flight import Flight, Seen, refuse_sky, see, shares
 from slopecli.plan.prediction import UNKNOWN_DEG, planned_parallax, slope_sigmas
+from slopecli.report.answered_planes import LEAST_MATCHED
 from slopecli.types import FloatArray
 
 Of = Literal["worst", "median"]
 
-HALF_SEEN = 0.5  # share of a window in image 2 below which estimate calls its answer poor
 SHORTEST, LONGEST = 1e-3, 10.0  # baselines tried, in heights
 TRIED = 60  # how many between them: what they miss is found by halving
-FINER = 17  # and about the best of them
-BISECTIONS = 20  # to a millionth
-STRAIGHT_DEG = 1.0
 
 
 def sigma_of(sigma_rad: FloatArray, of: Of) -> float:
@@ -81,14 +78,14 @@ def _around(tried: FloatArray, best: float) -> FloatArray:
     if not best:
         return np.empty(0)
     place = int(np.flatnonzero(tried == best)[0])
-    return np.linspace(tried[max(place - 1, 0)], tried[min(place + 1, len(tried) - 1)], FINER)
+    return np.linspace(tried[max(place - 1, 0)], tried[min(place + 1, len(tried) - 1)], 17)
 
 
 def _longest(flight: Flight) -> float:
     """The baseline, in heights, from which on some window has less than half of it in image 2."""
 
     def lost(baseline: float) -> bool:
-        return bool((shares(flight, baseline) < HALF_SEEN).any())
+        return bool((shares(flight, baseline) < LEAST_MATCHED).any())
 
     kept = 0.0
     for baseline in map(float, np.geomspace(SHORTEST, LONGEST, TRIED)):
@@ -107,8 +104,8 @@ def _has_parallax(flight: Flight, seen: Seen, ample: bool) -> bool:
 
 
 def _bisected(low: float, high: float, holds: Callable[[float], bool]) -> tuple[float, float]:
-    """Where something begins to hold: a length at which it does not yet, like `low`, and one at which it does."""
-    for _ in range(BISECTIONS):
+    """Where something begins to hold, to a millionth: a length at which it does not yet, and one at which it does."""
+    for _ in range(20):
         middle = 0.5 * (low + high)
         low, high = (low, middle) if holds(middle) else (middle, high)
     return low, high
@@ -159,6 +156,6 @@ def _smallest(sigma_rad: float, best: tuple[float, float], longest: float) -> st
 
 
 def _straight(flight: Flight) -> bool:
-    """Whether the flight is straight at, or away from, ground that is one plane, to `STRAIGHT_DEG`."""
+    """Whether the flight is straight at, or away from, ground that is one plane, to 1 deg."""
     outward = flight.normals / np.linalg.norm(flight.normals, axis=1, keepdims=True)
-    return bool((np.abs(outward @ flight.T) > np.cos(np.radians(STRAIGHT_DEG))).all())
+    return bool((np.abs(outward @ flight.T) > np.cos(np.radians(1.0))).all())

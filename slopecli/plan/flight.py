@@ -1,4 +1,4 @@
-"""Two images to be taken: the camera, the way, the ground, and which points both would see.
+"""Geometry of two images still to be taken: camera, direction of motion, ground, and the points that both will show.
 
 Lengths are in heights of camera 1 above the ground; camera 2 keeps the attitude of camera 1.
 """
@@ -25,9 +25,6 @@ NOISE_PX = 0.1  # 1-sigma of a match: estimate measures 0.03 to 0.1 px in render
 ROUGHNESS = 0.002  # of natural ground; estimate reports 0.001 to 0.005, more among rocks, 0 on pavement
 LEAST_SHARE = 0.04  # of a window that image 2 must show for an answer, as estimate needs
 LEAST_MATCHES = 6  # of a window in image 2: fewer, scattered at random, hardly fix a plane
-SCATTER = 3.0  # matches lost to it: n at random places tell as much as n - 3 that are spread evenly
-LATTICE = 256  # points that stand for the matches of a window, fewer where there are many windows
-MOST_POINTS, LEAST_LATTICE = 60_000, 32
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,7 +69,7 @@ class Flight:
     @property
     def lattice(self) -> int:
         """How many points stand for the matches of a window."""
-        return int(np.clip(MOST_POINTS // len(self.windows), LEAST_LATTICE, LATTICE))
+        return int(np.clip(60_000 // len(self.windows), 32, 256))  # fewer where there are many windows
 
     @property
     def more(self) -> float:
@@ -175,12 +172,13 @@ def see(flight: Flight, baseline: float) -> Seen:
     windows = np.flatnonzero((share >= LEAST_SHARE) & (share * flight.points >= LEAST_MATCHES))
     used = inside & np.isin(patch, windows)
     x1, patch = rays[used], np.searchsorted(windows, patch[used])
-    prediction = _predict(flight, x1, patch, normals[windows]) if len(windows) else _NOTHING
-    weight = (1.0 - SCATTER / (share[windows] * flight.points))[patch]
+    if len(windows):
+        prediction = _predict(flight, x1, patch, normals[windows])
+    else:
+        prediction = Prediction(*(np.zeros((1, 2, 0)) for _ in Prediction._fields))
+    # n matches at random places tell as much as n - 3 that are spread evenly
+    weight = (1.0 - 3.0 / (share[windows] * flight.points))[patch]
     return Seen(x1, prediction.x2[0].T, patch, windows, share, normals[windows], weight, prediction)
-
-
-_NOTHING = Prediction(*(np.zeros((1, 2, 0)) for _ in Prediction._fields))
 
 
 def _inside(flight: Flight, baseline: float) -> BoolArray:

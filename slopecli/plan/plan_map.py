@@ -1,4 +1,4 @@
-"""plan.png: image 1 as it will be, its windows coloured by how well a pair will tell their slopes."""
+"""plan.png: the windows of image 1 in the colours of their predicted slope sigmas."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from slopecli.plan import Plan, PlannedWindow, sigma_text
+from slopecli.plan.planned import Plan, PlannedWindow, sigma_text
 from slopecli.products.drawing import marks
 from slopecli.products.drawing.canvas import LARGEST_PX, SMALLEST_PX, converted, text_size
 from slopecli.products.drawing.colormap import slope_range_colours

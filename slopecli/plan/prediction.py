@@ -1,4 +1,4 @@
-"""What a pair of images will tell of slopes: the solver's own covariance, where there are no images yet."""
+"""Predicted slope sigmas of a pair of images, by the solver's covariance at the truth and by simulated pairs."""
 
 from __future__ import annotations
 
@@ -22,8 +22,6 @@ from slopecli.types import Diagnostic, FloatArray, Solution
 
 UNKNOWN_DEG = 60.0  # sigma beyond which slopes are anything, and a covariance says nothing
 TRIALS = 20  # simulated pairs that show whether there are two answers
-SHARING = 4  # matches that share their errors, for which one point stands
-JOINED = 0.5  # error of simulated pairs over the predicted one below which the roots limit each other
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,6 +48,10 @@ class Forecast:
     second_answer: float
     first_error_rad: float
     diagnostics: tuple[Diagnostic, ...]
+
+    @property
+    def two_answers_likely(self) -> bool:
+        return self.second_answer >= 0.5
 
 
 class Trials(NamedTuple):
@@ -81,7 +83,8 @@ def forecast(flight: Flight, baseline: float) -> Forecast:
     parallax = parallax_px(seen.x1, seen.x2, flight.camera.focal_px)
     diagnostics = planned_parallax(parallax, flight.noise_px)
     sigma, trials = slope_sigmas(flight, seen), simulate(flight, seen)
-    joined = float(np.median(trials.error_rad)) < JOINED * float(np.median(sigma))
+    # where the two roots run into each other, the simulated errors are far smaller than the covariance says
+    joined = float(np.median(trials.error_rad)) < 0.5 * float(np.median(sigma))
     sigma = trials.error_rad if joined else sigma
     sigma = np.where(sigma <= np.radians(UNKNOWN_DEG), sigma, np.nan)
     if np.isnan(sigma).all():
@@ -122,7 +125,7 @@ def planned_parallax(parallax: FloatArray, noise_px: float) -> list[Diagnostic]:
 
 
 def _open(flight: Flight, seen: Seen) -> NoAnswer:
-    """Why no slope is told: what is up, or the images."""
+    """Error for a pair whose slopes are all unknown: because of the up direction, or because of the images."""
     what = f"the slopes of all {len(flight.windows)} windows are left open"
     if slope_sigmas(replace(flight, up_sigma_rad=0.0), seen).min() <= np.radians(UNKNOWN_DEG):
         reason = f"{what}, as what is up is known to {np.degrees(flight.up_sigma_rad):.3g} deg only"
@@ -182,9 +185,9 @@ def simulate(flight: Flight, seen: Seen) -> Trials:
         except SlopemapError as error:
             trouble = error
             continue
-        rival = None if _ruled_out(flight, seen, solution) else solution.ambiguity.alternative
-        unresolved += rival is not None
-        roots = [solution] if rival is None else [solution, rival]
+        second = None if _ruled_out(flight, seen, solution) else solution.ambiguity.alternative
+        unresolved += second is not None
+        roots = [solution] if second is None else [solution, second]
         errors = [(normal_angle(-root.scaled_normals, flight.up) - true) ** 2 for root in roots]
         squares.append(min(errors, key=lambda error: float(error.sum())))
         firsts.append(errors[0])
@@ -199,7 +202,8 @@ def _ruled_out(flight: Flight, seen: Seen, solution: Solution) -> bool:
     found = solution.ambiguity
     if found.status == "unresolved" or found.delta_chi2 is None:
         return found.status != "unresolved"
-    matches = SHARING * flight.points * float(seen.share[seen.windows].sum())
+    # one point of a plan stands for about four matches, which share their errors
+    matches = 4 * flight.points * float(seen.share[seen.windows].sum())
     return flight.noise_px * float(np.sqrt(found.delta_chi2 / matches)) > SYSTEMATIC_PX
 
 

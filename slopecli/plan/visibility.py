@@ -1,6 +1,6 @@
-"""What of a window image 2 does not show may tilt otherwise: by how much that leaves the slope of the whole open.
+"""Slope uncertainty of windows due to their part outside image 2.
 
-`estimate` counts it in its sigma. The sigmas of a plan are those of what is seen; this stands beside them.
+`estimate` adds it to its sigma. The sigmas of a plan are those of the part that is seen; this is given beside them.
 """
 
 from __future__ import annotations
@@ -13,9 +13,9 @@ from slopecli.types import FloatArray
 
 
 def unseen_tilts(flight: Flight, baseline: float) -> FloatArray:
-    """(m,) 1-sigma of the tilt of windows that is owed to what image 2 does not show of them, rad; baseline in heights.
+    """(m,) 1-sigma of the tilt of windows due to their part outside image 2, rad; baseline in heights.
 
-    Only what lies outside image 2 is known beforehand: what is hidden or bare is not.
+    Parts that will be hidden or without texture are not known beforehand.
     """
     inside = in_image2(flight, baseline)
     return BEND_RAD * np.array([lever(flight.places(i), inside[i]) for i in range(len(inside))])

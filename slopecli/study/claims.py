@@ -1,8 +1,8 @@
-"""What the paper claims of its simulation (section 4.1), and whether a study bears it out.
+"""The claims of the paper about its simulation (section 4.1), and whether a study confirms each.
 
 Errors are means over terrains, as in the paper ("average slope error", Fig. 5), of homography alignment unless the
 claim names another solver; only the bound is held against root mean squares, as it is one. "Usual" noise is what the
-paper calls normal: up to 0.3 px. In a study smaller than the paper's, what chance may have made is no verdict.
+paper calls normal: up to 0.3 px. A study smaller than the paper's gives no verdict where chance may decide.
 """
 
 from __future__ import annotations
@@ -19,12 +19,9 @@ from slopecli.study.trials import QUANTITIES, Spread, Study
 from slopecli.types import BoolArray, FloatArray
 
 USUAL_PX = 0.3
-MOTION = QUANTITIES[:2]
-FEW = 10  # iterations
+MOTION = ("rotation_error", "direction_error")
 TOGETHER = 0.85  # correlation that eleven noises have by chance once in a thousand times
-BOUND_MARGIN = 0.1
-LINEAR, LINEAR_FROM = 1.05, 64  # exponent of the time, and windows from which on it is fitted
-ONE_LINE = 1e-6  # px
+LINEAR_FROM = 64  # windows, from which on the exponent of the time is fitted
 TOO_FEW = "too few trials"
 
 
@@ -42,7 +39,7 @@ class Claim:
 
 
 class CannotTell(Exception):
-    """The study has not what a claim is about."""
+    """The study lacks what a claim is about."""
 
 
 @dataclass(frozen=True)
@@ -55,7 +52,7 @@ class _Rule:
     measure: Callable[[Study], float]
     below: float | None = None
     above: float | None = None
-    error: Callable[[Study], float] | None = None  # by how much chance moves it; None: found by leaving out terrains
+    error: Callable[[Study], float] | None = None  # sampling error; None: found by leaving out terrains
 
     def judged(self, study: Study) -> Claim:
         limit = f"< {self.below:g}" if self.below is not None else f"> {self.above:g}"
@@ -72,32 +69,31 @@ class _Rule:
 
 
 def judge_study(study: Study) -> list[Claim]:
-    """Every claim about the trials, in the order the paper makes them; those of slopemap itself at the end."""
+    """Return all claims about the trials, in the order the paper makes them; those of slopemap itself at the end."""
     return [rule.judged(study) for rule in RULES]
 
 
 def judge_spread(spread: Spread) -> Claim:
-    """The claim of Figure 2."""
+    """Return the claim of Figure 2."""
     statement = "after alignment one epipolar geometry: a point's images under all homographies lie on one line"
-    held = spread.off_line_after < ONE_LINE < spread.off_line_before
-    return Claim("one-epipolar-geometry", "Fig. 2", statement, spread.off_line_after, f"< {ONE_LINE:g} px", held)
+    held = spread.off_line_after < 1e-6 < spread.off_line_before
+    return Claim("one-epipolar-geometry", "Fig. 2", statement, spread.off_line_after, "< 1e-06 px", held)
 
 
 def judge_times(timings: Sequence[Timing]) -> list[Claim]:
-    """The claim of Figure 6, for every solver that was timed with enough windows."""
+    """Return the claim of Figure 6 for every solver that was timed."""
     claims = []
     for solver in dict.fromkeys(timing.solver for timing in timings):
         statement = f"time of {solver} almost linear in the number of windows: exponent, from {LINEAR_FROM} windows on"
         exponent = time_exponent(timings, solver)
         cannot = "too few sizes were timed" if exponent is None else None
-        held = None if exponent is None else exponent <= LINEAR
-        limit = f"<= {LINEAR:g}"
-        claims.append(Claim(f"linear-time-{solver}", "Fig. 6", statement, exponent, limit, held, cannot))
+        held = None if exponent is None else exponent <= 1.05
+        claims.append(Claim(f"linear-time-{solver}", "Fig. 6", statement, exponent, "<= 1.05", held, cannot))
     return claims
 
 
 def time_exponent(timings: Sequence[Timing], solver: str) -> float | None:
-    """Power of the number of windows that the time of a solver grows with, by least squares on logarithms."""
+    """Return the power of the number of windows that a solver's time grows with, by least squares on logarithms."""
     points = [(t.windows, t.seconds) for t in timings if t.solver == solver and t.windows >= LINEAR_FROM]
     if len(points) < 2:
         return None
@@ -109,7 +105,7 @@ def time_exponent(timings: Sequence[Timing], solver: str) -> float | None:
 
 
 def mean(errors: FloatArray, axis: int | tuple[int, ...] = -1) -> FloatArray:
-    """Mean of what is there; NaN where nothing is."""
+    """Return the mean of the finite errors along axes, NaN where there are none."""
     present = np.isfinite(errors)
     count = present.sum(axis=axis)
     total = np.where(present, errors, 0.0).sum(axis=axis)
@@ -117,7 +113,7 @@ def mean(errors: FloatArray, axis: int | tuple[int, ...] = -1) -> FloatArray:
 
 
 def rms(errors: FloatArray, axis: int | tuple[int, ...] = -1) -> FloatArray:
-    """Root mean square of what is there; NaN where nothing is."""
+    """Return the root mean square of the finite errors along axes, NaN where there are none."""
     return np.sqrt(mean(errors**2, axis))
 
 
@@ -330,21 +326,21 @@ RULES = (
         "section 4.1",
         "a few iterations: median sweeps of ha, the slower of its two starts",
         partial(_iterations, solver="ha"),
-        below=FEW,
+        below=10,
     ),
     _Rule(
         "few-iterations-mle",
         "slopemap",
         "a few iterations: median of mle",
         partial(_iterations, solver="mle"),
-        below=FEW,
+        below=10,
     ),
     _Rule(
         "at-the-bound",
         "slopemap",
         "mle at the Cramer-Rao bound: largest departure of RMS error over bound from 1",
         _off_bound,
-        below=BOUND_MARGIN,
+        below=0.1,
         error=chance_of_ratios,
     ),
 )

@@ -1,4 +1,4 @@
-"""The figures of a simulation study, drawn by matplotlib, which is loaded here and nowhere else."""
+"""The figures of a simulation study (the paper's Figures 2, 4, 5 and 6), drawn by matplotlib."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from slopecli.study.claims import LINEAR_FROM, mean, time_exponent
+from slopecli.study.claims import LINEAR_FROM, USUAL_PX, mean, time_exponent
 from slopecli.study.timing import Timing
 from slopecli.study.trials import Spread, Study
 from slopecli.types import FloatArray
@@ -18,10 +18,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-DPI = 120
 PANEL_IN = 3.4  # side of a panel
-ENTRY_IN = (3.3, 0.28)  # what the longest name takes in the legend, and a line of them
-MOST_COLUMNS, LEGEND_LINES = 3, 2  # of the legend; the lines are those the height of a figure allows for
 NO_NOISE = "This study has no noise:\nall errors are rounding,\nand nothing is left to draw."
 # solver -> what it is called, its colour (safe for the colour-blind: Okabe and Ito), line, marker
 STYLES: dict[str, tuple[str, dict[str, Any]]] = {
@@ -29,9 +26,6 @@ STYLES: dict[str, tuple[str, dict[str, Any]]] = {
     "ha": ("homography alignment", {"color": "#0072B2", "linestyle": "-", "marker": "o"}),
     "mle": ("joint maximum likelihood", {"color": "#009E73", "linestyle": "-", "marker": "D"}),
 }
-BOUND: dict[str, Any] = {"color": "black", "linestyle": ":", "linewidth": 2.2, "zorder": 5}
-DASH: dict[str, Any] = {"marker": "_", "markersize": 24.0, "markeredgewidth": 2.2}  # of a line through one point
-PRINTED: dict[str, Any] = {"color": "#CC79A7", "marker": "v", "linestyle": "none", "markersize": 11, "zorder": 6}
 LETTERING = {
     "font.family": "DejaVu Sans",
     "font.size": 13.0,
@@ -40,10 +34,9 @@ LETTERING = {
     "lines.markersize": 5.5,
     "svg.hashsalt": "slopemap",
 }
-AT_PX, PRINTED_ROTATION_DEG = 0.3, 0.1
+# the paper's limits of the errors at `USUAL_PX`; of rotation 0.1 deg
 PRINTED_TRANSLATION_PERCENT = {0.0: 0.5, 45.0: 0.25, 90.0: 0.25}  # by trajectory
-PRINTED_SLOPE_DEG = {3: 0.5, 4: 1.0, 5: 1.0}  # by window
-SHOWN_WINDOWS = (3, 4, 5)
+PRINTED_SLOPE_DEG = {3: 0.5, 4: 1.0, 5: 1.0}  # by window; those shown
 TIMES = "figure6_time"
 
 
@@ -65,7 +58,7 @@ def draw_times(timings: Sequence[Timing]) -> dict[str, bytes]:
 
 @contextmanager
 def _drawing() -> Iterator[None]:
-    """Settings of our own, whatever a user has set for matplotlib."""
+    """Use fixed settings of matplotlib instead of the user's."""
     import logging
 
     import matplotlib
@@ -89,13 +82,13 @@ def _encoded(name: str, figure: Figure) -> dict[str, bytes]:
     # no date and no version of the program that drew it
     for suffix, metadata in (("png", {"Software": None}), ("svg", {"Date": None, "Creator": None})):
         buffer = BytesIO()
-        figure.savefig(buffer, format=suffix, dpi=DPI, metadata=metadata)
+        figure.savefig(buffer, format=suffix, dpi=120, metadata=metadata)
         contents[f"{name}.{suffix}"] = buffer.getvalue()
     return contents
 
 
 def _legend(figure: Figure, axes: Any, columns: int | None = None) -> None:
-    """What lines mean, below the panels; None: in as many columns as there is width for, and the figure grows."""
+    """Put a legend below the panels; columns None: as many as there is width for, and the figure grows in height."""
     handles: dict[str, Any] = {}
     for panel in axes.flat:
         for handle, label in zip(*panel.get_legend_handles_labels(), strict=True):
@@ -104,9 +97,9 @@ def _legend(figure: Figure, axes: Any, columns: int | None = None) -> None:
         return
     if columns is None:
         width, height = figure.get_size_inches()
-        columns = min(max(int(width / ENTRY_IN[0]), 1), MOST_COLUMNS)
+        columns = min(max(int(width / 3.3), 1), 3)  # the longest name takes 3.3 inches
         lines = -(-len(handles) // columns)
-        figure.set_size_inches(width, height + max(lines - LEGEND_LINES, 0) * ENTRY_IN[1])
+        figure.set_size_inches(width, height + max(lines - 2, 0) * 0.28)  # the panels leave room for two lines
     figure.legend(handles.values(), handles.keys(), loc="outside lower center", ncols=columns, frameon=False)
 
 
@@ -155,7 +148,7 @@ def _draw_motion(study: Study) -> Figure:
         for i, panel in enumerate(line):
             _curves(panel, study, quantity, unit, i)
             angle = study.options.trajectories_deg[i]
-            printed = PRINTED_ROTATION_DEG if quantity == "rotation_error" else PRINTED_TRANSLATION_PERCENT.get(angle)
+            printed = 0.1 if quantity == "rotation_error" else PRINTED_TRANSLATION_PERCENT.get(angle)
             _printed(panel, study, printed)
         line[0].set_ylabel(label)
     _name_trajectories(axes, study)
@@ -164,7 +157,7 @@ def _draw_motion(study: Study) -> Figure:
 
 
 def _draw_slopes(study: Study) -> Figure:
-    windows = [w for w in SHOWN_WINDOWS if w < np.prod(study.options.grid)] or [0]
+    windows = [w for w in PRINTED_SLOPE_DEG if w < np.prod(study.options.grid)] or [0]
     figure, axes = _panels(len(windows), len(study.options.trajectories_deg), sharex=True, sharey=True)
     for line, window in zip(axes, windows, strict=True):
         for i, panel in enumerate(line):
@@ -204,12 +197,14 @@ def _curves(
         errors = errors[trajectory] if window is None else errors[trajectory, :, :, window]
         return unit(mean(errors)[noisy])
 
-    alone = DASH if noisy.sum() == 1 else {}
+    bound: dict[str, Any] = {"color": "black", "linestyle": ":", "linewidth": 2.2, "zorder": 5}
+    if noisy.sum() == 1:
+        bound |= {"marker": "_", "markersize": 24.0, "markeredgewidth": 2.2}  # a line through one point is not seen
     for solver in STYLES:
         if solver in study.options.solvers:
             name, style = STYLES[solver]
             panel.plot(noises[noisy], line(study.errors(solver, quantity)), label=name, **style)
-    panel.plot(noises[noisy], line(study.bound(quantity, "mean")), label="Cramér-Rao bound", **BOUND, **alone)
+    panel.plot(noises[noisy], line(study.bound(quantity, "mean")), label="Cramér-Rao bound", **bound)
     panel.set_yscale("log")
     panel.get_yaxis().set_major_formatter("{x:g}")
     panel.grid(which="major", alpha=0.5)
@@ -217,8 +212,10 @@ def _curves(
 
 
 def _printed(panel: Axes, study: Study, value: float | None) -> None:
-    if value is not None and AT_PX in study.options.noises_px:
-        panel.plot([AT_PX], [value], label="not above this, as printed", **PRINTED)
+    """Mark a limit of the paper, if the study has the noise that it is for."""
+    if value is not None and USUAL_PX in study.options.noises_px:
+        style: dict[str, Any] = {"color": "#CC79A7", "marker": "v", "linestyle": "none", "markersize": 11, "zorder": 6}
+        panel.plot([USUAL_PX], [value], label="not above this, as printed", **style)
 
 
 def _draw_times(timings: Sequence[Timing]) -> Figure:

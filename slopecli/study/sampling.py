@@ -1,4 +1,4 @@
-"""By how much chance moves what a simulation study measures: whether its trials are enough to judge a claim."""
+"""Sampling errors of the statistics of a simulation study: whether its trials are enough to judge a claim."""
 
 from __future__ import annotations
 
@@ -10,9 +10,6 @@ import numpy as np
 from slopecli.study.parameters import StudyOptions
 from slopecli.study.trials import QUANTITIES, Study
 
-GROUPS = 20  # of terrains that are left out in turn
-ONE_SIDED = 0.9  # as a limit is passed on one side
-
 
 def is_large(study: Study) -> bool:
     """Whether a study has the paper's number of trials, by which the paper judges its own claims."""
@@ -22,7 +19,7 @@ def is_large(study: Study) -> bool:
 
 
 def jackknifed(study: Study, measure: Callable[[Study], float]) -> float:
-    """How far off a statistic may be on one side, at 90 %, from how it changes as terrains are left out.
+    """Return the one-sided 90 % sampling error of a statistic, from how it changes as terrains are left out.
 
     It is infinite for one terrain. Terrains are what is drawn at random: one is the same for all trajectories and
     noises. Source: Efron, "The Jackknife, the Bootstrap and Other Resampling Plans", 1982.
@@ -30,21 +27,21 @@ def jackknifed(study: Study, measure: Callable[[Study], float]) -> float:
     from scipy.special import stdtrit
 
     terrains = study.options.terrains
-    groups = min(terrains, GROUPS)
+    groups = min(terrains, 20)  # left out in turn
     if groups < 2:
         return float("inf")
     values = np.array([measure(_without(study, range(first, terrains, groups))) for first in range(groups)])
-    widening = round(float(stdtrit(groups - 1, ONE_SIDED)), 2)
+    widening = round(float(stdtrit(groups - 1, 0.9)), 2)
     return widening * float(np.sqrt((groups - 1) / groups * ((values - values.mean()) ** 2).sum()))
 
 
 def counted(_: Study) -> float:
-    """A count of what was run is not moved by chance."""
+    """Return 0, the sampling error of a count of what was run."""
     return 0.0
 
 
 def chance_of_ratios(study: Study) -> float:
-    """What chance makes of the largest departure from 1 among all ratios of an RMS error to the bound.
+    """Return how far the largest of all ratios of an RMS error to the bound departs from 1 by chance.
 
     The RMS of n Gaussian errors has the standard deviation 1/sqrt(2 n) of itself; the largest of k departs by about
     sqrt(2 ln k) of them.

@@ -1,4 +1,4 @@
-"""Scenes with known motion and planes: the paper's simulation (section 4.1), and whatever else a test may need.
+"""Simulated scenes with known motion and planes, as in the paper's section 4.1; tests use them too.
 
 What the paper leaves open, and what is chosen here: the distribution of terrain slopes (uniform in 0..40 deg, any
 downhill azimuth), the height of the patches (their centres within 5 % of the nominal ground), the rotation between the
@@ -18,9 +18,10 @@ from slopecli.errors import InputError
 from slopecli.geometry.camera import pixels_from_rays, rays_from_pixels
 from slopecli.geometry.epipolar import homogeneous, rotation_from_vector
 from slopecli.geometry.metrics import normal_angle
+from slopecli.geometry.slope import CAMERA_UP
 from slopecli.types import BoolArray, Camera, FloatArray, IntArray
 
-UP = np.array([0.0, 0.0, -1.0])
+UP = CAMERA_UP
 
 
 @dataclass(frozen=True, eq=False)

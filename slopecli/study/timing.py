@@ -13,9 +13,7 @@ from slopecli.study.parameters import FEWEST_ALONE, StudyOptions
 from slopecli.study.scenes import Scene, make_scene
 from slopecli.types import Camera
 
-SMALLEST, STEP = 4, 4  # windows in the measurement, and how many times more the next has
 PATIENCE_S = 5.0  # a solver that would take longer is not timed with more windows
-REPEATS = 3
 
 
 class Timing(NamedTuple):
@@ -31,11 +29,9 @@ def measure_times(
     options: StudyOptions, camera: Camera, on_progress: Callable[[int, int], None] | None = None
 ) -> list[Timing]:
     """Time of every solver on grids of 4, 16, ... windows; one that would take too long is left out from there on."""
-    sizes = [SMALLEST]
-    while sizes[-1] * STEP <= options.most_windows:
-        sizes.append(sizes[-1] * STEP)
-    if options.most_windows < SMALLEST:
-        return []
+    sizes = list[int]()
+    while 4 ** (len(sizes) + 1) <= options.most_windows:
+        sizes.append(4 ** (len(sizes) + 1))
     solvers = [s for s in options.solvers if s == "mle" or options.points >= FEWEST_ALONE]
     timings: list[Timing] = []
     for number, windows in enumerate(sizes):
@@ -67,7 +63,7 @@ def _expected_s(timings: Sequence[Timing], solver: str) -> float:
 
 def _time(scene: Scene, solver: str, windows: int) -> Timing:
     best, iterations, spent = np.inf, 0, 0.0
-    for _ in range(REPEATS):
+    for _ in range(3):
         start = time.process_time()
         iterations = solve_planes(scene.x1, scene.x2, scene.patch, solver).iterations  # type: ignore[arg-type]
         taken = time.process_time() - start

@@ -19,8 +19,6 @@ from slopecli.study.scenes import Scene, field_of_view_camera, make_scene
 from slopecli.types import Camera, FloatArray
 
 SOLVERS = ("mle", "ha", "lh")
-SPREAD_WINDOWS = 9
-DIRECTIONS = 500
 QUANTITIES = ("rotation_error", "direction_error", "normal_errors")
 OnProgress = Callable[[int, int], None]
 
@@ -235,8 +233,9 @@ def least_errors(scene: Scene, noise: float) -> tuple[Measures, Measures]:
 
 def mean_length(covariances: FloatArray) -> FloatArray:
     """(k,) mean length of Gaussian vectors of covariances (k, 3, 3): mean radius times the mean over directions."""
-    height = (np.arange(DIRECTIONS) + 0.5) / DIRECTIONS * 2.0 - 1.0  # a spiral that covers the sphere evenly
-    turn = np.arange(DIRECTIONS) * np.pi * (3.0 - np.sqrt(5.0))
+    number = np.arange(500)
+    height = (number + 0.5) / len(number) * 2.0 - 1.0  # a spiral that covers the sphere evenly
+    turn = number * np.pi * (3.0 - np.sqrt(5.0))
     across = np.sqrt(1.0 - height**2)
     u = np.column_stack([across * np.cos(turn), across * np.sin(turn), height])
     square = np.einsum("di,kij,dj->kd", u, covariances, u)
@@ -272,7 +271,7 @@ def alignment_spread(options: StudyOptions, camera: Camera, noise_px: float = 0.
         max_slope_deg=options.max_slope_deg,
         height_spread=options.height_spread,
     )
-    own = [fit_homography(scene.x1[scene.patch == i], scene.x2[scene.patch == i]) for i in range(SPREAD_WINDOWS)]
+    own = [fit_homography(scene.x1[scene.patch == i], scene.x2[scene.patch == i]) for i in range(len(scene.normals))]
     solution = solve_planes(scene.x1, scene.x2, scene.patch, "ha")
     aligned = homography_of_plane(solution.R, solution.T, solution.scaled_normals)
     before, after = (_images_of_middle(homographies, camera) for homographies in (own, aligned))
