@@ -20,7 +20,7 @@ COLOURS |= {"answered": "green", "failed": "red", "no answer": "yellow"}
 
 @dataclass(frozen=True)
 class Table:
-    """A table as text: titles of the columns, and rows with a cell for each; the last column may be long."""
+    """A table as text: titles of the columns, and rows with a cell for each."""
 
     header: tuple[str, ...]
     rows: Sequence[tuple[str, ...]]
@@ -47,22 +47,29 @@ def print_table(table: Table, *below: str) -> None:
 
 
 def draw_table(table: Table, below: Sequence[str], console: Console) -> None:
-    """Print a table on a terminal: cells that are verdicts in colour, a long last column wrapped inside its column.
+    """Print a table on a terminal: verdicts in colour; long words wrapped inside their column, numbers never.
 
-    rich honours NO_COLOR. On a terminal too narrow for the other columns, lines are longer than it is wide.
+    rich honours NO_COLOR. On a terminal too narrow even so, lines are longer than it is wide.
     """
     from rich.table import Table as RichTable
     from rich.text import Text
 
     drawn = RichTable(box=None, pad_edge=False, header_style="", padding=(0, 2, 0, 0))
-    for title in table.header[:-1]:
-        drawn.add_column(title, justify="left" if title in WORD_COLUMNS else "right", no_wrap=True)
-    *fixed, last = (max(map(len, column)) for column in zip(table.header, *table.rows, strict=True))
-    last = min(last, 20)  # a note needs no more: it is wrapped
-    drawn.add_column(table.header[-1], overflow="fold", min_width=last)
+    narrowest = []
+    for title, *cells in zip(table.header, *table.rows, strict=True):
+        words, width = title in WORD_COLUMNS, max(map(len, [title, *cells]))
+        narrowest.append(min(width, 20) if words else width)
+        wraps = width > narrowest[-1]
+        drawn.add_column(
+            title,
+            justify="left" if words else "right",
+            no_wrap=not wraps,
+            overflow="fold",
+            min_width=narrowest[-1],
+        )
     for row in table.rows:
         drawn.add_row(*(Text(cell, COLOURS.get(cell, "")) for cell in row))
-    console.width = max(console.width, sum(fixed) + 2 * len(fixed) + last)
+    console.width = max(console.width, sum(narrowest) + 2 * (len(narrowest) - 1))
     console.print(drawn)
     for line in below:
         console.print(Text(line), soft_wrap=True)
