@@ -9,7 +9,7 @@ from slopecli.types import BoolArray, FloatArray
 
 Window = tuple[int, int, int, int]  # x, y, width, height in px of image 1
 
-MIN_SIDE_PX = 16
+MIN_SIDE_PX = 16  # nothing can be matched in less
 
 
 def grid_windows(columns: int, rows: int, width: int, height: int) -> list[Window]:

@@ -13,8 +13,6 @@ from slopecli.look.gradient_components import Labels, resized
 from slopecli.types import BoolArray, FloatArray
 from slopecli.windows import Window, window_polygon
 
-OUTLINE_PX = 1.5  # a region's polygon keeps this close to its border
-
 
 @dataclass(frozen=True, eq=False)
 class Footprint:
@@ -74,13 +72,13 @@ def _region(labels: Labels, number: int) -> Footprint:
 
 
 def _outline(mask: NDArray[np.uint8]) -> FloatArray:
-    """(k, 2) polygon around the largest piece, its holes left aside."""
+    """(k, 2) polygon within 1.5 px of the outer border of the largest piece; holes are ignored."""
     contours, _ = cv2.findContours(mask, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_SIMPLE)
     largest = max(contours, key=cv2.contourArea)
-    simple = np.asarray(cv2.approxPolyDP(largest, OUTLINE_PX, True), float).reshape(-1, 2)
+    simple = np.asarray(cv2.approxPolyDP(largest, 1.5, True), float).reshape(-1, 2)
     if len(simple) >= 3:
         return simple
-    low, high = simple.min(0) - 0.5, simple.max(0) + 0.5  # a piece a pixel wide has no contour to speak of
+    low, high = simple.min(0) - 0.5, simple.max(0) + 0.5  # a piece one pixel wide has no contour
     return np.array([low, [high[0], low[1]], high, [low[0], high[1]]])
 
 

@@ -1,4 +1,4 @@
-"""Correspondences that a user brings, as patches."""
+"""Correspondences given by the user, as patches."""
 
 from slopecli.face import lazy_names
 

@@ -1,4 +1,4 @@
-"""Correspondences of the user's own, solved: on exact planes, or as rough ground where they show that they are not."""
+"""Motion and planes of a user's correspondences: exactly planar, or with relief where the residuals show some."""
 
 from __future__ import annotations
 
@@ -19,8 +19,11 @@ MOST_LEFT_OUT = 0.25  # share of a patch's rows off its plane beyond which it is
 
 @dataclass(frozen=True, eq=False)
 class GivenSolution:
-    """The solution; how flat its patches are; which (m,) had too many rows off their plane in an exact fit; and which
-    (m,) were left with no more rows than make a plane, which would fit whichever was left out."""
+    """The solution and checks of its patches (m,).
+
+    flatness : whether residuals along the epipolar lines exceed those across.  emptied : too many rows lie off the
+    exactly planar fit.  unchecked : no more rows are left than determine a plane, so none of them is checked.
+    """
 
     solution: Solution
     flatness: Flatness
@@ -34,10 +37,10 @@ def solve_given(
     noise: float | None,
     prior: MotionPrior | None = None,
 ) -> GivenSolution:
-    """One motion and one plane per patch, whose points are held coplanar unless they show that they are not.
+    """One motion and one plane per patch, exactly planar unless the residuals show relief.
 
-    Points that stand off their planes, by more than they miss their epipolar lines, bend the motion of an exact fit.
-    Then it is solved once more with relief in mind, as ground in images is.
+    Points whose residuals along the epipolar lines exceed those across bias an exactly planar fit. It is then solved
+    once more with relief, as for images.
 
     noise : 1-sigma of a coordinate of weight 1 in image 2, normalised; None estimates it.
     """
@@ -50,7 +53,7 @@ def solve_given(
     if solver == "mle":
         rough = solve_planes(*given, solver, noise, weights=joined.weight, prior=prior, relief=True)
         seen = flatness(rough, *given, joined.weight)
-        # many mismatches upset the fit with relief, which takes them for noise
+        # a fit with relief takes many mismatches for noise
         if seen.off.any() and rough.noise <= exact.noise:
             return GivenSolution(rough, seen, emptied, unchecked)
     return GivenSolution(exact, flatness(exact, *given, joined.weight), emptied, unchecked)

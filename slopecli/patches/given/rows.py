@@ -1,4 +1,4 @@
-"""Correspondences that a user brings, as patches like those a finder of planes returns."""
+"""Correspondences given by the user, as patches with their matches."""
 
 from __future__ import annotations
 
@@ -16,10 +16,9 @@ from slopecli.patches.join import Joined
 from slopecli.patches.patch import Patch
 from slopecli.types import BoolArray, Camera, FloatArray, IntArray
 
-WIDEST_RAY = 5.0  # tangent
-RAYS = Camera(0, 0, 1.0, 1.0, 0.0, 0.0, source="rays")  # the camera whose pixels are rays, for who has none
+WIDEST_RAY = 5.0  # tangent of the angle to the axis
+RAYS = Camera(0, 0, 1.0, 1.0, 0.0, 0.0, source="rays")  # stands for no camera: its pixels are rays
 FEWEST = 3  # points that make a plane
-ON_A_LINE = 1e-6  # width over length of points below which no plane is fixed by them
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,7 +37,7 @@ class Given:
 
 
 class Hull(Footprint):
-    """What is known of where a patch of points lies: its outline. It has no pixels."""
+    """Footprint of given points: their convex outline, without pixels."""
 
     @property
     def area_px(self) -> int:
@@ -52,7 +51,7 @@ class Hull(Footprint):
 
 
 def _refuse_pixels(given: Given, cameras: tuple[Camera, Camera]) -> None:
-    """Without a camera, values are tangents of angles: half of them beyond 79 degrees are no field of view."""
+    """Raise InputError if values without a camera cannot be rays: half of them beyond 79 degrees off the axis."""
     typical = min(float(median(np.abs(xy).max(axis=1))) for xy in (given.xy1, given.xy2))
     if cameras[0] is RAYS and typical > WIDEST_RAY:
         raise InputError(
@@ -103,7 +102,7 @@ def _patch(label: int, matches: Matches, weight: FloatArray, mine: BoolArray) ->
     if n < FEWEST:
         return patch.unmatched(f"it has {n} row{'s' if n > 1 else ''}, and a plane needs {FEWEST}", "too-few-points")
     spread = np.linalg.svd(own.x1 - own.x1.mean(axis=0), compute_uv=False)
-    if spread[1] <= ON_A_LINE * spread[0]:
+    if spread[1] <= 1e-6 * spread[0]:
         return patch.unmatched(f"its {n} rows lie on one line, which does not fix a plane", "too-few-points")
     return replace(patch, matches=own, weight=weight[mine], origin="own", score=1.0, share=1.0)
 

@@ -1,4 +1,4 @@
-"""The finder of planes that is told where they are: rectangles of image 1, each matched by itself."""
+"""The windows finder: rectangles of image 1 given by the user, each matched by itself."""
 
 from slopecli.face import lazy_names
 

@@ -1,4 +1,4 @@
-"""Where a window has matches and where it has none, and what the least squares over all of it make of the rest."""
+"""The cells of a window with and without matches, and how the unmatched ones tilt its least-squares plane."""
 
 from __future__ import annotations
 
@@ -6,16 +6,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from slopecli.patches.windows.tunables import TUNE
 from slopecli.types import BoolArray, FloatArray, IntArray
 from slopecli.windows import Window
-
-ACROSS = 16  # cells a window is divided into along its longer side, to count what is seen
-LEAST_CELL_PX = 3.0  # and not smaller than this
 
 
 @dataclass(frozen=True, eq=False)
 class Gaps:
-    """A window in cells, and which of them hold a match.
+    """A window divided into cells, and which of them hold a match.
 
     at, uv1 (k, 2): centres of the cells, px from the window's middle, and px of image 1; seen (k,): holds a match;
     shape: rows and columns of cells; cell_px: side of one; matched (n, 2): px of the matches; per_px: how many of them
@@ -37,12 +35,12 @@ class Gaps:
         return self.uv1[~self.seen]
 
     def tilt_rad(self, height_px: FloatArray | float, which: BoolArray | None = None) -> float:
-        """How much the plane of the whole window tilts where cells without a match stand off it.
+        """Tilt of the least-squares plane of the whole window if its unmatched cells stand off the plane, rad.
 
         Parameters
         ----------
         height_px : (g,) of the cells without a match, or one for all, px of image 1 at their distance.
-        which : (g,) those that stand there; None: all of them. Neighbours are equally high; the worst is that all are.
+        which : (g,) mask of the cells that stand off; None: all of them, which is the worst case.
         """
         at = self.at[~self.seen]
         height = np.broadcast_to(height_px, len(at)) * (True if which is None else which)
@@ -54,9 +52,9 @@ class Gaps:
         return np.asarray(inside & self.seen[row * self.shape[1] + column])
 
     def filled(self, uv1: FloatArray) -> FloatArray:
-        """(k,) matches around points (k, 2) px of image 1 over what there are where the window has no gaps.
+        """(k,) density of matches around points (k, 2) px of image 1, relative to that of the matched part.
 
-        What leaves the window counts as empty: of a strip along its edge the matches beside it tell nothing.
+        Outside the window the density counts as zero.
         """
         reach = 1.5 * self.cell_px
         u, v = (uv1[:, k, None] - self.matched[None, :, k] for k in (0, 1))
@@ -67,8 +65,8 @@ class Gaps:
 def gaps_of(window: Window, uv1: FloatArray, share: float) -> Gaps:
     """The gaps between matches (n, 2) px of image 1 that cover this share of a window."""
     x, y, w, h = window
-    # where a window is matched, no cell is empty
-    side = max(max(w, h) / ACROSS, LEAST_CELL_PX, 1.5 * float(np.sqrt(w * h / max(len(uv1), 1))))
+    # cells so large that none is empty where the window is matched
+    side = max(max(w, h) / TUNE.cells_across, 3.0, 1.5 * float(np.sqrt(w * h / max(len(uv1), 1))))
     columns, rows = max(round(w / side), 1), max(round(h / side), 1)
     column, row, _ = _cell(window, (rows, columns), uv1)
     seen = np.zeros((rows, columns), bool)

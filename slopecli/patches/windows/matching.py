@@ -21,32 +21,10 @@ from slopecli.look.scene import FINE_PX, Scene, axis_variance, view_of, window_g
 from slopecli.patches.patch import Patch, overdispersion, weight_of
 from slopecli.patches.windows.borrowed import borrow
 from slopecli.patches.windows.direct_alignment import polish
+from slopecli.patches.windows.tunables import TUNE
 from slopecli.patches.windows.unmatched_parts import with_unmatched_parts
 from slopecli.types import FloatArray
 from slopecli.windows import MIN_SIDE_PX, Window, inside_window
-
-# rounds of smoothing of the flow in a window, all but still when pulled through its plane: more would flatten its
-# relief, but what is faint needs them
-SMOOTHINGS, FAINT_SMOOTHINGS = 1, 5
-COARSE_PX = 48  # planes are searched for at about this many pixels a side
-EASY_SHARE = 0.25  # of the window covered by matches of the overview: then they give the first plane
-PART_SHARE = 0.1  # of a window, when too little of it is in image 2 for its planes to be compared
-GOOD_SCORE = 0.8  # photometric correlation at which no further plane is searched for
-FAIR_SCORE = 0.3  # photometric correlation below which what is compared is not the same ground
-REACHES = (0.0, 0.5, 1.5)  # sides of the window around it whose matches give planes to try
-MIN_EVIDENCE = 10  # matches that tell the range of depths to sweep
-SWEEP_LIMIT = 60  # depths: at a px apart, the costliest search
-INFORMED_DEG = 8.0  # 1-sigma of the normal from the pixels alone above which a window is too bare to answer by itself
-PIXEL_CORRELATION = 3.0  # neighbouring pixels share noise and interpolation: standard errors grow by this
-FLOOR_PX = 0.03  # px of the grid: what interpolation and the flow's own quantisation leave
-MAX_SIGMA_PX = 0.5  # px of the grid: cells matched worse than this are not used
-EPIPOLAR_PX = 1.0  # px of the grid a cell may miss its epipolar line by
-MIN_CELLS, MIN_SHARE = 8, 0.04  # of the window, without which its plane is chance
-# matched over less than this share, or agreeing less than this, a window may tilt otherwise than its matches say
-SCARCE_SHARE, SCARCE_RAD = 0.3, np.radians(10.0)
-FAINT_SCORE, FAINT_RAD = 0.8, np.radians(10.0)
-# both at once is how ground that is not the same matches: what little agrees has been picked, and its plane is a guess
-CHANCE_SCORE, CLEAR_SCORE, GUESS_RAD = 0.8, 0.95, np.radians(30.0)
 
 
 def match_window(patch: Patch, scene: Scene) -> Patch:
@@ -61,7 +39,7 @@ def match_window(patch: Patch, scene: Scene) -> Patch:
 
 
 def _first_ideas(window: Window, scene: Scene) -> Iterator[FloatArray]:
-    """Scaled normals worth a dense match, the cheapest first; the search is made only if that one is not enough."""
+    """Scaled normals to start a dense match from, the cheapest first; the search runs only if the first one fails."""
     first = plane_from_overview(window, scene)
     if first is not None:
         yield first
@@ -69,71 +47,71 @@ def _first_ideas(window: Window, scene: Scene) -> Iterator[FloatArray]:
 
 
 def _part(patch: Patch, scene: Scene, tried: list[FloatArray]) -> Patch | None:
-    """Matches of the part of the window that image 2 shows, where that is enough to speak for it, else None."""
+    """The window with matches of the part that image 2 shows; None if that part is too small."""
     normal = scene.evidence.plane_through(scene.evidence.near(patch.window, 0.0))
     if normal is None or any(np.array_equal(normal, earlier) for earlier in tried):
         return None
     matched = _densely_matched(patch, scene, normal)
-    return matched if matched.share >= PART_SHARE else None
+    return matched if matched.share >= TUNE.part_share else None
 
 
 def plane_from_overview(window: Window, scene: Scene) -> FloatArray | None:
-    """Scaled normal of the window's plane from the overview's matches in it, None where they cover too little."""
+    """Scaled normal (3,) of the plane through the overview matches in the window; None if they cover too little."""
     inside = scene.evidence.near(window, 0.0)
     cell_area = CELL**2 / float(np.prod(scene.pyramid1.overview_scale))
-    if inside.sum() * cell_area < EASY_SHARE * window[2] * window[3]:
+    if inside.sum() * cell_area < TUNE.overview_share * window[2] * window[3]:
         return None
     return scene.evidence.plane_through(inside)
 
 
 def search_plane(window: Window, scene: Scene) -> list[FloatArray]:
-    """The plane the window's pixels fit best, of those of the neighbourhood and the scene, else of a sweep over depth.
+    """Scaled normal of the plane with the highest correlation of pixels: of the surroundings, the scene, or a sweep.
 
-    Empty where no plane fits, or where the pixels leave the plane open.
+    Empty if no plane correlates, or if the pixels do not determine the normal.
     """
-    view = view_of(window, scene, COARSE_PX, border=False)
+    view = view_of(window, scene, TUNE.coarse_px, border=False)
     if min(view.grid.shape) < 8:
         return []
-    candidates = [scene.evidence.plane_through(scene.evidence.near(window, grow)) for grow in REACHES]
+    candidates = [scene.evidence.plane_through(scene.evidence.near(window, grow)) for grow in (0.0, 0.5, 1.5)]
     fits = [align_plane(view, normal, 6) for normal in (*candidates, *scene.planes) if normal is not None]
     fits = [fit for fit in fits if np.isfinite(fit.score)]
-    if max((fit.score for fit in fits), default=-1.0) < GOOD_SCORE and len(scene.evidence) >= MIN_EVIDENCE:
+    if max((fit.score for fit in fits), default=-1.0) < TUNE.good_score and len(scene.evidence) >= TUNE.least_matches:
         depths = _sweep_depths(scene.evidence, view.grid.mean_scale)
         fits += [align_plane(view, fit.normal, 8) for fit in sweep_planes(view, depths)]
     best = max(fits, key=lambda fit: fit.score, default=None)
-    if best is None or best.score <= FAIR_SCORE:
-        # too little of it is in image 2 to compare, but some of that may have been matched
+    if best is None or best.score <= TUNE.fair_score:
+        # too little of the window is in image 2 to compare, but some of that may have overview matches
         return [candidates[0]] if candidates[0] is not None else []
     best = _sharpen(window, scene, best)
     return [best.normal] if _informed(best) else []
 
 
 def _sweep_depths(evidence: Evidence, scale: float) -> FloatArray:
-    """Inverse depths (n,) over and somewhat beyond those of the scene, about a px of the grid apart."""
+    """Inverse depths (n,) over the range of the scene and somewhat beyond, about a grid px apart, at most 60."""
     low, high = np.percentile(evidence.w, [1, 99])
     spread = high - low
     low, high = max(low - 0.3 * spread, 1e-4 * high), high + 0.3 * spread
     pixels = (high - low) * median(evidence.leverage) * evidence.focal_px * scale
-    return np.linspace(low, high, int(np.clip(pixels, 8, SWEEP_LIMIT)))
+    return np.linspace(low, high, int(np.clip(pixels, 8, 60)))
 
 
 def _sharpen(window: Window, scene: Scene, fit: PlaneFit) -> PlaneFit:
-    """The plane aligned at finer and finer resolution, as far as the window has it."""
-    for side in (COARSE_PX * 2, FINE_PX):
+    """The plane aligned again at finer resolutions, up to that of the window."""
+    for side in (TUNE.coarse_px * 2, FINE_PX):
         if max(window[2:]) > 0.6 * side:
             fit = align_plane(view_of(window, scene, side, border=False), fit.normal, 8)
     return fit
 
 
 def _informed(fit: PlaneFit) -> bool:
-    """Whether the pixels decide where the plane faces."""
+    """Whether the pixels determine the direction of the normal."""
     if not np.isfinite(fit.covariance).all():
         return False
     length = float(np.linalg.norm(fit.normal))
     unit = fit.normal / max(length, 1e-12)
     project = (np.eye(3) - np.outer(unit, unit)) / max(length, 1e-12)
     sigma = np.sqrt(max(np.linalg.eigvalsh(project @ fit.covariance @ project.T)[-1], 0.0))
-    return bool(np.degrees(sigma) * PIXEL_CORRELATION < INFORMED_DEG)
+    return bool(sigma < TUNE.informed_rad)
 
 
 def _densely_matched(patch: Patch, scene: Scene, normal: FloatArray) -> Patch:
@@ -143,7 +121,7 @@ def _densely_matched(patch: Patch, scene: Scene, normal: FloatArray) -> Patch:
     if min(grid.shape) < MIN_SIDE_PX:
         return patch.unmatched("too few pixels")
     side = max(window[2:]) * grid.mean_scale
-    cell = int(np.clip(side / 16, 4, 8))
+    cell = int(np.clip(side / TUNE.cells_across, 4, 8))
     mapping = plane_map(grid, scene.rays1, scene.pixels2, scene.R, scene.T, normal)
     possible = max(1.0, window[2] * window[3] * float(np.prod(grid.scale)) / cell**2)
 
@@ -151,28 +129,31 @@ def _densely_matched(patch: Patch, scene: Scene, normal: FloatArray) -> Patch:
         cells = dense_cells(grid, mapping, scene.pyramid2, scene.shape2, cell, finest=0, smoothings=smoothings)
         return with_cells(patch, cells.take(inside_window(cells.uv1, window)), scene, possible)
 
-    matched = flow_matched(SMOOTHINGS)
-    if matched.score < CLEAR_SCORE:
-        smooth = flow_matched(FAINT_SMOOTHINGS)
+    matched = flow_matched(TUNE.smoothings)
+    if matched.score < TUNE.clear_score:
+        smooth = flow_matched(TUNE.faint_smoothings)
         # a smooth flow reaches from the border of bare ground into it, where it is no match
-        matched = smooth if matched.origin == "own" or smooth.share >= PART_SHARE else matched
+        matched = smooth if matched.origin == "own" or smooth.share >= TUNE.part_share else matched
     return with_unmatched_parts(polish(matched, scene, cell), matched, scene)
 
 
 def with_cells(patch: Patch, cells: Cells, scene: Scene, possible: float) -> Patch:
-    """The patch with those of the cells that are well matched and on its plane; `possible`: how many it could hold."""
+    """The patch with those of the cells that are well matched and on its plane.
+
+    possible : number of cells if all of the patch were matched.
+    """
     x1, x2, seen = pair_rays(scene.camera1, scene.camera2, cells.uv1, cells.uv2)
     focal = scene.camera2.focal_px
-    variance = axis_variance(cells.information, cells.uv1, scene, FLOOR_PX, NOISE_GREY) / cells.pixel_scale**2
+    variance = axis_variance(cells.information, cells.uv1, scene, TUNE.flow_floor_px, NOISE_GREY) / cells.pixel_scale**2
     residual = np.abs(epipolar_residual(scene.R, scene.T, x1, x2)) * focal * cells.pixel_scale
-    good = seen & (residual < EPIPOLAR_PX)
-    good &= (variance[:, 0] * cells.pixel_scale**2 < MAX_SIGMA_PX**2) & (cells.agreement > FAIR_SCORE)
+    good = seen & (residual < TUNE.mismatch_px)
+    good &= (variance[:, 0] * cells.pixel_scale**2 < TUNE.max_sigma_px**2) & (cells.agreement > TUNE.fair_score)
     good[good] &= inverse_depth(scene.R, scene.T, x1[good], x2[good])[0] > 0
     share = float(good.sum() / possible)
-    if good.sum() < MIN_CELLS or share < MIN_SHARE:
+    if good.sum() < TUNE.least_matches or share < TUNE.least_share:
         return patch.unmatched("too few matches")
     w, leverage = inverse_depth(scene.R, scene.T, x1[good], x2[good])
-    plane = robust_plane(x1[good], w, leverage, FLOOR_PX / focal / cells.pixel_scale)
+    plane = robust_plane(x1[good], w, leverage, TUNE.flow_floor_px / focal / cells.pixel_scale)
     score = median(cells.agreement[good])
     sigma = _poor_match_rad(share, score)
     sigma += plane.tilt_sigma_rad(homogeneous(x1[good]) * leverage[:, None], w * leverage)
@@ -193,7 +174,9 @@ def with_cells(patch: Patch, cells: Cells, scene: Scene, possible: float) -> Pat
 
 
 def _poor_match_rad(share: float, score: float) -> float:
-    """1-sigma of the tilt of a patch of which little is matched, or matched poorly, or, far worse, both."""
-    scarce, faint = max(0.0, 1 - share / SCARCE_SHARE), max(0.0, 1 - score / FAINT_SCORE)
-    guess = min(2 * scarce, 1.0) * min(max(0.0, (CLEAR_SCORE - score) / (CLEAR_SCORE - CHANCE_SCORE)), 1.0)
-    return float(np.hypot(SCARCE_RAD * scarce + FAINT_RAD * faint, GUESS_RAD * guess))
+    """1-sigma of the tilt due to a small matched share or a low score, much larger where both occur."""
+    scarce, faint = max(0.0, 1 - share / TUNE.scarce_share), max(0.0, 1 - score / TUNE.good_score)
+    # both at once is how other ground matches: what little agrees has been picked by chance
+    unclear = min(max(0.0, (TUNE.clear_score - score) / (TUNE.clear_score - TUNE.good_score)), 1.0)
+    chance = min(2 * scarce, 1.0) * unclear
+    return float(np.hypot(TUNE.poor_rad * (scarce + faint), TUNE.most_rad * chance))

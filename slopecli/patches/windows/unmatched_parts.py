@@ -1,4 +1,4 @@
-"""What is not seen of a window may tilt otherwise than what is: by how much that leaves the tilt of the whole open."""
+"""Slope uncertainty due to the unmatched part of a window."""
 
 from __future__ import annotations
 
@@ -12,22 +12,13 @@ from slopecli.geometry.epipolar import homogeneous
 from slopecli.geometry.motion import inverse_depth
 from slopecli.geometry.plane_fit import plane_products, planes_of_sums
 from slopecli.geometry.unmatched_tilt import BEND_RAD, lever
-from slopecli.look.evidence import Evidence
+from slopecli.look.evidence import MIN_ON_PLANE, PLANE_TOLERANCE_PX, Evidence
 from slopecli.look.scene import Scene
 from slopecli.patches.patch import Patch
 from slopecli.patches.windows.contradiction import contradict
 from slopecli.patches.windows.coverage import Gaps, gaps_of
+from slopecli.patches.windows.tunables import TUNE
 from slopecli.types import FloatArray
-
-STEP_PX, STEP_SHARE, LEAST_STEP = 1.0, 0.05, 6  # off the plane; of the window; matches of the overview
-STEP_FILLED = 0.5  # of the matches that might be around, from which on the window is matched there
-MOST_STEP_RAD = np.radians(30.0)  # in more doubt than this is nobody who has seen the larger part
-BESIDE = 0.25  # of a window's longer side: what is as near to a gap tells what may be in it
-BESIDE_COUNT, LEAST_BESIDE = 8, 3  # matches of the overview that tell it of every cell, and in all
-CONTRADICTED = 0.45  # of a window's longer side: how far off its plane what is not found on it may stand
-MIN_IN_BLOCK = 6  # matches that give a block of ground its plane
-BLOCK_CELLS = 4.0  # a block is at least so many spacings of matches wide
-BEND_COUNT = 3.0  # pairs of blocks that what is believed of the ground before it is seen is worth
 
 
 def with_unmatched_parts(patch: Patch, measured: Patch, scene: Scene) -> Patch:
@@ -52,7 +43,7 @@ def with_unmatched_parts(patch: Patch, measured: Patch, scene: Scene) -> Patch:
 
 
 class _Plane(NamedTuple):
-    """The plane of a window's matches: scaled normal (3,), and their inverse depths (n,), 1/baseline."""
+    """Plane through a window's matches: scaled normal (3,), and the matches' inverse depths (n,), 1/baseline."""
 
     normal: FloatArray
     inverse: FloatArray
@@ -64,69 +55,69 @@ class _Plane(NamedTuple):
 
 
 def beside_rad(gaps: Gaps, normal: FloatArray, evidence: Evidence, focal1_px: float) -> float:
-    """1-sigma of the tilt where the parts without matches stand as high as what the overview has matched by them.
+    """1-sigma of the tilt if unmatched cells are as far off the plane as the overview matches next to them.
 
-    Ground that a step hides from image 2, and what the flow did not follow down the step, has no match; the overview
-    often has some of it, or of the same surface beyond the window.
+    Ground hidden by a step, or not followed by flow across it, has no match in the window; the overview often has some
+    of it, or of the same surface beyond the window.
 
     normal : (3,) scaled, of the plane of the window's matches.  focal1_px : of camera 1.
     """
     if gaps.seen.all():
         return 0.0
-    near = np.flatnonzero(evidence.near(gaps.window, BESIDE))
+    near = np.flatnonzero(evidence.near(gaps.window, TUNE.beside))
     near = near[~gaps.holds(evidence.uv1[near])]
-    if len(near) < LEAST_BESIDE:
+    if len(near) < 3:
         return 0.0
     off = np.abs(homogeneous(evidence.x1[near]) @ normal - evidence.w[near])
     height = off / np.linalg.norm(normal) * focal1_px
-    height = np.where(off * evidence.leverage[near] * evidence.focal_px > STEP_PX, height, 0.0)
+    height = np.where(off * evidence.leverage[near] * evidence.focal_px > PLANE_TOLERANCE_PX, height, 0.0)
     distance = np.sqrt(((gaps.unseen[:, None] - evidence.uv1[near][None]) ** 2).sum(2))
-    nearest = np.argsort(distance, axis=1, kind="stable")[:, :BESIDE_COUNT]
+    nearest = np.argsort(distance, axis=1, kind="stable")[:, :8]
     distance = np.take_along_axis(distance, nearest, 1)
-    within = distance < BESIDE * max(gaps.window[2:])
-    # ground that only bends is off the plane as well, the farther away the more
+    within = distance < TUNE.beside * max(gaps.window[2:])
+    # ground that bends is off the plane, too, increasingly with distance
     step = np.maximum(height[nearest] - distance, 0.0)
     square = (step**2 * within).sum(1) / np.maximum(within.sum(1), 1)
-    return min(gaps.tilt_rad(np.sqrt(square)), MOST_STEP_RAD)
+    return min(gaps.tilt_rad(np.sqrt(square)), TUNE.most_rad)
 
 
 def contradicted_rad(gaps: Gaps, normal: FloatArray, scene: Scene) -> float:
-    """1-sigma of the tilt where parts that have texture contradict the plane: something stands there, or moves.
+    """1-sigma of the tilt due to textured unmatched cells that contradict the plane: an object, or something moving.
 
     normal : (3,) scaled, of the plane of the window's matches.
     """
     if gaps.seen.all():
         return 0.0
     off = contradict(gaps.unseen, gaps.cell_px, normal, scene)
-    return min(gaps.tilt_rad(CONTRADICTED * max(gaps.window[2:]), off), MOST_STEP_RAD)
+    return min(gaps.tilt_rad(TUNE.off_plane * max(gaps.window[2:]), off), TUNE.most_rad)
 
 
 def stepped_rad(gaps: Gaps, normal: FloatArray, evidence: Evidence) -> float:
-    """How much the plane of a window's matches tilts when what stands off it by a step is counted in.
+    """Tilt between the plane of a window's matches and one that also fits overview matches across a step, rad.
 
-    The overview has matched what lies across a step; the window's own matches are those on one side of it. Where they
-    lie, too, the overview has been mistaken.
+    The window's own matches lie on one side of a step; the overview has matches on both. Overview matches off the plane
+    are ignored where the window has its own matches, as they are mismatches.
 
     normal : (3,) scaled, of the plane of the window's matches.
     """
     inside = evidence.near(gaps.window, 0.0)
-    if inside.sum() < LEAST_STEP:
+    if inside.sum() < MIN_ON_PLANE:
         return 0.0
     rays, w = homogeneous(evidence.x1[inside]), evidence.w[inside]
-    off = np.abs(rays @ normal - w) * evidence.leverage[inside] * evidence.focal_px > STEP_PX
+    off = np.abs(rays @ normal - w) * evidence.leverage[inside] * evidence.focal_px > PLANE_TOLERANCE_PX
     kept = ~off
-    kept[off] = gaps.filled(evidence.uv1[inside][off]) < STEP_FILLED
+    kept[off] = gaps.filled(evidence.uv1[inside][off]) < 0.5
     rays, w, off = rays[kept], w[kept], off[kept]
-    if np.count_nonzero(off) < max(LEAST_STEP, STEP_SHARE * len(w)):
+    if np.count_nonzero(off) < max(MIN_ON_PLANE, 0.05 * len(w)):
         return 0.0
     points = rays / w[:, None]
     points -= points.mean(axis=0)
     whole = np.linalg.svd(points, full_matrices=False)[2][2]
-    return min(float(np.arccos(min(abs(whole @ normal) / float(np.linalg.norm(normal)), 1.0))), MOST_STEP_RAD)
+    return min(float(np.arccos(min(abs(whole @ normal) / float(np.linalg.norm(normal)), 1.0))), TUNE.most_rad)
 
 
 def _height_px(x1: FloatArray, w: FloatArray, focal_px: float) -> float:
-    """RMS height of the matches off the plane nearest to them, in pixels of image 1 at their distance."""
+    """RMS height of the matches off their best-fit plane, in pixels of image 1 at their distance."""
     points = homogeneous(x1) / w[:, None]
     normal = np.linalg.lstsq(points, np.ones(len(points)), rcond=None)[0]
     off = (points @ normal - 1) / np.linalg.norm(normal) * w
@@ -134,11 +125,11 @@ def _height_px(x1: FloatArray, w: FloatArray, focal_px: float) -> float:
 
 
 def unseen_rad(gaps: Gaps, height_px: float, evidence: Evidence) -> float:
-    """1-sigma of the tilt of a window's best-fit plane that is owed to its parts without matches.
+    """1-sigma of the tilt of a window's best-fit plane due to its unmatched cells.
 
-    The plane through the matches goes on beyond them. Out there the ground stands off it as it does among the matches,
-    and bends away from it as it does from one place to the next all over the image; what either does to the least
-    squares over the whole window follows from where the gaps are.
+    In unmatched cells the ground is assumed to stand off the plane as much as among the matches, and to bend as much
+    as between neighbouring blocks of the image. The effect of both on the least-squares plane of the whole window
+    depends on where the unmatched cells are.
 
     Parameters
     ----------
@@ -152,18 +143,18 @@ def unseen_rad(gaps: Gaps, height_px: float, evidence: Evidence) -> float:
 
 @lru_cache(maxsize=4)  # windows of a grid are all of one size
 def bend_rad(evidence: Evidence, side_px: float) -> float:
-    """RMS change of tilt, about either axis, from one block of ground to the next, `side_px` on in image 1."""
+    """RMS change of tilt per axis, rad, between neighbouring blocks of ground, `side_px` wide in image 1."""
     extent = np.ptp(evidence.uv1, axis=0) if len(evidence) else np.zeros(2)
     spacing = float(np.sqrt(extent.prod() / max(len(evidence), 1)))
-    normals = _block_normals(evidence, max(side_px, BLOCK_CELLS * spacing))
+    normals = _block_normals(evidence, max(side_px, 4 * spacing))
     angles = np.concatenate([_change(normals[1:], normals[:-1]), _change(normals[:, 1:], normals[:, :-1])])
-    squares = BEND_COUNT * BEND_RAD**2 + 0.5 * float((angles**2).sum())
-    return float(np.sqrt(squares / (BEND_COUNT + len(angles))))
+    squares = TUNE.bend_count * BEND_RAD**2 + 0.5 * float((angles**2).sum())
+    return float(np.sqrt(squares / (TUNE.bend_count + len(angles))))
 
 
 def _block_normals(evidence: Evidence, side_px: float) -> FloatArray:
-    """(rows, columns, 3) unit normals of the ground in square blocks of image 1; NaN where too little is known."""
-    if len(evidence) < MIN_IN_BLOCK:
+    """(rows, columns, 3) unit normals of square blocks of image 1; NaN where there are too few matches."""
+    if len(evidence) < MIN_ON_PLANE:
         return np.full((1, 1, 3), np.nan)
     column, row = ((evidence.uv1 - evidence.uv1.min(0)) / side_px).astype(int).T
     columns, rows = column.max() + 1, row.max() + 1
@@ -171,7 +162,7 @@ def _block_normals(evidence: Evidence, side_px: float) -> FloatArray:
     leverage = evidence.leverage
     products = plane_products(homogeneous(evidence.x1) * leverage[:, None], evidence.w * leverage)
     sums = np.array([np.bincount(block, column, rows * columns) for column in products.T]).T
-    enough = np.bincount(block, minlength=rows * columns) >= MIN_IN_BLOCK
+    enough = np.bincount(block, minlength=rows * columns) >= MIN_ON_PLANE
     normals = np.full((rows * columns, 3), np.nan)
     normals[enough] = planes_of_sums(sums[enough])
     return np.asarray(normals / np.linalg.norm(normals, axis=1, keepdims=True)).reshape(rows, columns, 3)

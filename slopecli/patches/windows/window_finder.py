@@ -1,4 +1,4 @@
-"""The finder of planes that is told where they are: windows given, or those of a grid."""
+"""The windows finder: rectangles given by the user, or those of a grid, each matched by itself."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ WINDOW_MATCHERS: dict[str, Callable[[Patch, Scene], Patch]] = {
 
 
 def find_in_windows(scene: Scene, options: Options) -> Found:
-    """One patch a window, matched by itself, guided by what is known of the scene.
+    """One patch per window, each matched by itself, guided by the scene.
 
     Raises
     ------
