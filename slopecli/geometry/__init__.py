@@ -1,5 +1,14 @@
-"""Pure two-view geometry: arrays in, arrays and dataclasses out; float64, radians, rows of points."""
+"""Two-view geometry of planes: NumPy arrays in, arrays and dataclasses out.
 
+Points are rows of float64 arrays (n, 2) in normalised coordinates, angles are radians, `P2 = R (P1 - T)`, homographies
+map image 1 to image 2, planes are scaled normals with `N.P = 1`; see docs/conventions.md.
+
+>>> from slopecli.geometry import measure_slopes, solve_planes
+>>> solution = solve_planes(x1, x2, patch)  # patch (n,): number of each point's plane, -1 for none
+>>> slopes = measure_slopes(solution, up_cam1)
+"""
+
+from slopecli.face import lazy_names
 from slopecli.geometry.alignment import Alignment, align_homographies
 from slopecli.geometry.decomposition import PlaneMotion, decompose_homography, longuet_higgins
 from slopecli.geometry.epipolar import epipolar_distance, essential_matrix, focus_of_expansion
@@ -34,8 +43,7 @@ __all__ = [
     "surface_normals",
 ]
 
-from slopecli.face import lazy_names
-
+# used by other rooms, tests and notebooks; loaded when first asked for
 __getattr__, __dir__ = lazy_names(
     __name__,
     {
@@ -47,11 +55,11 @@ __getattr__, __dir__ = lazy_names(
         "lens_misfit": "LensMisfit find_lens_misfit fit_lens_misfit",
         "motion": "MotionEstimate assess_motion epipolar_residual inverse_depth refine_motion",
         "plane_fit": "RobustPlane robust_plane",
-        "slope": "ASPECT_SIGMAS CAMERA_UP",
+        "slope": "CAMERA_UP",
         "statistics": "CHI2_MEDIAN CHI2_MEDIAN_2 GATE_SIGMAS MAD_FACTOR geman_mcclure median "
         "robust_least_squares robust_sigma",
-        "unmatched_tilt": "lever",
         "tilt_distribution": "disc_probability",
         "tilt_error": "tilt_growth",
+        "unmatched_tilt": "lever",
     },
 )

@@ -145,13 +145,15 @@ def solve_base_homography(
     -------
     base_homography : (3, 3) with last entry 1; epipole2 : (3,).
     """
-    rows = homography_rows(observations.p.T, observations.x2.T)  # eqs. (14)-(15), the part of H1
+    rows = homography_rows(observations.p.T, observations.x2.T)  # eq. (14), eq. (15): the part of H1
     M, B = rows[:, :8], -rows[:, 8]  # eq. (16)
     offset = (observations.per_point(delta_normals.T) * observations.p).sum(axis=0)
     if np.abs(offset).max() > 1e-12:
         u, v = observations.x2
         zero = np.zeros_like(offset)
-        of_K = np.block([[offset, zero], [zero, offset], [-u * offset, -v * offset]]).T  # eqs. (14)-(15), the part of K
+        of_K = np.block(
+            [[offset, zero], [zero, offset], [-u * offset, -v * offset]]
+        ).T  # eq. (14), eq. (15): the part of K
         M = np.hstack([M, of_K])
     G = np.linalg.lstsq(M, B, rcond=None)[0]  # eq. (17)
     H1 = np.append(G[:8], 1.0).reshape(3, 3)
