@@ -334,7 +334,7 @@ os.fsync = fsync
 """
 
 
-@pytest.mark.parametrize("code", ["ENOSPC", "EDQUOT"])
+@pytest.mark.parametrize("code", ["ENOSPC", pytest.param("EDQUOT", marks=pytest.mark.slow)])
 def test_a_full_disk_is_one_line_and_what_was_done_stays(
     views: Path, undisturbed: dict[str, bytes], tmp_path: Path, code: str
 ) -> None:

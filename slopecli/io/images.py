@@ -16,7 +16,6 @@ from slopecli.types import Image
 from slopecli.windows import MIN_SIDE_PX
 
 MAX_PIXELS = 300_000_000  # twice the largest single-shot sensor
-MAX_BYTES = 2_000_000_000
 TAIL_PERCENT = 0.1  # share of the pixels that saturates at either end when values are mapped to 8 bits
 SAMPLE_SIDE = 1024  # about the rows and columns from which percentiles are estimated
 RAW_SUFFIXES = {".dng", ".nef", ".cr2", ".cr3", ".arw", ".raf", ".rw2", ".orf", ".pef", ".srw"}
@@ -90,7 +89,7 @@ def _check_is_file(path: str | PathLike[str], place: Path) -> None:
         raise InputError(f"{path}: no such file; check the path")
     if not place.is_file():
         raise InputError(f"{path}: is not a regular file; save the image to disk first")
-    if place.stat().st_size > MAX_BYTES:
+    if place.stat().st_size > 2_000_000_000:
         raise InputError(f"{path}: is {place.stat().st_size / 1e9:.1f} GB, too large for one image; cut or shrink it")
 
 

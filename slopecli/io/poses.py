@@ -14,7 +14,6 @@ from slopecli.errors import InputError
 from slopecli.options import Pose
 from slopecli.types import FloatArray
 
-MAX_BYTES = 4_000_000
 ORTHONORMAL = 1e-4  # largest difference of R R^T from the identity: R printed with few digits
 SHORTEST_M, LONGEST_M = 1e-9, 1e12  # beyond, its square underflows or overflows
 POSITIONS = ("T", "baseline_cam1", "t")
@@ -64,7 +63,7 @@ def _read(path: Path) -> dict[str, Any]:
     try:
         if not path.is_file():
             raise InputError(f"{path}: no such pose file; check the path")
-        if path.stat().st_size > MAX_BYTES:
+        if path.stat().st_size > 4_000_000:
             raise InputError(f"{path}: is too large for a pose; {WANTED}")
         values = json.loads(path.read_bytes())
     except OSError as error:

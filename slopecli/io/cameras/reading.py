@@ -17,7 +17,6 @@ from slopecli.io.cameras.values import Size, make_camera
 from slopecli.options import CameraChoice
 from slopecli.types import Camera, Image
 
-MAX_BYTES = 64_000_000
 MAX_NAMES = 8  # of cameras, listed in a message
 NEEDED = f"needed a camera file of one of these formats: {', '.join(form.name for form in CAMERA_FORMATS)}"
 
@@ -165,7 +164,7 @@ def _check_is_file(file: Path, place: Path) -> None:
         raise InputError(f"{file}: no such camera file; check the path")
     if not place.is_file():
         raise InputError(f"{file}: is not a regular file; save the camera to disk first")
-    if place.stat().st_size > MAX_BYTES:
+    if place.stat().st_size > 64_000_000:
         raise InputError(f"{file}: is {place.stat().st_size / 1e6:.0f} MB, too large for a camera file")
 
 
