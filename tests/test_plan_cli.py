@@ -15,7 +15,6 @@ import numpy as np
 import pytest
 from command import slopemap
 
-from slopecli.cli import plan as command
 from slopecli.plan import PlanOptions, draw_plan, make_plan, sigma_colours
 from slopecli.study import field_of_view_camera
 from slopecli.windows import grid_windows
@@ -112,7 +111,7 @@ def test_camera_files_windows_and_directions() -> None:
 def test_ground_and_up_are_those_asked_for() -> None:
     up = ("--up", "0,-0.5,-0.8", "--up-sigma", "0.5", "--ground-slope", "8", "--aspect", "90", "--uneven", "2")
     answer = planned(*FLIGHT, *up, "--north", "1,0,0")
-    assert answer["ground"] == {"slope_deg": 8, "aspect_deg": 90, "uneven_deg": 2, "roughness": command.ROUGHNESS}
+    assert answer["ground"] == {"slope_deg": 8, "aspect_deg": 90, "uneven_deg": 2, "roughness": PlanOptions.roughness}
     assert (answer["up"]["source"], answer["up"]["sigma_deg"]) == ("given", 0.5)
     assert answer["worst_sigma_deg"] > 0.5
 
@@ -232,11 +231,6 @@ def test_colours_of_sigmas_are_fixed_and_ordered() -> None:
 
 
 # ---- the command line ----
-
-
-def test_defaults_are_those_of_the_library() -> None:
-    plain = PlanOptions()
-    assert (plain.points, plain.noise_px, plain.roughness) == (command.POINTS, command.NOISE_PX, command.ROUGHNESS)
 
 
 def test_help_loads_nothing_heavy() -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import fields
 from typing import TYPE_CHECKING, Any
 
 import click
@@ -13,13 +14,12 @@ from slopecli.cli.parameter_types import PATH, POSITIVE, UP, VECTOR, Between
 from slopecli.cli.report_table import diagnostic_line
 from slopecli.cli.table import print_table
 from slopecli.cli.talk import Talk, print_result
+from slopecli.plan.plan_options import PlanOptions
 
 if TYPE_CHECKING:
-    from slopecli.plan import Plan, PlanOptions, Window
+    from slopecli.plan import Plan, Window
     from slopecli.types import Camera
 
-# these stand in `slopecli.plan`, too, which loads more than a help text may; a test holds them to be the same
-POINTS, NOISE_PX, ROUGHNESS = 100, 0.1, 0.002
 FLIGHT, GROUND, MATCHES = "Flight", "Ground", "Matches"
 
 flight_options = (
@@ -52,7 +52,7 @@ ground_options = (
         "SHARE",
         Between(0, 0.2),
         "RMS height off a plane over its distance",
-        ROUGHNESS,
+        PlanOptions.roughness,
     ),
 )
 match_options = (
@@ -62,9 +62,9 @@ match_options = (
         "N",
         click.IntRange(6, 1_000_000),
         "Independent matches in a window: a quarter of those that estimate counts",
-        POINTS,
+        PlanOptions.points,
     ),
-    Option(MATCHES, "--noise noise_px", "PX", POSITIVE, "1-sigma of a match in image 2", NOISE_PX),
+    Option(MATCHES, "--noise noise_px", "PX", POSITIVE, "1-sigma of a match in image 2", PlanOptions.noise_px),
 )
 frame_options = (
     Option(
@@ -187,10 +187,6 @@ def _windows(parameters: dict[str, Any], camera: Camera) -> list[Window]:
 
 
 def _options(parameters: dict[str, Any]) -> PlanOptions:
-    from dataclasses import fields
-
-    from slopecli.plan import PlanOptions
-
     return PlanOptions(**{field.name: parameters[field.name] for field in fields(PlanOptions)})
 
 

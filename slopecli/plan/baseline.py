@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Literal
 
 import numpy as np
 
@@ -11,11 +10,10 @@ from slopecli.errors import NoAnswer
 from slopecli.findings.parallax import parallax_px
 from slopecli.findings.wording import beside
 from slopecli.plan.flight import Flight, Seen, refuse_sky, see, shares
+from slopecli.plan.plan_options import Of
 from slopecli.plan.prediction import UNKNOWN_DEG, planned_parallax, slope_sigmas
 from slopecli.report.answered_planes import LEAST_MATCHED
 from slopecli.types import FloatArray
-
-Of = Literal["worst", "median"]
 
 SHORTEST, LONGEST = 1e-3, 10.0  # baselines tried, in heights
 TRIED = 60  # how many between them: what they miss is found by halving

@@ -16,13 +16,11 @@ from slopecli.errors import InputError, NoAnswer
 from slopecli.geometry.camera import pixels_from_rays, rays_from_pixels
 from slopecli.geometry.epipolar import homogeneous, unit_vector
 from slopecli.geometry.solver.observations import Prediction, observe, predict
+from slopecli.plan.plan_options import PlanOptions
 from slopecli.types import BoolArray, Camera, FloatArray, IntArray
 
 Window = tuple[int, int, int, int]  # x, y, width, height in px of image 1
 
-POINTS = 100  # a window; estimate finds 300 to 400 matches, whose errors are shared by about four neighbours
-NOISE_PX = 0.1  # 1-sigma of a match: estimate measures 0.03 to 0.1 px in rendered images, 0.1 to 0.3 px in photographs
-ROUGHNESS = 0.002  # of natural ground; estimate reports 0.001 to 0.005, more among rocks, 0 on pavement
 LEAST_SHARE = 0.04  # of a window that image 2 must show for an answer, as estimate needs
 LEAST_MATCHES = 6  # of a window in image 2: fewer, scattered at random, hardly fix a plane
 
@@ -47,9 +45,9 @@ class Flight:
     normals: FloatArray
     up: FloatArray
     up_sigma_rad: float = 0.0
-    points: int = POINTS
-    noise_px: float = NOISE_PX
-    roughness: float = ROUGHNESS
+    points: int = PlanOptions.points
+    noise_px: float = PlanOptions.noise_px
+    roughness: float = PlanOptions.roughness
 
     @cached_property
     def T(self) -> FloatArray:

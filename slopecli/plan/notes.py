@@ -10,9 +10,10 @@ import numpy as np
 from slopecli.findings.parallax import LOW_PARALLAX_PX
 from slopecli.findings.wording import beside, finding
 from slopecli.options import Options
-from slopecli.plan.baseline import Of, sigma_of
+from slopecli.plan.baseline import sigma_of
 from slopecli.plan.flight import LEAST_SHARE, Window
-from slopecli.plan.planned import PlannedWindow, PlanOptions, sigma_text
+from slopecli.plan.plan_options import Of, PlanOptions
+from slopecli.plan.planned import PlannedWindow, sigma_text
 from slopecli.plan.prediction import TRIALS, Forecast
 from slopecli.report.answered_planes import LEAST_MATCHED
 from slopecli.types import Diagnostic

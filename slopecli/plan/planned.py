@@ -1,44 +1,13 @@
-"""Options of a plan, and the plan itself as it is written and shown."""
+"""A plan as it is written and shown."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from typing import Literal
 
-from slopecli.plan.baseline import Of
-from slopecli.plan.flight import NOISE_PX, POINTS, ROUGHNESS, Window
+from slopecli.plan.flight import Window
+from slopecli.plan.plan_options import Of, Vector
 from slopecli.types import Camera, Diagnostic, Up
-
-Vector = tuple[float, float, float]
-
-
-@dataclass(frozen=True)
-class PlanOptions:
-    """What is planned. Of direction and trajectory one is given, of baseline and sigma at most one.
-
-    direction : from camera 1 to camera 2, camera-1 axes.  trajectory_deg : instead, of the flight from the vertical, as
-        in the paper: 0 descends, 45 glides, 90 flies level, towards the image's right.
-    height : of camera 1 above the ground, and baseline: m. Without a baseline the height is in baselines; with sigma,
-        which asks for the baseline, it may be left out: lengths are in heights then.
-    slope_deg, aspect_deg : of the ground, the latter its way down, from north.  uneven_deg : by how much each window's
-        plane tilts from it.  The rest as in `Flight` and `Options`.
-    """
-
-    direction: Vector | None = None
-    trajectory_deg: float | None = None
-    height: float | None = None
-    baseline: float | None = None
-    sigma_deg: float | None = None
-    of: Of = "worst"
-    slope_deg: float = 0.0
-    aspect_deg: float = 0.0
-    uneven_deg: float = 0.0
-    roughness: float = ROUGHNESS
-    points: int = POINTS
-    noise_px: float = NOISE_PX
-    up: str | Vector = "camera"
-    up_sigma_deg: float = 0.0
-    north: Vector | None = None
 
 
 @dataclass(frozen=True)

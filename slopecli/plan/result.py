@@ -14,7 +14,8 @@ from slopecli.geometry.slope import CAMERA_UP
 from slopecli.plan.baseline import Of, needed_baseline, sigma_of
 from slopecli.plan.flight import Flight, Window, ground_normals, horizontal
 from slopecli.plan.notes import diagnostics_of, window_status
-from slopecli.plan.planned import Ground, Plan, PlannedWindow, PlanOptions, SecondAnswer, Vector, Wanted
+from slopecli.plan.plan_options import PlanOptions, Vector
+from slopecli.plan.planned import Ground, Plan, PlannedWindow, SecondAnswer, Wanted
 from slopecli.plan.prediction import Forecast, forecast
 from slopecli.types import Camera, FloatArray, Up
 
