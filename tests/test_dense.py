@@ -16,7 +16,6 @@ from slopecli.look import (
     block_sum,
     covered,
     dense_cells,
-    flow,
     match_exposure,
     shrink,
     transfer_map,
@@ -217,10 +216,3 @@ def test_exposure_of_hardly_any_pixels_is_left_alone() -> None:
     pulled = np.full((20, 20), 77.4, np.float32)
     matched = match_exposure(pulled, np.full((20, 20), 200, np.uint8), np.zeros((20, 20), bool))
     assert (matched == 77).all()
-
-
-def test_flow_does_not_depend_on_what_was_matched_before(plane: Pair) -> None:
-    first, second = plane.grey1[:120, :150].copy(), plane.grey2[:120, :150].copy()
-    before = flow(first, second, 0, 1)
-    flow(plane.grey1[50:250, 20:130].copy(), plane.grey2[50:250, 20:130].copy(), 0, 1)
-    assert np.array_equal(flow(first, second, 0, 1), before)

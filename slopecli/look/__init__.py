@@ -25,7 +25,7 @@ __getattr__, __dir__ = lazy_names(
         "sparse": "Sparse find_motions",
         "threads": "single_threaded",
         "transfer_error": "Comparison OUTSIDE TRUNCATED",
-        "warp": "Grid Layer Pyramid Transfer block_sum covered cut magnification resample sample_grey "
+        "warp": "Grid Layer Pyramid Transfer block_sum covered cut magnification plane_transfer resample sample_grey "
         "sample_map transfer_map",
     },
 )

@@ -1,14 +1,12 @@
-"""Dense matching of a working grid with image 2 already pulled close: inverse-search flow, checked both ways, in cells.
+"""Dense matches of a working grid: optical flow against image 2 resampled by an approximate map, averaged over cells.
 
-A cell's match is the mean over all its checked pixels, not that of its best corner: a window's slope is that of all
-its ground, and picking corners picks ridges.
+Flow is checked forward and backward. A cell's match is the mean over all its checked pixels rather than its best
+corner, as corners lie on ridges and would bias the slope of a window.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import lru_cache
-from threading import get_ident
 from typing import Any
 
 import cv2
@@ -20,20 +18,19 @@ from slopecli.look.noise import ROUNDING_GREY
 from slopecli.look.warp import FloatImage, Grid, Pyramid, block_sum, covered, image_gradient, resample
 from slopecli.types import FloatArray
 
-FORWARD_BACKWARD_PX = 0.6  # flow there and back must close within this, px of the grid
 SMOOTHINGS = 5  # rounds of variational refinement of the flow at every scale
-KEPT_PIXELS = 0.2e6  # largest image whose flow keeps its memory, some 20 MB
-CLEAR_SHARE, CLEAR_AGREEMENT = 0.97, 0.9  # of pixels that close, and of all cells but the worst tenth
-MIN_SHARE = 1 / 3  # of a cell's pixels that must pass the checks
+# Share of pixels with consistent flow, and correlation of nine tenths of the cells, above which a coarse backward flow
+# suffices as a check
+CLEAR_SHARE, CLEAR_AGREEMENT = 0.97, 0.9
 
 
 @dataclass(frozen=True, eq=False)
 class Cells:
-    """Matches of the cells of a grid.
+    """Matches of the cells of a grid, one each.
 
-    uv1, uv2 (n, 2) full-resolution px; information (n, 2, 2): structure tensor of the cell in grey levels squared per
-    grid pixel squared, in the axes of the grid; index (n, 2) row and column of the cell, to tell neighbours;
-    share (n,) of the cell's pixels that passed the checks; agreement (n,) photometric correlation after matching.
+    uv1, uv2 (n, 2) full px; information (n, 2, 2): structure tensor of the cell, grey levels squared per grid px
+    squared, in the axes of the grid; index (n, 2) row and column of the cell; share (n,) of the cell's pixels that
+    passed the checks; agreement (n,) correlation of grey values after matching.
     """
 
     uv1: FloatArray
@@ -61,38 +58,24 @@ class Cells:
 
 
 def flow(image1: Grey, image2: Grey, finest: int, smoothings: int = SMOOTHINGS) -> FloatImage:
-    """Dense inverse search (Kroeger et al. 2016), (h, w, 2) px; `finest` 0 measures at every px, 1 at every second.
+    """Optical flow (h, w, 2) px from image 1 to image 2 by dense inverse search (Kroeger et al. 2016).
 
+    finest : 0 measures at every px, 1 at every second.
     smoothings : rounds of variational refinement at every scale, each a third of the time of the search itself.
     """
-    small = image1.size <= KEPT_PIXELS
-    engine = _kept_engine(finest, smoothings, get_ident()) if small else _engine(finest, smoothings)
-    return np.asarray(engine.calc(image1, image2, None), np.float32)  # type: ignore[call-overload]
-
-
-@lru_cache(maxsize=8)
-def _kept_engine(finest: int, smoothings: int, thread: int) -> cv2.DISOpticalFlow:
-    """An engine of this thread, which no other may use at a time: from window to window it keeps its memory, and to
-    get that anew takes a third of the time of the flow."""
-    return _engine(finest, smoothings)
-
-
-def _engine(finest: int, smoothings: int) -> cv2.DISOpticalFlow:
-    engine: cv2.DISOpticalFlow = cv2.DISOpticalFlow_create(  # type: ignore[attr-defined]
-        cv2.DISOPTICAL_FLOW_PRESET_FAST
-    )
+    engine = cv2.DISOpticalFlow_create(cv2.DISOPTICAL_FLOW_PRESET_FAST)  # type: ignore[attr-defined]
     engine.setFinestScale(finest)
     engine.setVariationalRefinementIterations(smoothings)
-    return engine
+    return np.asarray(engine.calc(image1, image2, None), np.float32)
 
 
 def match_exposure(pulled: FloatImage, grey: Grey, valid: NDArray[np.bool_]) -> Grey:
-    """Give the pulled image the mean and contrast of image 1 where both are seen: flow assumes equal brightness."""
+    """Image 2 with the mean and contrast of image 1 where both are seen, as flow assumes equal brightness."""
     if valid.sum() < 16:
         return np.clip(pulled, 0, 255).astype(np.uint8)
-    ours, theirs = grey[valid], pulled[valid]
-    gain = float(np.clip(ours.std() / max(float(theirs.std()), 1e-3), 0.5, 2.0))
-    return np.clip((pulled - float(theirs.mean())) * gain + float(ours.mean()) + 0.5, 0, 255).astype(np.uint8)
+    first, second = grey[valid], pulled[valid]
+    gain = float(np.clip(first.std() / max(float(second.std()), 1e-3), 0.5, 2.0))
+    return np.clip((pulled - float(second.mean())) * gain + float(first.mean()) + 0.5, 0, 255).astype(np.uint8)
 
 
 def dense_cells(
@@ -104,10 +87,10 @@ def dense_cells(
     finest: int,
     smoothings: int = SMOOTHINGS,
 ) -> Cells:
-    """Match every cell of `cell` px of the grid; cells with too few checked pixels are left out.
+    """Match every cell of `cell` px of the grid; cells of which less than a third of the pixels pass are left out.
 
-    mapping : (h, w, 2) full-resolution px of image 2 that the grid's pixels are expected at.  shape2 : (rows, columns)
-    of image 2.  finest, smoothings : of the flow, see `flow`.
+    mapping : (h, w, 2) approximate full px of image 2 of the grid's pixels.  shape2 : (rows, columns) of image 2.
+    finest, smoothings : see `flow`.
     """
     valid = covered(mapping, shape2)
     pulled = match_exposure(resample(pyramid2, mapping, grid), grid.grey, valid)
@@ -119,7 +102,7 @@ def dense_cells(
     inside &= valid & covered(target, shape2)
     found, points = _at(pulled, qx, qy), np.stack([x, y], -1)
 
-    # the way back only checks: on clear ground a scale coarser, for a fourth of the time, elsewhere as fine
+    # backward flow is only a check: first at half the resolution, for a fourth of the time, then as fine if in doubt
     closes = _closes(forward, _at(flow(pulled, grid.grey, finest + 1, 0), qx, qy))
     cells = _collect(grid, inside & closes, points, target, found, cell)
     if _are_clear(cells, closes[inside]):
@@ -129,17 +112,17 @@ def dense_cells(
 
 
 def _at(values: NDArray[Any], x: FloatImage, y: FloatImage) -> NDArray[Any]:
-    """Values (h, w, ...) of a grid at points of it (h, w), bilinear, in their own kind."""
+    """Values (h, w, ...) of a grid at points (h, w) of it, bilinear, of the same type."""
     return np.asarray(cv2.remap(values, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE))
 
 
 def _closes(forward: FloatImage, back: FloatImage) -> NDArray[np.bool_]:
-    gap = np.abs(forward + back) < FORWARD_BACKWARD_PX
-    return np.asarray(gap[..., 0] & gap[..., 1])
+    """(h, w) whether forward and backward flow cancel to within 0.6 px along either axis."""
+    return np.asarray((np.abs(forward + back) < 0.6).all(axis=-1))
 
 
 def _are_clear(cells: Cells, closes: NDArray[np.bool_]) -> bool:
-    """Whether hardly anything is in doubt: pixels of which hardly one does not close, and cells that agree."""
+    """Whether nearly all pixels have consistent flow and nearly all cells agree in grey values."""
     if not len(cells) or closes.mean() < CLEAR_SHARE:
         return False
     return float(np.quantile(cells.agreement, 0.1)) > CLEAR_AGREEMENT
@@ -148,13 +131,13 @@ def _are_clear(cells: Cells, closes: NDArray[np.bool_]) -> bool:
 def _collect(
     grid: Grid, seen: NDArray[np.bool_], points: FloatImage, target: FloatImage, found: Grey, cell: int
 ) -> Cells:
-    """Means over the seen pixels of every cell: points of the grid, target px of image 2, found grey values there."""
-    ours, theirs = grid.grey.astype(np.float32), found.astype(np.float32)
-    gx, gy = image_gradient(ours)
+    """Cells as means over their seen pixels: points of the grid, target px of image 2, found grey values of image 2."""
+    first, second = grid.grey.astype(np.float32), found.astype(np.float32)
+    gx, gy = image_gradient(first)
     mask = seen.astype(np.float32)
     count = block_sum(mask, cell).ravel()
     share = count / cell**2
-    keep = share >= MIN_SHARE
+    keep = share >= 1 / 3
 
     def sums(*layers: FloatImage) -> FloatArray:
         return np.stack([block_sum(layer * mask, cell).ravel()[keep] for layer in layers], -1)
@@ -162,7 +145,7 @@ def _collect(
     def means(*layers: FloatImage) -> FloatArray:
         return sums(*layers) / count[keep, None]
 
-    grey = means(ours, theirs, ours * ours, theirs * theirs, ours * theirs)
+    grey = means(first, second, first * first, second * second, first * second)
     return Cells(
         uv1=grid.full(means(points[..., 0], points[..., 1])),
         uv2=means(target[..., 0], target[..., 1]),

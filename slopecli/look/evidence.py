@@ -1,4 +1,4 @@
-"""What the whole image says before any window is looked at: matches, their inverse depths, the planes they form."""
+"""Evidence: matches of the overview consistent with the motion, with inverse depths; the dominant planes among them."""
 
 from __future__ import annotations
 
@@ -15,21 +15,20 @@ from slopecli.look.noise import LEAST_MATCH_PX
 from slopecli.types import BoolArray, FloatArray, IntArray
 from slopecli.windows import Window
 
-TOLERANCE_PX = 1.5  # epipolar residual of matches that count
-MIN_ON_PLANE = 6  # matches: through fewer than this a plane is chance
-MAX_PLANES = 8
-PLANE_TOLERANCE_PX = 1.0  # distance in image 2 from a plane's prediction of matches that are on it
-MIN_PLANE, MIN_PLANE_SHARE = 30, 0.02  # matches on a plane of the scene, and their share of all
-MIN_LEFT = 40  # matches on no plane so far: with fewer the search ends
-TRIES, PARTNERS = 400, 24  # triples drawn for a plane, and matches among which each finds its two neighbours
-SPAN = 1 / 12  # of the image: how far apart neighbours are, so that a triple is wide and yet on one surface
-REFITS = 3
+TOLERANCE_PX = 1.5  # largest epipolar residual of a consistent match
+ON_PLANE_PX = 1.0  # largest distance in image 2 between a match on a plane and the plane's prediction
+MIN_ON_PLANE = 6  # matches that determine a plane: three, and as many to check it
+MIN_LEFT = 40  # matches on no plane yet with which the search for dominant planes goes on
+TRIES = 400  # triples of neighbours drawn per plane
 
 
 @dataclass(frozen=True, eq=False)
 class Evidence(Matches):
-    """Overview matches consistent with the motion: w (n,) their inverse depths, 1/baseline, leverage (n,),
-    grey (n,) brightness of image 1 there; n_given: matches there were, those that contradict the motion included."""
+    """Matches of the overview that are consistent with the motion.
+
+    w (n,): inverse depth, 1/baseline; leverage (n,): displacement in image 2, normalised, per unit of inverse depth;
+    grey (n,) of image 1; n_given: number of matches, inconsistent ones included.
+    """
 
     w: FloatArray
     leverage: FloatArray
@@ -38,14 +37,14 @@ class Evidence(Matches):
     n_given: int
 
     def near(self, window: Window, grow: float) -> BoolArray:
-        """(n,) within the window grown on every side by `grow` times its longer side."""
+        """(n,) whether a match is in the window enlarged on every side by `grow` times its longer side."""
         x, y, width, height = window
         d = grow * max(width, height)
         u, v = self.uv1.T
         return np.asarray((u >= x - d) & (u < x + width + d) & (v >= y - d) & (v < y + height + d))
 
     def plane_through(self, which: BoolArray) -> FloatArray | None:
-        """Scaled normal (3,) of the robust plane through the chosen matches; None when they are too few."""
+        """Scaled normal (3,) of the robust plane through the chosen (n,) matches; None if they are too few."""
         if which.sum() < MIN_ON_PLANE:
             return None
         floor = LEAST_MATCH_PX / self.focal_px
@@ -57,7 +56,7 @@ class Evidence(Matches):
 
 
 def gather_evidence(matches: Matches, grey: FloatArray, R: FloatArray, T: FloatArray, focal_px: float) -> Evidence:
-    """Keep matches that obey the epipolar geometry in front of the camera, and give each its inverse depth."""
+    """Evidence of the matches that are consistent with the motion and in front of the camera; grey (n,) at them."""
     w, leverage = inverse_depth(R, T, matches.x1, matches.x2)
     keep = np.abs(epipolar_residual(R, T, matches.x1, matches.x2)) * focal_px < TOLERANCE_PX
     keep &= (w > 0) & (leverage > 0)
@@ -68,14 +67,14 @@ def gather_evidence(matches: Matches, grey: FloatArray, R: FloatArray, T: FloatA
 
 
 def scene_planes(evidence: Evidence, seed: int = 0) -> list[FloatArray]:
-    """Dominant planes of the scene, largest first: sequential RANSAC over triples of neighbours, fixed seed."""
+    """Scaled normals (3,) of at most 8 dominant planes, largest first: sequential RANSAC over triples of neighbours."""
     rng = np.random.default_rng(seed)
     left = np.arange(len(evidence))
     rays = homogeneous(evidence.x1)
     planes: list[FloatArray] = []
-    while len(left) >= MIN_LEFT and len(planes) < MAX_PLANES:
+    while len(left) >= MIN_LEFT and len(planes) < 8:
         found = _largest_plane(evidence, rays, left, rng)
-        if found is None or found[1].sum() < max(MIN_PLANE, MIN_PLANE_SHARE * len(evidence)):
+        if found is None or found[1].sum() < max(30, 0.02 * len(evidence)):
             break
         planes.append(found[0])
         left = left[~found[1]]
@@ -85,7 +84,7 @@ def scene_planes(evidence: Evidence, seed: int = 0) -> list[FloatArray]:
 def _largest_plane(
     evidence: Evidence, rays: FloatArray, left: IntArray, rng: np.random.Generator
 ) -> tuple[FloatArray, BoolArray] | None:
-    """Scaled normal (3,) of the plane most of the matches `left` are on, and (len(left),) which; None without one."""
+    """Scaled normal (3,) of the plane that most of the matches `left` are on, and (len(left),) which; None if none."""
     triple = _neighbours(evidence.uv1, left, rng)
     matrix = rays[triple]
     area = np.abs(np.linalg.det(matrix))
@@ -94,10 +93,10 @@ def _largest_plane(
         return None
     normals = np.linalg.solve(matrix[wide], evidence.w[triple[wide]][..., None])[..., 0]
     rays, w, px = rays[left], evidence.w[left], evidence.leverage[left] * evidence.focal_px
-    best = normals[(np.abs(w - normals @ rays.T) * px < PLANE_TOLERANCE_PX).sum(1).argmax()]
+    best = normals[(np.abs(w - normals @ rays.T) * px < ON_PLANE_PX).sum(1).argmax()]
     inlier = np.zeros(len(left), bool)
-    for _ in range(REFITS):
-        inlier = np.abs(w - rays @ best) * px < PLANE_TOLERANCE_PX
+    for _ in range(3):
+        inlier = np.abs(w - rays @ best) * px < ON_PLANE_PX
         if inlier.sum() < MIN_ON_PLANE:
             return None
         best = np.linalg.lstsq(rays[inlier] * px[inlier, None], w[inlier] * px[inlier], rcond=None)[0]
@@ -105,10 +104,13 @@ def _largest_plane(
 
 
 def _neighbours(uv1: FloatArray, left: IntArray, rng: np.random.Generator) -> IntArray:
-    """(TRIES, 3) indices of matches about SPAN of the image apart."""
+    """(TRIES, 3) indices of matches: each third is about a twelfth of the image wide, which tends to be one surface.
+
+    The partners of a match are the two, of 24 drawn at random, whose distance is nearest to that.
+    """
     seeds = left[rng.integers(0, len(left), TRIES)]
-    span = np.ptp(uv1, axis=0).max() * SPAN
-    partners = left[rng.integers(0, len(left), (TRIES, PARTNERS))]
+    span = np.ptp(uv1, axis=0).max() / 12
+    partners = left[rng.integers(0, len(left), (TRIES, 24))]
     distance = np.linalg.norm(uv1[partners] - uv1[seeds][:, None], axis=2)
     two = np.argsort(np.abs(distance - span), axis=1)[:, :2]
     return np.column_stack([seeds, np.take_along_axis(partners, two, 1)])

@@ -1,4 +1,4 @@
-"""Image 1 divided where its brightness changes: smooth gradient, threshold, connected components.
+"""Segmentation of an image by its gradient: smoothed gradient, threshold, connected components.
 
 Source: Cheng, experiment 3, steps 1-3.
 """
@@ -16,8 +16,8 @@ from slopecli.look.noise import NOISE_GREY
 from slopecli.look.warp import FloatImage, image_gradient
 from slopecli.types import IntArray
 
-SMOOTH_PX = 1.5  # sigma: the grain of asphalt and brick is smoothed away, borders of surfaces are not
-INTERIOR_SHARE = 0.6  # of all pixels lie inside surfaces where no threshold is given
+SMOOTH_PX = 1.5  # sigma of the Gaussian: removes the grain of asphalt and brick, keeps borders of surfaces
+INTERIOR_SHARE = 0.6  # of all pixels are taken to lie inside surfaces if no threshold is given
 
 Labels = NDArray[np.int32]
 
@@ -30,12 +30,12 @@ def smooth_gradient(grey: Grey) -> FloatImage:
 
 
 def adaptive_threshold(gradient: FloatImage) -> float:
-    """Gradient, grey levels per px, below which a pixel is inside a surface: that of `INTERIOR_SHARE` of the image."""
-    return max(float(np.quantile(gradient, INTERIOR_SHARE)), NOISE_GREY / 4)  # noise alone reaches this
+    """Threshold, grey levels per px: the quantile INTERIOR_SHARE of the gradient, at least what noise alone reaches."""
+    return max(float(np.quantile(gradient, INTERIOR_SHARE)), NOISE_GREY / 4)
 
 
 def connected_components(gradient: FloatImage, threshold: float, least_px: float) -> Labels:
-    """Connected regions (h, w) below the threshold, 1 the largest; 0 above it and where they are smaller."""
+    """Labels (h, w) of connected regions below the threshold, largest first from 1; 0 elsewhere and if < `least_px`."""
     interior = (gradient < threshold).astype(np.uint8)
     _, labels = cv2.connectedComponents(interior, connectivity=4)
     return renumbered_by_size(labels, least_px)[0]
@@ -56,7 +56,7 @@ def renumbered_by_size(labels: NDArray[Any], least: float = 1) -> tuple[Labels, 
 
 
 def resized(labels: Labels, shape: tuple[int, int]) -> Labels:
-    """A label map at another size (rows, columns): every pixel takes the label under it."""
+    """Labels resampled to another size (rows, columns), nearest neighbour."""
     if labels.shape == shape:
         return labels
     size = (shape[1], shape[0])
@@ -64,7 +64,7 @@ def resized(labels: Labels, shape: tuple[int, int]) -> Labels:
 
 
 def grown(labels: Labels, reach_px: float) -> Labels:
-    """Labels spread to unlabelled pixels at most `reach_px` away, each to the nearest."""
+    """Labels with each unlabelled pixel given that of the nearest labelled one, if at most `reach_px` away."""
     if not labels.any():
         return labels
     distance, nearest = cv2.distanceTransformWithLabels(
@@ -76,7 +76,7 @@ def grown(labels: Labels, reach_px: float) -> Labels:
 
 
 def without_small_pieces(labels: Labels, least_px: float) -> Labels:
-    """Labels without their connected pieces smaller than `least_px`, which become 0."""
+    """Labels with connected pieces smaller than `least_px` set to 0."""
     cleaned = labels.copy()
     for number in range(1, int(labels.max()) + 1):
         count, pieces, stats, _ = cv2.connectedComponentsWithStats((labels == number).astype(np.uint8), connectivity=4)

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from slopecli.geometry.statistics import median
+from slopecli.geometry.statistics import robust_sigma
 from slopecli.types import FloatArray, IntArray
 
 NOISE_GREY = 2.0  # of a grey value of one image: sensor noise and compression, as measured in photographs
@@ -19,25 +19,22 @@ WORST_MATCH_PX = 0.7  # largest: residuals beyond a few of these are mismatches
 OVERVIEW_CELL_PX = 0.1  # of a match of the overview, px of its working grid
 
 LAGS = ((0, 1), (1, 0), (1, 1), (1, -1), (0, 2), (2, 0), (0, 3), (3, 0))  # rows, columns between two cells
-REACH = 3  # the largest of them, rows or columns
-MAX_GAIN = 4.0  # errors shared by more cells than this stands for are no noise
-MIN_GROUP = 8  # cells of a window that say anything of correlation
-CLIP_SIGMAS = 3.0  # robust sigmas residuals are clipped at: one mismatch is no correlation
+MAX_GAIN = 4.0  # of standard errors by correlation; errors shared by more cells are not noise
 
 
 def correlation_gain(groups: list[tuple[IntArray, FloatArray]]) -> float:
-    """How much larger standard errors are than if errors of neighbouring cells were independent.
+    """Factor by which standard errors exceed those of independent cells, 1..MAX_GAIN.
 
     Each group is a window: cell indices (n, 2) and residuals (n,) across the epipolar lines, which hold matching noise
-    and no relief. The variance of a mean over correlated samples grows by one plus twice the sum of their
-    autocorrelations over all lags.
+    and no relief; groups of fewer than 8 cells are skipped. Correlation multiplies the variance of a mean by one plus
+    twice the sum of the autocorrelations over all lags.
     """
     products, pairs = np.zeros(len(LAGS)), np.zeros(len(LAGS))
     square, count = 0.0, 0
     for index, residual in groups:
-        if len(residual) < MIN_GROUP:
+        if len(residual) < 8:
             continue
-        limit = CLIP_SIGMAS * 1.4826 * median(np.abs(residual)) + 1e-15
+        limit = 3 * robust_sigma(residual) + 1e-15  # one mismatch is not correlation
         value = np.clip(residual, -limit, limit)
         square, count = square + float(value @ value), count + len(value)
         product, known = _lagged_products(index, value)
@@ -49,9 +46,10 @@ def correlation_gain(groups: list[tuple[IntArray, FloatArray]]) -> float:
 
 
 def _lagged_products(index: IntArray, value: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """For every lag: the sum of products of values that far apart, and how many such pairs there are."""
-    row, column = (index - index.min(0) + REACH).T
-    table = np.full(tuple(np.ptp(index, axis=0) + 1 + 2 * REACH), np.nan)
+    """(len(LAGS),) sums of products of values at each lag, and the numbers of such pairs."""
+    reach = np.abs(LAGS).max()
+    row, column = (index - index.min(0) + reach).T
+    table = np.full(tuple(np.ptp(index, axis=0) + 1 + 2 * reach), np.nan)
     table[row, column] = value
     both = np.array([value * table[row + down, column + right] for down, right in LAGS])
     return np.nansum(both, axis=1), np.isfinite(both).sum(1).astype(float)

@@ -1,7 +1,7 @@
-"""The whole of image 1 matched densely, once: from sparse matches alone, before the motion is known.
+"""Overview: coarse dense matches of the whole of image 1, guided by sparse matches.
 
-Its cells lie everywhere texture allows, so they tell the motion better than the sparse matches they grew from, and
-give every window a first idea of its plane.
+They cover all textured parts, so they determine the motion better than the sparse matches do, and give each window a
+first plane.
 """
 
 from __future__ import annotations
@@ -21,8 +21,10 @@ FIELD_STEP = 16  # px of the working grid between nodes of the displacement fiel
 
 @dataclass(frozen=True)
 class OverviewEffort:
-    """How finely to look: image 1 averaged down to at most `max_pixels`; the flow as `slopecli.look.dense.flow`
-    says. Flow at every pixel of an image is as precise as at every second of one three times as large."""
+    """Resolution: image 1 is shrunk to at most `max_pixels`; `finest` and `smoothings` are those of `dense.flow`.
+
+    Flow at every pixel of an image is as precise as at every second pixel of one three times as large.
+    """
 
     max_pixels: float
     finest: int
@@ -40,7 +42,7 @@ def overview_cells(
     uv2: FloatArray,
     effort: OverviewEffort = WHOLE,
 ) -> Cells:
-    """Dense cells over all of image 1, led by sparse matches uv1 -> uv2 (full-resolution px, mismatches removed)."""
+    """Cells over all of image 1, guided by sparse matches uv1 -> uv2 (n, 2), full px, without mismatches."""
     height, width = layer1.grey.shape
     grid = Grid(layer1.grey, 0, 0, layer1.scale)
     mapping = transfer_map(grid, sparse_transfer(uv1, uv2, layer1.scale, (height, width)))
@@ -48,7 +50,7 @@ def overview_cells(
 
 
 def sparse_transfer(uv1: FloatArray, uv2: FloatArray, scale: FloatArray, shape: tuple[int, int]) -> Transfer:
-    """A smooth map through the matches: their dominant homography plus what it misses, spread from near to far."""
+    """A smooth map near the matches: their dominant homography plus its interpolated residuals."""
     H = None
     if len(uv1) >= 4:
         H, _ = cv2.findHomography(uv1, uv2, cv2.USAC_MAGSAC, 20.0)
@@ -61,7 +63,7 @@ def sparse_transfer(uv1: FloatArray, uv2: FloatArray, scale: FloatArray, shape: 
 
     def transfer(uv: FloatArray) -> FloatArray:
         node = (((uv + 0.5) * scale) / FIELD_STEP - 0.5).astype(np.float32)
-        at = node[:, None]  # a column: OpenCV bears no more than 32767 points in a row
+        at = node[:, None]  # a column, as OpenCV allows at most 32767 points in a row
         missed = cv2.remap(field, at[..., 0], at[..., 1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
         return np.asarray(apply(uv) + missed[:, 0], float)
 
@@ -69,7 +71,7 @@ def sparse_transfer(uv1: FloatArray, uv2: FloatArray, scale: FloatArray, shape: 
 
 
 def _spread(points: FloatArray, values: FloatArray, shape: tuple[int, int]) -> np.ndarray:
-    """Average values (n, 2) in bins and fill the empty ones from coarser and coarser averages (pull-push)."""
+    """Field (rows, columns, 2) of values (n, 2) averaged in bins, empty bins filled from coarser averages."""
     rows, columns = -(-shape[0] // FIELD_STEP), -(-shape[1] // FIELD_STEP)
     column = np.clip((points[:, 0] / FIELD_STEP).astype(int), 0, columns - 1)
     row = np.clip((points[:, 1] / FIELD_STEP).astype(int), 0, rows - 1)
@@ -81,6 +83,7 @@ def _spread(points: FloatArray, values: FloatArray, shape: tuple[int, int]) -> n
 
 
 def _pull_push(values: FloatArray, weight: FloatArray) -> FloatArray:
+    """Values (h, w, 2) where the weight (h, w) is 1, else values of half the resolution, recursively (pull-push)."""
     if min(weight.shape) <= 2:
         mean = np.tensordot(weight, values, 2) / max(weight.sum(), 1e-9)
         return np.broadcast_to(mean, values.shape)
@@ -95,4 +98,5 @@ def _pull_push(values: FloatArray, weight: FloatArray) -> FloatArray:
 
 
 def _quarter(a: FloatArray) -> FloatArray:
+    """Sums over blocks of 2 x 2."""
     return np.asarray(a[::2, ::2] + a[1::2, ::2] + a[::2, 1::2] + a[1::2, 1::2])

@@ -1,4 +1,4 @@
-"""What is known before a window is looked at, and views of image 2 from a window through it."""
+"""Scene: everything known about a pair before planes are found; working grids and views of its windows."""
 
 from __future__ import annotations
 
@@ -18,16 +18,15 @@ from slopecli.look.warp import Grid, Pyramid, cut
 from slopecli.types import Camera, FloatArray
 from slopecli.windows import Window
 
-FINE_PX = 200  # a window is matched at about this many pixels a side, from shrunken images when it is larger
-BORDER_PX = 8  # px of the working grid around a window: flow needs to see past its border
+FINE_PX = 200  # px a side of the working grid a window is matched on; larger windows are shrunk to it
 
 
 @dataclass(frozen=True, eq=False)
 class Scene:
-    """What is known before the windows are looked at: images, cameras, the motion, evidence and the scene's planes.
+    """Images, cameras, motion R, T, overview and evidence of a pair.
 
-    find_planes : gives the scene's planes, which only difficult windows ask for.
-    cells : all of the overview, those of faint texture too, which `evidence` leaves out.
+    find_planes : computes `planes`, which only windows that are hard to match need.
+    cells : all of the overview, faint and inconsistent ones included, which `evidence` leaves out.
     """
 
     camera1: Camera
@@ -63,14 +62,13 @@ class Scene:
 
 
 def whole_grid(scene: Scene, max_pixels: float) -> Grid:
-    """Working grid over all of image 1, averaged down to at most `max_pixels`."""
+    """Working grid over all of image 1, shrunk to at most `max_pixels`."""
     grey, scale = shrink(scene.pyramid1.at(1.0).grey, max_pixels)
     return Grid(grey, 0.0, 0.0, scale)
 
 
 def view_of(window: Window, scene: Scene, side_px: int, border: bool) -> View:
-    """A window on a working grid of about `side_px` a side, with some ground around it if `border`, ready to pull
-    image 2 onto it."""
+    """`View` of a window on a working grid of about `side_px` px a side, with a border around it if `border`."""
     grid = window_grid(window, scene, side_px, border)
     return make_view(grid, scene.rays1, scene.pixels2, scene.R, scene.T, scene.pyramid2, scene.shape2)
 
@@ -80,13 +78,13 @@ def window_grid(window: Window, scene: Scene, side_px: int, border: bool) -> Gri
     x, y, w, h = window
     shrink_by = max(w, h) / side_px
     layer = scene.pyramid1.at(shrink_by)
-    margin = BORDER_PX * max(shrink_by, 1.0) if border else 0.0
+    margin = 8 * max(shrink_by, 1.0) if border else 0.0  # 8 px of the grid: flow is biased at the border of an image
     side = round(side_px * (1 + 2 * margin / max(w, h)))
     return cut(layer, x - margin, y - margin, w + 2 * margin, h + 2 * margin, side)
 
 
 def epipolar_axes(uv1: FloatArray, scene: Scene) -> tuple[FloatArray, FloatArray]:
-    """Unit vectors (n, 2) along and across the epipolar line in image 1: a change of depth moves content along it."""
+    """Unit vectors (n, 2) along and across the epipolar lines in image 1; depth displaces a point along its line."""
     rays = homogeneous(rays_from_pixels(scene.camera1, uv1))
     along = rays[:, :2] * scene.T[2] - scene.T[:2]
     along /= np.maximum(np.linalg.norm(along, axis=1, keepdims=True), 1e-12)
@@ -100,7 +98,7 @@ def axis_variance(information: FloatArray, uv1: FloatArray, scene: Scene, floor_
     ----------
     information : (n, 2, 2) structure tensors, noise units squared per grid px squared.
     uv1 : (n, 2) px of image 1.
-    floor_px : 1-sigma that remains with any texture, grid px.  noise : 1-sigma, in the tensors' unit.
+    floor_px : 1-sigma of a match of ideal texture, grid px.  noise : 1-sigma of grey values, in the tensors' unit.
 
     Returns
     -------

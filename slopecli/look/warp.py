@@ -1,7 +1,7 @@
-"""Image 2 seen through a model: smooth maps from a working grid over image 1 into image 2, and resampling by them.
+"""Maps from a working grid over image 1 into image 2, resampling of images by them, and image pyramids.
 
-A working grid is a rectangle of image 1, possibly shrunken. Whatever map is used to resample image 2 is also used to
-turn a residual flow back into pixels of image 2, so its own interpolation error cancels.
+A working grid is a rectangle of image 1, possibly shrunken. The map that image 2 is resampled by also turns the flow
+that remains into pixels of image 2, so that its interpolation error cancels.
 """
 
 from __future__ import annotations
@@ -17,15 +17,17 @@ from slopecli.geometry.statistics import median
 from slopecli.look.features import Grey
 from slopecli.types import FloatArray
 
-FloatImage = NDArray[np.float32]
 NODE_STEP = 8  # px of the working grid between exactly computed nodes of a map; bilinear in between
+NOWHERE = -1e4  # px: coordinate of a point that image 2 does not show
+
+FloatImage = NDArray[np.float32]
 
 Transfer = Callable[[FloatArray], FloatArray]  # (n, 2) px of image 1 -> (n, 2) px of image 2
 
 
 @dataclass(frozen=True, eq=False)
 class Grid:
-    """A working grid: `grey` holds image 1 there; pixel (i, j) of it lies at (x0 + i, y0 + j) of the shrunken image."""
+    """A working grid: grey values of a rectangle of image 1, its pixel (0, 0) at (x0, y0) of the shrunken image."""
 
     grey: Grey
     x0: float
@@ -50,8 +52,21 @@ class Grid:
         return (uv + 0.5) * self.scale - np.array([self.x0 + 0.5, self.y0 + 0.5])
 
 
+def plane_transfer(
+    turned: FloatArray, inverse_depth: FloatArray, epipole2: FloatArray, pixels2: Transfer
+) -> FloatArray:
+    """(n, 2) px of image 2 of points of image 1 with known inverse depth; NOWHERE for points behind a camera.
+
+    turned : (n, 3) homogeneous rays of image 1 times R.T.  inverse_depth : (n,) 1/baseline.  epipole2 : R T.
+    """
+    moved = turned - inverse_depth[:, None] * epipole2
+    ahead = (moved[:, 2] > 1e-9) & (inverse_depth > 0)
+    uv = pixels2(moved[:, :2] / np.where(ahead, moved[:, 2], 1.0)[:, None])
+    return np.where(ahead[:, None] & np.isfinite(uv), uv, NOWHERE)
+
+
 def transfer_map(grid: Grid, transfer: Transfer) -> FloatImage:
-    """Map (h, w, 2) float32 of full-resolution image-2 pixels, exact on nodes NODE_STEP apart."""
+    """Map (h, w, 2) float32 in full px of image 2, exact on nodes NODE_STEP apart and bilinear in between."""
     return spread_nodes(grid, transfer(map_nodes(grid)))
 
 
@@ -64,12 +79,12 @@ def map_nodes(grid: Grid) -> FloatArray:
 
 
 def spread_nodes(grid: Grid, values: FloatArray) -> FloatImage:
-    """Map (h, w, 2) float32 from its values (n, 2) at `map_nodes`, bilinear in between."""
+    """Map (h, w, 2) float32, bilinear between its values (n, 2) at `map_nodes`."""
     return spread_table(values.reshape(*node_shape(grid.shape), 2), grid.shape)
 
 
 def spread_table(table: FloatArray, shape: tuple[int, int]) -> FloatImage:
-    """Map (h, w, 2) float32 of a shape from its values at nodes (rows, columns, 2), as many as `node_shape` says."""
+    """Map (h, w, 2) float32 of the given shape from its values at `node_shape` nodes (rows, columns, 2)."""
     (rows, columns), (height, width) = table.shape[:2], shape
     dense = cv2.resize(
         table.astype(np.float32), (columns * NODE_STEP, rows * NODE_STEP), interpolation=cv2.INTER_LINEAR
@@ -91,7 +106,7 @@ class Layer:
 
 
 class Pyramid:
-    """An image at full and halved resolutions, each made when first asked for."""
+    """An image at full and halved resolutions, each computed when first needed; the scale of the overview besides."""
 
     def __init__(self, grey: Grey, overview_scale: FloatArray | None = None) -> None:
         self._full = grey
@@ -99,7 +114,7 @@ class Pyramid:
         self._layers = [Layer(grey, np.ones(2))]
 
     def at(self, shrink_by: float) -> Layer:
-        """The coarsest layer that is no coarser than `shrink_by` full pixels a pixel, a sixth of an octave aside."""
+        """The coarsest layer of at most `shrink_by` full px a pixel, with a tolerance of 0.17 octaves."""
         level = max(0, int(np.floor(np.log2(max(shrink_by, 1.0)) + 0.17)))
         while len(self._layers) <= level:
             last = self._layers[-1].grey
@@ -111,10 +126,9 @@ class Pyramid:
 
 
 def cut(layer: Layer, x: float, y: float, width: float, height: float, side: int | None = None) -> Grid:
-    """Working grid over the rectangle (full-resolution px of image 1), clipped to the image.
+    """Working grid over a rectangle (full px of image 1), clipped to the image.
 
-    side : average the grid down until the rectangle's longer side has this many pixels, so that the same ground is
-    seen alike however large the image is.
+    side : the grid is shrunk until the rectangle's longer side has this many pixels; None leaves it as the layer is.
     """
     rows, columns = layer.grey.shape
     x0, y0 = max(0, int(np.floor(x * layer.scale[0]))), max(0, int(np.floor(y * layer.scale[1])))
@@ -144,28 +158,28 @@ def magnification(transfer_values: FloatImage, grid: Grid) -> float:
 
 
 def sample_layer(layer: Layer, mapping: FloatImage) -> FloatImage:
-    """Grey values (h, w) of a layer at full-resolution pixels (h, w, 2), bilinear; outside the border repeats."""
+    """Grey values (h, w) of a layer at full px (h, w, 2), bilinear; outside, the border repeats."""
     local = (mapping + 0.5) * layer.scale.astype(np.float32) - 0.5
     found = cv2.remap(layer.grey, local[..., 0], local[..., 1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
     return np.asarray(found, np.float32)
 
 
 def resample(pyramid2: Pyramid, mapping: FloatImage, grid: Grid) -> FloatImage:
-    """Image 2 pulled onto the grid by a map of full-resolution pixels; as sharp as image 1 there, not sharper.
+    """Image 2 resampled onto the grid by a map of full px, from the layer that is as sharp as image 1 there.
 
-    Outside image 2 the border repeats; `covered` says where.
+    Outside image 2 the border repeats; see `covered`.
     """
     return sample_layer(pyramid2.at(magnification(mapping, grid) / grid.mean_scale), mapping)
 
 
 def covered(mapping: FloatImage | FloatArray, shape2: tuple[int, int], margin: float = 2.0) -> NDArray[np.bool_]:
-    """Where a map of full-resolution pixels lands inside image 2, `margin` px from its border."""
+    """(...) whether points (..., 2), full px, lie in image 2, at least `margin` px from its border."""
     u, v = mapping[..., 0], mapping[..., 1]
     return (u >= margin) & (v >= margin) & (u <= shape2[1] - 1 - margin) & (v <= shape2[0] - 1 - margin)
 
 
 def image_gradient(image: FloatImage) -> tuple[FloatImage, FloatImage]:
-    """Slopes (h, w) of grey values along x and y, grey levels per px."""
+    """Gradients (h, w) along x and y, grey levels per px."""
     gx, gy = cv2.Sobel(image, cv2.CV_32F, 1, 0, scale=1 / 8), cv2.Sobel(image, cv2.CV_32F, 0, 1, scale=1 / 8)
     return np.asarray(gx, np.float32), np.asarray(gy, np.float32)
 
@@ -173,16 +187,16 @@ def image_gradient(image: FloatImage) -> tuple[FloatImage, FloatImage]:
 def block_sum(layer: FloatImage, cell: int) -> FloatArray:
     """Sums over square blocks of `cell` px, (h // cell, w // cell); the rest at right and bottom is dropped."""
     rows, columns = layer.shape[0] // cell, layer.shape[1] // cell
-    # rows first: adding long lines is many times faster than adding short ones
+    # rows first: NumPy adds long lines many times faster than short ones
     lines = layer[: rows * cell].reshape(rows, cell, layer.shape[1]).sum(1, dtype=np.float64)[:, : columns * cell]
     return np.asarray(lines.reshape(rows, columns, cell).sum(2))
 
 
 def sample_grey(grey: Grey, uv: FloatArray) -> FloatArray:
-    """(n,) bilinear brightness of an image at pixels (n, 2)."""
+    """(n,) grey values of an image at pixels (n, 2), bilinear."""
     if len(uv) == 0:
         return np.empty(0)
-    at = uv.astype(np.float32)[:, None]  # a column: OpenCV bears no more than 32767 points in a row
+    at = uv.astype(np.float32)[:, None]  # a column, as OpenCV allows at most 32767 points in a row
     return np.asarray(
         cv2.remap(grey, at[..., 0], at[..., 1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)[:, 0], float
     )

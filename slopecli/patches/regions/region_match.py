@@ -14,8 +14,7 @@ from slopecli.look.dense import Cells, dense_cells
 from slopecli.look.gradient_components import Labels, grown, resized
 from slopecli.look.matches import Matches
 from slopecli.look.scene import Scene, whole_grid
-from slopecli.look.transfer_error import NOWHERE, transferred
-from slopecli.look.warp import FloatImage, Grid
+from slopecli.look.warp import NOWHERE, FloatImage, Grid, plane_transfer
 from slopecli.patches.patch import Patch
 from slopecli.patches.windows.matching import with_cells
 from slopecli.types import FloatArray
@@ -60,7 +59,7 @@ def _mapping(grid: Grid, labels: Labels, planes: list[FloatArray], scene: Scene)
     rays = homogeneous(scene.rays1(uv1))
     w = np.einsum("ni,ni->n", rays, np.array(planes)[labels[rows, columns] - 1])
     mapping = np.full((*grid.shape, 2), NOWHERE, np.float32)
-    mapping[rows, columns] = transferred(rays @ scene.R.T, w, scene.R @ scene.T, scene.pixels2)
+    mapping[rows, columns] = plane_transfer(rays @ scene.R.T, w, scene.R @ scene.T, scene.pixels2)
     return mapping
 
 
