@@ -14,7 +14,7 @@ from slopecli.geometry import (
     pixels_from_rays,
     rays_from_pixels,
 )
-from slopecli.look import OUTSIDE, TRUNCATED, Comparison, Grid, Pyramid, shrink
+from slopecli.look import OUTSIDE, TRUNCATED_COST, Comparison, Grid, Pyramid, shrink
 from slopecli.look.noise import DIFFERENCE_GREY
 from slopecli.types import Camera
 
@@ -61,7 +61,7 @@ def test_the_map_of_costs_is_that_of_single_pixels() -> None:
 def test_pixels_sent_outside_image_2_cost_the_most() -> None:
     comparison = comparison_of()
     cost = comparison.cost(TRUE * 3)
-    assert cost.max() == OUTSIDE > TRUNCATED
+    assert cost.max() == OUTSIDE > TRUNCATED_COST
     assert (comparison.cost(-TRUE) == OUTSIDE).all()
 
 

@@ -9,9 +9,10 @@ __getattr__, __dir__ = lazy_names(
         "dense": "Cells dense_cells flow match_exposure",
         "evidence": "Evidence gather_evidence scene_planes",
         "features": "EFFORTS FeatureEffort FeatureMemory Grey match_descriptors match_sift shrink to_full",
-        "foerstner": "SEARCH_PX correlate_windows foerstner_corners match_foerstner",
+        "foerstner": "foerstner_corners match_foerstner",
         "gradient_components": "Labels adaptive_threshold connected_components grown smooth_gradient "
         "without_small_pieces",
+        "least_squares_matching": "SEARCH_PX correlate_windows",
         "matches": "Matches pair_rays thin",
         "motions": "distinct_motions inliers_of rank_motions starting_motions",
         "noise": "DIFFERENCE_GREY LEAST_MATCH_PX MAX_GAIN NOISE_GREY OVERVIEW_CELL_PX ROUNDING_GREY SYSTEMATIC_PX "
@@ -24,7 +25,7 @@ __getattr__, __dir__ = lazy_names(
         "scene_from_images": "build_scene feature_matchers find_scene",
         "sparse": "Sparse find_motions",
         "threads": "single_threaded",
-        "transfer_error": "Comparison OUTSIDE TRUNCATED",
+        "transfer_error": "Comparison OUTSIDE TRUNCATED_COST",
         "warp": "Grid Layer Pyramid Transfer block_sum covered cut magnification plane_transfer resample sample_grey "
         "sample_map transfer_map",
     },

@@ -18,10 +18,10 @@ from slopecli.look.noise import ROUNDING_GREY
 from slopecli.look.warp import FloatImage, Grid, Pyramid, block_sum, covered, image_gradient, resample
 from slopecli.types import FloatArray
 
-SMOOTHINGS = 5  # rounds of variational refinement of the flow at every scale
+FULL_SMOOTHINGS = 5  # rounds of variational refinement of the flow at every scale
 # Share of pixels with consistent flow, and correlation of nine tenths of the cells, above which a coarse backward flow
 # suffices as a check
-CLEAR_SHARE, CLEAR_AGREEMENT = 0.97, 0.9
+CLOSED_SHARE, CLEAR_AGREEMENT = 0.97, 0.9
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,7 +57,7 @@ class Cells:
         )
 
 
-def flow(image1: Grey, image2: Grey, finest: int, smoothings: int = SMOOTHINGS) -> FloatImage:
+def flow(image1: Grey, image2: Grey, finest: int, smoothings: int = FULL_SMOOTHINGS) -> FloatImage:
     """Optical flow (h, w, 2) px from image 1 to image 2 by dense inverse search (Kroeger et al. 2016).
 
     finest : 0 measures at every px, 1 at every second.
@@ -85,7 +85,7 @@ def dense_cells(
     shape2: tuple[int, int],
     cell: int,
     finest: int,
-    smoothings: int = SMOOTHINGS,
+    smoothings: int = FULL_SMOOTHINGS,
 ) -> Cells:
     """Match every cell of `cell` px of the grid; cells of which less than a third of the pixels pass are left out.
 
@@ -123,7 +123,7 @@ def _closes(forward: FloatImage, back: FloatImage) -> NDArray[np.bool_]:
 
 def _are_clear(cells: Cells, closes: NDArray[np.bool_]) -> bool:
     """Whether nearly all pixels have consistent flow and nearly all cells agree in grey values."""
-    if not len(cells) or closes.mean() < CLEAR_SHARE:
+    if not len(cells) or closes.mean() < CLOSED_SHARE:
         return False
     return float(np.quantile(cells.agreement, 0.1)) > CLEAR_AGREEMENT
 

@@ -18,7 +18,6 @@ from slopecli.windows import Window
 TOLERANCE_PX = 1.5  # largest epipolar residual of a consistent match
 ON_PLANE_PX = 1.0  # largest distance in image 2 between a match on a plane and the plane's prediction
 MIN_ON_PLANE = 6  # matches that determine a plane: three, and as many to check it
-MIN_LEFT = 40  # matches on no plane yet with which the search for dominant planes goes on
 TRIES = 400  # triples of neighbours drawn per plane
 
 
@@ -72,7 +71,7 @@ def scene_planes(evidence: Evidence, seed: int = 0) -> list[FloatArray]:
     left = np.arange(len(evidence))
     rays = homogeneous(evidence.x1)
     planes: list[FloatArray] = []
-    while len(left) >= MIN_LEFT and len(planes) < 8:
+    while len(left) >= 40 and len(planes) < 8:
         found = _largest_plane(evidence, rays, left, rng)
         if found is None or found[1].sum() < max(30, 0.02 * len(evidence)):
             break

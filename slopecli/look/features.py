@@ -14,8 +14,6 @@ from slopecli.types import FloatArray, IntArray
 Grey = NDArray[np.uint8]
 Descriptors = NDArray[np.float32]
 
-BLOCK = 1024  # descriptors compared with all others at a time
-
 
 @dataclass(frozen=True)
 class FeatureEffort:
@@ -77,7 +75,8 @@ def match_descriptors(first: Descriptors, second: Descriptors, ratio: float) -> 
     if len(first) < 2 or len(second) < 2:
         return np.empty(0, int), np.empty(0, int)
     column_best = np.full(len(second), -np.inf, np.float32)
-    blocks = [_best_two(first[k : k + BLOCK], second, column_best) for k in range(0, len(first), BLOCK)]
+    rows = 1024
+    blocks = [_best_two(first[k : k + rows], second, column_best) for k in range(0, len(first), rows)]
     partner, best, runner_up = (np.concatenate(parts) for parts in zip(*blocks, strict=True))
     mutual = best >= column_best[partner]
     distance = np.sqrt(np.maximum(2 - 2 * best, 0))

@@ -16,7 +16,6 @@ from slopecli.look.noise import NOISE_GREY
 from slopecli.look.warp import FloatImage, image_gradient
 from slopecli.types import IntArray
 
-SMOOTH_PX = 1.5  # sigma of the Gaussian: removes the grain of asphalt and brick, keeps borders of surfaces
 INTERIOR_SHARE = 0.6  # of all pixels are taken to lie inside surfaces if no threshold is given
 
 Labels = NDArray[np.int32]
@@ -24,7 +23,8 @@ Labels = NDArray[np.int32]
 
 def smooth_gradient(grey: Grey) -> FloatImage:
     """Gradient magnitude (h, w) of the smoothed image, grey levels per px."""
-    smooth = np.asarray(cv2.GaussianBlur(grey.astype(np.float32), (0, 0), SMOOTH_PX), np.float32)
+    # 1.5 px removes the grain of asphalt and brick and keeps the borders of surfaces
+    smooth = np.asarray(cv2.GaussianBlur(grey.astype(np.float32), (0, 0), 1.5), np.float32)
     gx, gy = image_gradient(smooth)
     return np.asarray(np.hypot(gx, gy), np.float32)
 

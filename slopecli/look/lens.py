@@ -10,8 +10,6 @@ from slopecli.look.noise import SYSTEMATIC_PX
 from slopecli.look.scene import Scene
 from slopecli.look.scene_from_images import MIN_INFORMATION
 
-WIDEST = 1.5  # normalised coordinate beyond which one radial term does not model a lens
-
 
 def lens_misfit(scene: Scene) -> LensMisfit | None:
     """The radial term by which the lens clearly differs from the camera file, or None.
@@ -22,5 +20,6 @@ def lens_misfit(scene: Scene) -> LensMisfit | None:
     textured = np.flatnonzero(np.linalg.eigvalsh(cells.information)[:, 0] > MIN_INFORMATION)
     some = thin(cells.uv1, textured, 1200)
     x1, x2, imaged = pair_rays(scene.camera1, scene.camera2, cells.uv1[some], cells.uv2[some])
-    near = imaged & (np.linalg.norm(x1, axis=1) < WIDEST) & (np.linalg.norm(x2, axis=1) < WIDEST)
+    # one radial term does not model a lens further off its axis
+    near = imaged & (np.linalg.norm(x1, axis=1) < 1.5) & (np.linalg.norm(x2, axis=1) < 1.5)
     return find_lens_misfit(scene.R, scene.T, x1[near], x2[near], SYSTEMATIC_PX / focal_px)

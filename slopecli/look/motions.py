@@ -12,7 +12,7 @@ from slopecli.types import BoolArray, FloatArray
 Motion = tuple[FloatArray, FloatArray]
 
 SCORE_PX = 0.5  # motions are ranked by squared epipolar residuals truncated at four times this
-MIN_MATCHES = 8  # for a motion: five determine it, three check it
+LEAST_FOR_MOTION = 8  # for a motion: five determine it, three check it
 
 
 def starting_motions(
@@ -24,7 +24,7 @@ def starting_motions(
     decompositions of the dominant homography are added, as a flat scene determines the essential matrix badly.
     The list is empty when there are too few matches or no model fits.
     """
-    if len(x1) < MIN_MATCHES:
+    if len(x1) < LEAST_FOR_MOTION:
         return []
     candidates = _essential_motions(x1, x2, focal_px, thorough, seed) + _homography_motions(x1, x2, focal_px)
     bounds = (LEAST_MATCH_PX / focal_px, WORST_MATCH_PX / focal_px)
@@ -70,7 +70,7 @@ def _essential_motions(x1: FloatArray, x2: FloatArray, focal_px: float, thorough
     if thorough:
         rng = np.random.default_rng(seed)
         for _ in range(16):  # OpenCV's RANSAC repeats its own draws, so each run gets other matches
-            half = rng.permutation(len(x1))[: max(MIN_MATCHES, len(x1) // 2)]
+            half = rng.permutation(len(x1))[: max(LEAST_FOR_MOTION, len(x1) // 2)]
             motions += _five_point(x1[half], x2[half], cv2.RANSAC, 1.0 / focal_px)
     return motions
 

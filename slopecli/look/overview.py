@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from slopecli.look.dense import SMOOTHINGS, Cells, dense_cells
+from slopecli.look.dense import FULL_SMOOTHINGS, Cells, dense_cells
 from slopecli.look.warp import Grid, Layer, Pyramid, Transfer, transfer_map
 from slopecli.types import FloatArray
 
@@ -31,7 +31,7 @@ class OverviewEffort:
     smoothings: int
 
 
-WHOLE = OverviewEffort(max_pixels=1.0e6, finest=1, smoothings=SMOOTHINGS)
+WHOLE = OverviewEffort(max_pixels=1.0e6, finest=1, smoothings=FULL_SMOOTHINGS)
 
 
 def overview_cells(

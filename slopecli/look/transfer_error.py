@@ -31,8 +31,8 @@ from slopecli.types import FloatArray, IntArray
 
 SHADING_PX = 8.0  # working px, sigma of the Gaussian that separates shading from texture
 MISPLACED_PX = 0.45  # working px, 1-sigma by which a surface is off its plane: relief, lens, interpolation
-TRUNCATED = 9.0  # cost of a pixel that is off by three sigmas or more
-OUTSIDE = 2 * TRUNCATED  # cost of a pixel that the plane maps outside image 2
+TRUNCATED_COST = 9.0  # cost of a pixel that is off by three sigmas or more
+OUTSIDE = 2 * TRUNCATED_COST  # cost of a pixel that the plane maps outside image 2
 
 Points = tuple[IntArray, IntArray]  # rows and columns of working pixels
 Box = tuple[slice, slice]  # rows and columns of a rectangle of them
@@ -107,7 +107,7 @@ class Comparison:
         cost -= self._first[rows, columns][::step, ::step]
         cost *= cost
         cost *= self._certainty[rows, columns][::step, ::step]
-        np.minimum(cost, np.float32(TRUNCATED), out=cost)
+        np.minimum(cost, np.float32(TRUNCATED_COST), out=cost)
         cost[outside] = OUTSIDE
         return np.asarray(cost, np.float32)
 
@@ -128,7 +128,7 @@ class Comparison:
         uv = self._transferred(self._bundle(points), normal)
         error = self._sample(uv)[:, 0] - self._first[points]
         seen = covered(uv, self._shape2)
-        return np.where(seen, np.minimum(error**2 * self._certainty[points], TRUNCATED), OUTSIDE)
+        return np.where(seen, np.minimum(error**2 * self._certainty[points], TRUNCATED_COST), OUTSIDE)
 
     def apart_px(self, points: Points, normal: FloatArray, others: FloatArray) -> FloatArray:
         """(k,) median distance, working px, between where a plane and each of k others (k, 3) map pixels; no lens."""

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from slopecli.geometry.statistics import median
-from slopecli.look.evidence import PLANE_TOLERANCE_PX
+from slopecli.look.evidence import ON_PLANE_PX
 from slopecli.look.matches import thin
 from slopecli.look.noise import OVERVIEW_CELL_PX
 from slopecli.look.scene import Scene, view_of
@@ -39,7 +39,7 @@ def _from_around(patch: Patch, scene: Scene) -> Patch | None:
         planes = [p for p in (evidence.plane_through(near), *scene.planes) if p is not None]
         share = _shares(planes, scene, vote)
         best = int(np.argmax(share))
-        chosen = np.flatnonzero(near & (evidence.misfit_px(planes[best]) < PLANE_TOLERANCE_PX))
+        chosen = np.flatnonzero(near & (evidence.misfit_px(planes[best]) < ON_PLANE_PX))
         if len(chosen) >= TUNE.least_borrowed and vote.sum() * share[best] >= 2 and share[best] >= 0.5:
             sigma = max(_disagreement(planes, share, best), np.radians(MOST_SIGMA_DEG) * (1 - share[best]))
             return _borrowed(chosen, patch, scene, planes[best], sigma, "this is the plane around it")
@@ -56,7 +56,7 @@ def _from_scene(patch: Patch, scene: Scene) -> Patch | None:
     weight = local + _shares(scene.planes, scene, np.ones(len(scene.evidence)))
     parallel = np.exp(-((_angles(scene.planes) / np.radians(10.0)) ** 2))
     best = int(np.argmax(parallel @ weight))
-    chosen = np.flatnonzero(scene.evidence.misfit_px(scene.planes[best]) < PLANE_TOLERANCE_PX)
+    chosen = np.flatnonzero(scene.evidence.misfit_px(scene.planes[best]) < ON_PLANE_PX)
     if len(chosen) < TUNE.least_borrowed:
         return None
     sigma = _disagreement(scene.planes, weight, best)
@@ -71,7 +71,7 @@ def _nothing(patch: Patch, scene: Scene) -> Patch:
 
 def _shares(planes: list[FloatArray], scene: Scene, vote: FloatArray) -> FloatArray:
     """(k,) weighted share of all matches that lie on each plane; vote (n,): the weights."""
-    on = np.array([scene.evidence.misfit_px(plane) < PLANE_TOLERANCE_PX for plane in planes])
+    on = np.array([scene.evidence.misfit_px(plane) < ON_PLANE_PX for plane in planes])
     return np.asarray(on @ vote / max(float(vote.sum()), 1e-9))
 
 
