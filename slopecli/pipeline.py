@@ -17,7 +17,6 @@ from slopecli.geometry.statistics import median
 from slopecli.look.changes import find_changes
 from slopecli.look.features import FeatureMemory
 from slopecli.look.scene_from_images import find_scene
-from slopecli.look.sparse import Sparse
 from slopecli.options import Options
 from slopecli.patches import PLANE_FINDERS
 from slopecli.patches.given.given_solution import solve_given
@@ -68,7 +67,7 @@ def estimate(
     # sparse matches, then dense ones of the whole image: the scene, and the motions that may explain it
     greys = image1.grey, image2.grey
     scene, motions = find_scene(
-        *greys, camera1, camera2, options, windows, check_sparse=_refuse, memory=memory, on_lap=clock.lap
+        *greys, camera1, camera2, options, windows, check_sparse=refuse_unmatched, memory=memory, on_lap=clock.lap
     )
     diagnostics = check_pair(PairFacts((image1, image2), scene, motions[0].scale * camera2.focal_px, options))
     changes = find_changes(scene)
@@ -133,10 +132,6 @@ def solve(given: Given, cameras: tuple[Camera, Camera] | None, options: Options,
     image1, image2 = (ImageInfo(given.path, c.width or None, c.height or None, given.sha256) for c in both)
     report = build_report((image1, image2), both, options, joined, solution, diagnostics)
     return replace(report, options={**report.options, "noise": noise})
-
-
-def _refuse(sparse: Sparse) -> None:
-    refuse_unmatched(sparse.n_features, len(sparse.matches), sparse.n_inliers)
 
 
 class _Clock:

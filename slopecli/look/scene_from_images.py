@@ -39,7 +39,7 @@ def find_scene(
     options: Options,
     windows: list[Window],
     *,
-    check_sparse: Callable[[Sparse], None],
+    check_sparse: Callable[[tuple[int, int], int, int], None],
     memory: FeatureMemory | None = None,
     on_lap: Callable[[str], None] = lambda name: None,
 ) -> Found:
@@ -48,7 +48,8 @@ def find_scene(
     Parameters
     ----------
     windows : px of image 1; they decide whether the quick pass is tried when the planes of windows are asked for.
-    check_sparse : called with the sparse matches; raises if they are too few for an answer.
+    check_sparse : called with the number of features in each image, of matches, and of matches consistent with the
+        best motion; raises if they are too few for an answer.
     memory : of SIFT features, if images may come again.
     on_lap : called with "features" or "overview" whenever such a step ends.
 
@@ -64,7 +65,7 @@ def find_scene(
         if found is not None:
             return found
     sparse = find_motions(*images, feature_matchers(options.features, memory), options.seed)
-    check_sparse(sparse)
+    check_sparse(sparse.n_features, len(sparse.matches), sparse.n_inliers)
     on_lap("features")
     return build_scene(*images, sparse, options.seed)
 

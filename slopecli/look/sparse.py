@@ -11,7 +11,7 @@ from slopecli.look.matches import Matches
 from slopecli.look.motions import inliers_of, rank_motions, starting_motions
 from slopecli.types import BoolArray, Camera, FloatArray
 
-# two grey images -> matches uv1, uv2 (n, 2) px and how many features each image has
+# two grey images -> matches uv1, uv2 (n, 2) px and the number of features in each image
 FeatureMatcher = Callable[[Grey, Grey], tuple[FloatArray, FloatArray, tuple[int, int]]]
 
 ENOUGH_INLIERS = 300  # consistent matches with which no further matcher is tried
