@@ -12,7 +12,7 @@ from slopecli.geometry.epipolar import homogeneous
 from slopecli.geometry.motion import inverse_depth
 from slopecli.geometry.plane_fit import plane_products, planes_of_sums
 from slopecli.geometry.unmatched_tilt import BEND_RAD, lever
-from slopecli.look.evidence import MIN_ON_PLANE, PLANE_TOLERANCE_PX, Evidence
+from slopecli.look.evidence import MIN_ON_PLANE, ON_PLANE_PX, Evidence
 from slopecli.look.scene import Scene
 from slopecli.patches.patch import Patch
 from slopecli.patches.windows.contradiction import contradict
@@ -70,7 +70,7 @@ def beside_rad(gaps: Gaps, normal: FloatArray, evidence: Evidence, focal1_px: fl
         return 0.0
     off = np.abs(homogeneous(evidence.x1[near]) @ normal - evidence.w[near])
     height = off / np.linalg.norm(normal) * focal1_px
-    height = np.where(off * evidence.leverage[near] * evidence.focal_px > PLANE_TOLERANCE_PX, height, 0.0)
+    height = np.where(off * evidence.leverage[near] * evidence.focal_px > ON_PLANE_PX, height, 0.0)
     distance = np.sqrt(((gaps.unseen[:, None] - evidence.uv1[near][None]) ** 2).sum(2))
     nearest = np.argsort(distance, axis=1, kind="stable")[:, :8]
     distance = np.take_along_axis(distance, nearest, 1)
@@ -104,7 +104,7 @@ def stepped_rad(gaps: Gaps, normal: FloatArray, evidence: Evidence) -> float:
     if inside.sum() < MIN_ON_PLANE:
         return 0.0
     rays, w = homogeneous(evidence.x1[inside]), evidence.w[inside]
-    off = np.abs(rays @ normal - w) * evidence.leverage[inside] * evidence.focal_px > PLANE_TOLERANCE_PX
+    off = np.abs(rays @ normal - w) * evidence.leverage[inside] * evidence.focal_px > ON_PLANE_PX
     kept = ~off
     kept[off] = gaps.filled(evidence.uv1[inside][off]) < 0.5
     rays, w, off = rays[kept], w[kept], off[kept]
