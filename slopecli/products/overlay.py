@@ -1,4 +1,4 @@
-"""overlay.png: image 1 with every patch tinted by its slope, labelled, and its verdict shown by more than colour."""
+"""overlay.png: image 1 with every patch tinted by its slope, labelled, and hatched and framed by its verdict."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ def draw_overlay(report: Report, image: Image) -> NDArray[np.uint8]:
     Parameters
     ----------
     report : the finished answer.
-    image : image 1, the one whose pixels `report` speaks of.
+    image : image 1.
 
     Returns
     -------

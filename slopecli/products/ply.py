@@ -77,7 +77,7 @@ def report_to_ply(report: Report, image: Image | None = None, surfaces: Sequence
 
 
 def _second_answer(report: Report) -> list[str]:
-    """Comments on what else may be true: a mesh can show one answer only."""
+    """Comments with the slopes of the second root: a mesh can show one only."""
     told = []
     for other in report.ambiguity.others.values():
         slope = f"slope {other.slope_deg:.2f} deg, 1-sigma {other.slope_sigma_deg:.2f} deg"

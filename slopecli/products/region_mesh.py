@@ -1,4 +1,4 @@
-"""Planes found as pixels, as meshes: a grid over every region, cut along its border, laid onto its plane.
+"""Meshes of regions: a grid of triangles over each, cut along its border and projected onto its plane.
 
 Source of the cut: Lorensen, Cline, "Marching cubes", 1987, in two dimensions, on the signed distance to the border.
 """

@@ -1,4 +1,4 @@
-"""Pixels laid onto a plane: the rays of image 1, lens included, met with it."""
+"""Meshes of planes: pixels of image 1 projected onto a plane along their rays, lens distortion included."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The simulation study of the paper, section 4.1: every solver on the same scenes, and the least error there can be."""
+"""The simulation study of the paper, section 4.1: every solver on the same scenes, and the Cramer-Rao bound."""
 
 from __future__ import annotations
 

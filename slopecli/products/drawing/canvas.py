@@ -1,4 +1,4 @@
-"""Image 1 as the ground of a drawing: how large it is drawn, and the size of text that suits it."""
+"""Image 1 as background of a drawing: its scale, its colours, and the size of text on it."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""One colour for a slope, the same in every file and every run, so that pictures of different pairs compare."""
+"""Colours of slopes: one fixed range for all files, so that pictures of different pairs can be compared."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from slopecli.types import FloatArray
 
-SLOPE_RANGE_DEG = (0.0, 30.0)  # twice what landers bear; fixed, never stretched to the data
+SLOPE_RANGE_DEG = (0.0, 30.0)  # twice the usual tolerance of landers; fixed, never stretched to the data
 
 
 def slope_colours(slope_deg: ArrayLike) -> NDArray[np.uint8]:

@@ -1,4 +1,4 @@
-"""What pictures and meshes need of a label map: where every id is, its outlines, its largest piece, its inside."""
+"""Operations on label maps and masks: bounding boxes, outlines, largest piece, distance to the border."""
 
 from __future__ import annotations
 

@@ -30,7 +30,7 @@ Sign = Callable[[Picture, np.ndarray, float], None]  # draws into a picture, at 
 
 @dataclass(eq=False)
 class Strip:
-    """A sheet of paper that is filled from left to right, line by line."""
+    """Layout of a legend: signs and texts from left to right, line by line."""
 
     width: int
     size: int

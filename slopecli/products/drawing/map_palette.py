@@ -1,4 +1,4 @@
-"""Colours for a map of regions, few and far apart, so that no two neighbours have the same."""
+"""Colours for a map of regions: few and distinct, never the same for two neighbours (graph colouring)."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Where the patches of a report lie on a picture of image 1: windows and refusals by outlines, regions by pixels."""
+"""Footprints of patches on a picture of image 1: windows and rejected patches from polygons, regions from pixels."""
 
 from __future__ import annotations
 
@@ -68,12 +68,12 @@ class Footprint:
 
     @property
     def verdict(self) -> str:
-        """What its ground looks like."""
+        """Verdict that hatch and frame show; "rejected" where the slope is not known."""
         return self.item.verdict if isinstance(self.item, Plane) and self.item.slope_known else "rejected"
 
     @property
     def badge(self) -> str:
-        """What its badge says: too steep may be certain where the slope is not."""
+        """Verdict of its badge; "unsafe" also where the slope is not known but is certainly too steep."""
         unsafe = isinstance(self.item, Plane) and self.item.verdict == "unsafe"
         return "unsafe" if unsafe else self.verdict
 
