@@ -20,6 +20,7 @@ def lazy_names(package: str, names: Mapping[str, str]) -> tuple[Callable[[str], 
     module_of = {name: module for module, listed in names.items() for name in listed.split()}
 
     def get(name: str) -> Any:
+        """Import a public name."""
         if name not in module_of:
             raise AttributeError(f"module {package!r} has no attribute {name!r}")
         module = module_of[name]

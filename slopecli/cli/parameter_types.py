@@ -39,6 +39,7 @@ class CommaSeparated(click.ParamType):
         self.accepts, self.condition = accepts, condition
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Values:
+        """Return the numbers, or refuse the value."""
         if isinstance(value, tuple):
             return value
         numbers = self._numbers(value)
@@ -67,6 +68,7 @@ class Grid(click.ParamType):
     name = "grid"
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> tuple[int, int]:
+        """Return columns and rows, or refuse the value."""
         if isinstance(value, tuple):
             return value
         match = re.fullmatch(r"([1-9]\d{0,3})x([1-9]\d{0,3})", value)
@@ -84,6 +86,7 @@ class Size(click.ParamType):
         self.least = least
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> tuple[int, int]:
+        """Return width and height, px, or refuse the value."""
         match = re.fullmatch(r"([1-9]\d{0,5})x([1-9]\d{0,5})", str(value))
         if match is None or min(int(match[1]), int(match[2])) < self.least:
             least = f" of at least {self.least} px each" if self.least > 1 else " in px"
@@ -100,6 +103,7 @@ class NumberList(click.ParamType):
         self.low, self.high = low, high
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> tuple[float, ...]:
+        """Return the numbers, or refuse the value."""
         try:
             numbers = tuple(float(part) for part in value.split(","))
         except ValueError:
@@ -121,6 +125,7 @@ class NameList(click.ParamType):
         self.names = names
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> tuple[str, ...]:
+        """Return the names, or refuse the value."""
         chosen = tuple(value.split(","))
         if not set(chosen) <= set(self.names) or len(set(chosen)) < len(chosen):
             self.fail(f"{value!r} is not a list of {', '.join(self.names)}.", param, ctx)
@@ -134,6 +139,7 @@ class Up(CommaSeparated):
     words = ("camera", "dominant-plane")
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        """Return the word or the vector, or refuse the value."""
         return value if value in self.words else super().convert(value, param, ctx)
 
     def _wanted(self) -> str:
@@ -144,6 +150,7 @@ class RotationPrior(CommaSeparated):
     """A rotation as a quaternion or as a rotation vector, and its sigma; converted to quaternion and sigma, deg."""
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Values:
+        """Return a quaternion and its sigma, deg, or refuse the value."""
         if isinstance(value, tuple) or value.count(",") != 3:
             return super().convert(value, param, ctx)
         numbers = ROTATION_VECTOR.convert(value, param, ctx)
@@ -158,6 +165,7 @@ class PathText(click.ParamType):
     name = "path"
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> str:
+        """Return the path, or refuse an empty one."""
         if not value:
             self.fail("it is empty, needed a path; is a shell variable unset?", param, ctx)
         return str(value)
@@ -170,6 +178,7 @@ class Pairing(PathText):
     words = ("consecutive", "stride", "folders")
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> str:
+        """Return the word or the path, or refuse the value."""
         if value not in self.words and not str(value).lower().endswith(".csv"):
             self.fail(f"{value!r} is not {', '.join(self.words)} or a file that ends in .csv.", param, ctx)
         return str(value)
@@ -179,6 +188,7 @@ class Between(click.FloatRange):
     """A finite number within bounds (click's own FloatRange lets nan through)."""
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> float:
+        """Return the number, or refuse the value."""
         number = float(super().convert(value, param, ctx))
         if not math.isfinite(number):
             self.fail(f"{value!r} is not a finite number.", param, ctx)
