@@ -1,4 +1,13 @@
-"""One motion and one normal per patch from correspondences: the entry point of the geometry."""
+"""Entry point of the geometry: one motion and one normal per patch from correspondences.
+
+"mle" minimises the image-2 residuals over the 5 + 3m parameters jointly: two residuals for a point on a patch, the
+distance to the epipolar line for a point on none. "ha" is homography alignment as printed (Cheng, section III), "lh"
+the averaged Longuet-Higgins motion it is compared with.
+
+Standard errors from few residuals are widened as by Student's t (`uncertainty.small_sample`). A second root is
+"resolved" if its chi-square, with that of a prior, is significantly larger (`ambiguity.by_chance`), else "unresolved".
+If only one root is left with a sharp prior, the second root is that without it.
+"""
 
 from __future__ import annotations
 
@@ -40,33 +49,23 @@ def solve_planes(
 ) -> Solution:
     """Solve for one motion and one plane per patch, with their covariance and a second root if there is one.
 
-    "mle" minimises the image-2 residuals over the 5 + 3m parameters jointly: two residuals for a point on a patch, the
-    distance to the epipolar line for a point on none. "ha" is homography alignment as printed (Cheng, section III),
-    "lh" the averaged Longuet-Higgins motion it is compared with.
-
     Parameters
     ----------
     x1, x2 : (n, 2) normalised (undistorted) coordinates in images 1 and 2.
     patch : (n,) int labels 0..m-1; -1 = on no plane, constrains the motion only.
-    noise : 1-sigma of a normalised coordinate in image 2; None estimates it from the residuals. It is also estimated if
-        the residuals are significantly larger. Standard errors from few residuals are widened as by Student's t, see
-        `uncertainty.small_sample`.
+    solver : "mle" (joint least squares), "ha" (homography alignment) or "lh" (averaged Longuet-Higgins motions).
+    noise : 1-sigma of a normalised coordinate in image 2; estimated if None or if residuals are significantly larger.
     weights : (n,) inverse relative variances of the correspondences, None for equal ones.
-    relief : points of a patch lie near a plane, not on it (terrain): the best-fit plane is estimated, and
-        `Solution.relief` is its roughness. Used by "mle" only.
-    robust : leave out gross mismatches. Data without significant ones are fitted by plain least squares, see
-        `mismatches.is_beyond_chance`.
+    relief : points lie near their plane, not on it; `Solution.relief` is its roughness. Used by "mle" only.
+    robust : leave out gross mismatches, if there are significant ones (`mismatches.is_beyond_chance`).
     initial : motions (R, T) to start from besides those found in closed form.
-    noise_gain : factor on standard errors for correspondences with common errors; the chi-square between two roots is
-        divided by its square.
+    noise_gain : factor on standard errors for common errors of points; chi-square is divided by its square.
     prior : measured motion, weighed by its sigmas against the correspondences. "mle" only.
 
     Returns
     -------
-    solution : `Solution`. `converged` is False if the iteration did not converge or a plane is not in front of both
-        cameras at every point kept. `ambiguity` holds the second root if it is visible too: "resolved" if its
-        chi-square, with that of the prior, is significantly larger (`ambiguity.by_chance`), else "unresolved". If only
-        one root is left with a sharp prior, the second root is that without it.
+    solution : `Solution`. `converged` is False if the iteration did not converge or a plane is behind a camera at a
+        point kept. `ambiguity` holds the second root if it is visible too.
 
     Raises
     ------
@@ -78,26 +77,32 @@ def solve_planes(
     motions = [_checked_motion(R, T) for R, T in initial or []]
     observations = observe(x1, x2, patch, weights)
     _check_enough(observations, noise)
-    rotation = _check_baseline(observations)
-    if solver == "mle":
-        fit = maximum_likelihood(observations, noise, relief, robust, motions)
-    else:
-        fit = closed_form(observations, solver)
-    scale = _scale(fit, noise, noise_gain)
-    if fit.observations is not observations:
-        rotation = _rotation_only(fit.observations)
-    if solver == "mle":  # a closed form may fit worse than a rotation in spite of parallax
-        _check_parallax(fit, scale.noise, *rotation)
+    _check_baseline(observations)
     if solver != "mle":
-        joint = maximum_likelihood(observations, noise, False, False, list(zip(fit.state.R, fit.state.T, strict=True)))
-        best = _with_ambiguity(joint, solver, _scale(joint, noise, noise_gain))
-        return _beside(_solution(fit, 0, solver, scale), best)
+        return _in_closed_form(observations, solver, noise, noise_gain)
+    fit = maximum_likelihood(observations, noise, relief, robust, motions)
+    return _most_likely(fit, _scale(fit, noise, noise_gain), prior)
+
+
+def _in_closed_form(
+    observations: Observations, solver: Literal["ha", "lh"], noise: float | None, noise_gain: float
+) -> Solution:
+    """HA or averaged Longuet-Higgins, with the second root of the joint solution started from it."""
+    fit = closed_form(observations, solver)
+    joint = maximum_likelihood(observations, noise, False, False, list(zip(fit.state.R, fit.state.T, strict=True)))
+    best = _with_ambiguity(joint, solver, _scale(joint, noise, noise_gain))
+    return _beside(_solution(fit, 0, solver, _scale(fit, noise, noise_gain)), best)
+
+
+def _most_likely(fit: Fit, scale: _Scale, prior: MotionPrior | None) -> Solution:
+    """The joint solution, refined with the prior if there is one. NoAnswer if a rotation explains the points too."""
+    _check_parallax(fit, scale.noise, *_rotation_only(fit.observations))
     if prior is None:
-        return _with_ambiguity(fit, solver, scale)
+        return _with_ambiguity(fit, "mle", scale)
     scale = scale.all_widened()
     known = with_prior(fit, prior, scale.unit)
     grown = float(known.cost[0] - fit.cost[0]) / scale.unit**2
-    solution = _with_ambiguity(known, solver, scale)
+    solution = _with_ambiguity(known, "mle", scale)
     if len(known.cost) == 1 < len(fit.cost):
         solution = replace(solution, ambiguity=_given_up(known, fit, solution, scale))
     return replace(solution, prior_chi2=max(grown, 0.0))
@@ -145,12 +150,11 @@ def _rotation_only(observations: Observations) -> tuple[FloatArray, float]:
     return R, float(((residual * residual) @ weight).sum())
 
 
-def _check_baseline(observations: Observations) -> tuple[FloatArray, float]:
-    """Raise NoAnswer if a rotation explains the points to rounding; else return it with its sum of squares."""
+def _check_baseline(observations: Observations) -> None:
+    """Raise NoAnswer if a rotation explains the points to rounding."""
     R, cost = _rotation_only(observations)
     if cost <= observations.residual_count() * EXACT_RESIDUAL**2:
         raise _pure_rotation(R, "exactly")
-    return R, cost
 
 
 def _check_parallax(fit: Fit, noise: float, R: FloatArray, cost: float) -> None:
