@@ -354,12 +354,6 @@ def test_windows_that_estimate_would_not_tell_are_poor() -> None:
     assert "--max-sigma" in windows[4].reason
 
 
-def test_limits_are_those_of_estimate() -> None:
-    from slopecli.patches.windows import matching
-
-    assert flight_module.LEAST_SHARE == matching.MIN_SHARE
-
-
 # ---- ground, motion, options ----
 
 

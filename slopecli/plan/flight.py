@@ -16,12 +16,13 @@ from slopecli.errors import InputError, NoAnswer
 from slopecli.geometry.camera import pixels_from_rays, rays_from_pixels
 from slopecli.geometry.epipolar import homogeneous, unit_vector
 from slopecli.geometry.solver.observations import Prediction, observe, predict
+from slopecli.patches.windows.tunables import WindowTunables
 from slopecli.plan.plan_options import PlanOptions
 from slopecli.types import BoolArray, Camera, FloatArray, IntArray
 
 Window = tuple[int, int, int, int]  # x, y, width, height in px of image 1
 
-LEAST_SHARE = 0.04  # of a window that image 2 must show for an answer, as estimate needs
+LEAST_SHARE = WindowTunables.least_share  # of a window that image 2 must show for an answer, as estimate needs
 LEAST_MATCHES = 6  # of a window in image 2: fewer, scattered at random, hardly fix a plane
 
 
