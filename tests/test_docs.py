@@ -15,7 +15,7 @@ import pytest
 from slopecli.batch import COLUMNS, TRANSIENT, Outcome, run
 from slopecli.cli.parameter_types import Pairing
 from slopecli.look import gradient_components as segmentation
-from slopecli.patches.regions import region_finder as regions
+from slopecli.patches.regions import REGION
 from slopecli.plan import Plan, PlannedWindow, baseline, prediction
 from slopecli.report import kinds
 
@@ -114,11 +114,11 @@ def test_segment_page_has_the_numbers_of_the_code() -> None:
         f"level is below {kinds.LEVEL_DEG:.0f}° with a sigma below {kinds.KNOWN_DEG:.0f}°",
         f"stands off by less than {100 * kinds.AT_GROUND:.0f} % of its distance",
         f"{100 * segmentation.INTERIOR_SHARE:.0f} % of it count as inside",
-        f"down to {100 * regions.LEAST_COMPONENT:g} % of the image",
+        f"down to {100 * REGION.least_share:g} % of the image",
     ):
         assert said in text
     assert pytest.approx(0.1) == kinds.LARGE  # "a tenth of the largest"
-    assert pytest.approx(5e5) == regions.WORKING_PIXELS  # "half a megapixel"
+    assert pytest.approx(5e5) == REGION.working_pixels  # "half a megapixel"
 
 
 def test_pictures_are_small() -> None:

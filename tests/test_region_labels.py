@@ -7,7 +7,7 @@ from itertools import product
 import numpy as np
 import pytest
 
-from slopecli.patches.regions import BORDER, BORDER_AT_EDGE, BorderCost, cheapest_labels, enlarged
+from slopecli.patches.regions import REGION, BorderCost, cheapest_labels, enlarged
 
 
 def energy(cost: np.ndarray, labels: np.ndarray, borders: BorderCost) -> float:
@@ -43,8 +43,8 @@ def test_a_border_runs_along_the_edge_of_the_image() -> None:
     gradient = np.zeros((20, 30), np.float32)
     gradient[:, 17] = 10.0
     borders = BorderCost.along_edges(gradient, 1.0)
-    assert borders.left[5, 17] == pytest.approx(BORDER * BORDER_AT_EDGE, rel=0.01)
-    assert borders.left[5, 5] == pytest.approx(BORDER)
+    assert borders.left[5, 17] == pytest.approx(REGION.border * REGION.border_at_edge, rel=0.01)
+    assert borders.left[5, 5] == pytest.approx(REGION.border)
     cost = np.zeros((20, 30, 2), np.float32)
     cost[:, :5, 1], cost[:, 25:, 0] = 9.0, 9.0  # nothing is known in between
     labels = cheapest_labels(cost, borders)

@@ -10,9 +10,10 @@ from scenery import Pair, Surface, make_camera, pixel_grid, render, tilted, turn
 
 from slopecli.look import Scene, build_scene, feature_matchers, find_motions
 from slopecli.patches import Patch, region_footprints
-from slopecli.patches.regions import CELL, match_labelled, match_regions, region_cells
+from slopecli.patches.regions import REGION, match_labelled, match_regions, region_cells
 from slopecli.types import FloatArray
 
+CELL = REGION.cell_px
 R, T = turn(0.5, 1.0, 0.3), unit(1.0, 0.15, 0.05)
 GROUND, WALL = tilted(0.0, -0.25, 8.0), np.array([0.1, 0.0, 0.1])
 BARE = GROUND * 1.1

@@ -1,4 +1,4 @@
-"""Regions against their matches: hinges and slices parted, single planes left alone, bare surfaces given up."""
+"""Regions checked against their matches: split at edges, single planes left alone, unmatched surfaces dropped."""
 
 from __future__ import annotations
 
@@ -7,9 +7,9 @@ import pytest
 
 from slopecli.geometry import homogeneous
 from slopecli.look import Labels
-from slopecli.patches.regions import RegionCells, reviewed
+from slopecli.patches.regions import REGION, RegionCells, reviewed
 
-SHAPE, CELL, FOCAL = (240, 360), 6, 300.0
+SHAPE, CELL, FOCAL = (240, 360), REGION.cell_px, 300.0
 SIGMA_PX = 0.08  # of a match
 BASELINES_AWAY = 0.1  # inverse depth of the plane x = y = 0
 FACING = np.array([0.0, 0.0, BASELINES_AWAY])
@@ -44,7 +44,7 @@ def everywhere(number: int = 1) -> Labels:
 
 
 def review(labels: Labels, cells: RegionCells, at: np.ndarray, least_px: float = 100, seed: int = 0) -> Labels:
-    return reviewed(labels, cells, at, CELL, least_px, np.random.default_rng(seed))
+    return reviewed(labels, cells, at, least_px, np.random.default_rng(seed))
 
 
 @pytest.mark.parametrize("seed", range(10))
@@ -54,7 +54,7 @@ def test_one_plane_stays_one(seed: int) -> None:
 
 
 @pytest.mark.parametrize("degrees", [25, 60])
-def test_a_hinge_is_parted_where_it_is(degrees: float) -> None:
+def test_a_region_is_split_at_the_edge_between_two_planes(degrees: float) -> None:
     truth = everywhere()
     truth[:, 200:] = 2
     hinge = (200 - SHAPE[1] / 2) / FOCAL
@@ -72,7 +72,7 @@ def test_a_step_between_planes_that_face_one_way_is_left_to_the_finder() -> None
     assert review(everywhere(), cells, at).max() == 1
 
 
-def test_a_slice_through_several_surfaces_is_no_plane() -> None:
+def test_a_plane_that_cuts_through_several_surfaces_is_split() -> None:
     """Three strips, each of a surface of its own, that one upright plane happens to pass through."""
     labels, truth = np.zeros(SHAPE, np.int32), np.zeros(SHAPE, np.int32)
     planes = []
@@ -94,7 +94,7 @@ def test_pieces_of_one_plane_stay_together() -> None:
     assert (review(labels, cells, at) == labels).all()
 
 
-def test_a_bare_surface_beside_a_matched_one_is_given_up() -> None:
+def test_a_bare_surface_beside_a_matched_one_is_dropped() -> None:
     matched = everywhere()
     matched[:, 180:] = 0
     found = review(everywhere(), *cells_of([FACING], matched))
@@ -102,7 +102,7 @@ def test_a_bare_surface_beside_a_matched_one_is_given_up() -> None:
     assert not found[:, 240:].any()
 
 
-def test_a_bare_hole_amid_matches_is_kept() -> None:
+def test_a_bare_hole_between_matches_is_kept() -> None:
     matched = everywhere()
     matched[100:140, 160:200] = 0
     assert (review(everywhere(), *cells_of([FACING], matched)) == 1).all()

@@ -59,10 +59,10 @@ def solve_regular(system: FloatArray, right: FloatArray) -> FloatArray:
     return np.asarray(np.linalg.solve(system + (1e-10 * size + 1e-30) * np.eye(3), right[..., None])[..., 0])
 
 
-def robust_planes(rows: FloatArray, target: FloatArray, bounds: tuple[float, float]) -> FloatArray:
-    """Return (k, 3) planes through k groups of cells, rows (k, m, 3), target (k, m), by reweighted least squares.
+def robust_planes(rows: FloatArray, target: FloatArray, bounds: tuple[float, float] = (1.0, 1.0)) -> FloatArray:
+    """Return (..., 3) planes through groups of cells, rows (..., m, 3), target (..., m), by reweighted least squares.
 
-    bounds : smallest and largest 1-sigma of a residual; equal for a known one.
+    bounds : smallest and largest 1-sigma of a residual; 1 for residuals in sigmas.
     """
     columns = np.swapaxes(rows, -1, -2)
     start = solve_regular(columns @ rows, (columns @ target[..., None])[..., 0])

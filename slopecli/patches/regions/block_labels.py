@@ -1,4 +1,4 @@
-"""Which plane every block of pixels lies on: transfer error, smoothness, and borders where the image has edges."""
+"""Blocks of pixels labelled by plane: transfer error plus the cost of borders, low along edges of the image."""
 
 from __future__ import annotations
 
@@ -11,13 +11,8 @@ import numpy as np
 from slopecli.look.gradient_components import Labels
 from slopecli.look.transfer_error import OUTSIDE, Box, Comparison
 from slopecli.look.warp import NODE_STEP, FloatImage
+from slopecli.patches.regions.region_tunables import REGION
 from slopecli.types import FloatArray
-
-UNEXPLAINED = 3.5  # cost of a pixel on no plane, variances: a plane explains it if it is off by less than 1.9 sigmas
-BORDER = 3.0  # cost per px of a border between two planes amid a surface
-BORDER_AT_EDGE = 0.1  # share of that where the image has a strong edge
-BESIDE = 48  # working px beside what a plane has won in which it may win more
-SWEEPS = 3  # over the image in each direction; further ones change hardly a block
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,18 +24,19 @@ class BorderCost:
 
     @classmethod
     def along_edges(cls, gradient: FloatImage, threshold: float) -> BorderCost:
-        """Borders are cheap where the smooth gradient exceeds the threshold that ends a surface."""
+        """Return costs that are low where the smooth gradient (h, w) exceeds the threshold that ends a surface."""
         flat = np.exp(-((gradient / np.float32(threshold)) ** 2))
-        cost = (BORDER * (BORDER_AT_EDGE + (1 - BORDER_AT_EDGE) * flat)).astype(np.float32)
+        at_edge = REGION.border_at_edge
+        cost = (REGION.border * (at_edge + (1 - at_edge) * flat)).astype(np.float32)
         return cls(np.minimum(cost, np.roll(cost, 1, 1)), np.minimum(cost, np.roll(cost, 1, 0)))
 
     def of_blocks(self, side: int) -> BorderCost:
-        """The same between blocks of `side` px: the cheapest way across, for the whole length of the border."""
-        if side == 1:
-            return self
-        h, w = self.left.shape[0] // side, self.left.shape[1] // side
-        cut = lambda cost: cost[: h * side, : w * side].reshape(h, side, w, side)  # noqa: E731
-        return BorderCost(cut(self.left).min(3).sum(1), cut(self.above).min(1).sum(2))
+        """Return costs between blocks of `side` px: of the cheapest way across, for the whole length of the border."""
+        height, width = (n // side for n in self.left.shape)
+        left, above = (
+            cost[: height * side, : width * side].reshape(height, side, width, side) for cost in (self.left, self.above)
+        )
+        return BorderCost(left.min(3).sum(1), above.min(1).sum(2))
 
 
 def label_blocks(
@@ -51,14 +47,15 @@ def label_blocks(
     step: int = 1,
     boxes: Sequence[Box] | None = None,
 ) -> Labels:
-    """(h // side, w // side) number of the plane each block of `side` px lies on, 1..k, 0 for none.
+    """Return the (h // side, w // side) number of the plane each block of `side` px lies on, 1..k, 0 for none.
 
-    step : of a block's pixels every so many are compared, along rows and columns; it divides `side`.
-    boxes : where each plane may lie, see `surroundings`; anywhere when None.
+    planes : scaled normals (3,).
+    step : every so many of a block's rows and columns are compared; it divides `side`.
+    boxes : the rectangle each plane may lie in, see `surroundings`; the image when None.
     """
     height, width = (n // side * side for n in comparison.shape)
     cost = np.full((height // side, width // side, len(planes) + 1), OUTSIDE * side**2, np.float32)
-    cost[..., 0] = UNEXPLAINED * side**2
+    cost[..., 0] = REGION.unexplained * side**2
     for number, normal in enumerate(planes, 1):
         rows, columns = boxes[number - 1] if boxes else comparison.everywhere
         inside = slice(rows.start, min(rows.stop, height)), slice(columns.start, min(columns.stop, width))
@@ -71,7 +68,7 @@ def label_blocks(
 
 
 def surroundings(labels: Labels, count: int) -> list[Box]:
-    """For labels 1..count: the rectangle each plane is sought in next, around the pixels (h, w) it has now."""
+    """Return the rectangle in which each of the planes 1..count is sought next, around its pixels in labels (h, w)."""
     boxes = []
     for number in range(1, count + 1):
         x, y, w, h = cv2.boundingRect((labels == number).astype(np.uint8))
@@ -80,24 +77,23 @@ def surroundings(labels: Labels, count: int) -> list[Box]:
 
 
 def _widened(start: int, stop: int, end: int) -> slice:
-    """Rows or columns and some beside them, from a node of the map to a node or to the end of the image."""
-    return slice(
-        max(0, start - BESIDE) // NODE_STEP * NODE_STEP, min(end, -(-(stop + BESIDE) // NODE_STEP) * NODE_STEP)
-    )
+    """Return rows or columns widened by `beside_px` and to nodes of the map, at most to the end of the image."""
+    first, last = max(0, start - REGION.beside_px), stop + REGION.beside_px
+    return slice(first // NODE_STEP * NODE_STEP, min(end, -(-last // NODE_STEP) * NODE_STEP))
 
 
 def cheapest_labels(cost: FloatImage, borders: BorderCost) -> Labels:
-    """(h, w) labels of least cost plus border cost, approximately: min-sum belief propagation in sweeps.
+    """Return labels (h, w) of nearly least cost, borders included, by min-sum belief propagation in sweeps.
 
     Source: Potts model; sweeps after Tappen and Freeman (2003), messages after Felzenszwalb and Huttenlocher (2006).
 
     Parameters
     ----------
-    cost : (h, w, k) of every label at every place.
+    cost : (h, w, k) of every label at every block.
     """
-    down, up, right, left = (np.zeros(cost.shape, np.float32) for _ in range(4))  # messages, where they arrive
+    down, up, right, left = (np.zeros(cost.shape, np.float32) for _ in range(4))  # messages to each block
     height, width = cost.shape[:2]
-    for _ in range(SWEEPS):
+    for _ in range(3):  # more sweeps change hardly a block
         across = cost + right + left
         for y in range(1, height):
             _send(across[y - 1], down[y - 1], borders.above[y], down[y])
@@ -115,9 +111,9 @@ def cheapest_labels(cost: FloatImage, borders: BorderCost) -> Labels:
 
 
 def _send(here: FloatImage, arrived: FloatImage, border: FloatImage, message: FloatImage) -> None:
-    """What a line of places (n, k) tells its neighbours: no label costs them more than a border to the best one.
+    """Write the message (n, k) of a line of blocks to the next line: no label costs more than a border to the best.
 
-    here : cost and what comes from both sides.  arrived : from the line before it.  message : where the result goes.
+    here : cost and messages from both sides.  arrived : message from the line before.  border : (n,).
     """
     belief = here + arrived
     belief -= belief.min(1, keepdims=True)
@@ -125,6 +121,6 @@ def _send(here: FloatImage, arrived: FloatImage, border: FloatImage, message: Fl
 
 
 def enlarged(labels: Labels, side: int, shape: tuple[int, int]) -> Labels:
-    """Labels of blocks as labels of pixels (h, w); the rest at right and bottom as the last block."""
+    """Return labels of blocks as labels of pixels (h, w); what is left at right and bottom like the last block."""
     full = labels.repeat(side, 0).repeat(side, 1)
     return np.pad(full, ((0, shape[0] - full.shape[0]), (0, shape[1] - full.shape[1])), mode="edge")
