@@ -51,9 +51,8 @@ class RegionCells:
 def region_cells(cells: Cells, scene: Scene) -> tuple[RegionCells, IntArray]:
     """Return the cells consistent with the motion, with a sigma by their texture, and their numbers (m,)."""
     focal = scene.camera1.focal_px  # flow errs in px of the grid over image 1, however many image 2 has
-    variance = (
-        axis_variance(cells.information, cells.uv1, scene, REGION.cell_floor_px, DIFFERENCE_GREY) / cells.pixel_scale**2
-    )
+    variance = axis_variance(cells.information, cells.uv1, scene, REGION.cell_floor_px, DIFFERENCE_GREY)
+    variance /= cells.pixel_scale**2
     x1, x2, seen = pair_rays(scene.camera1, scene.camera2, cells.uv1, cells.uv2)
     residual = np.abs(epipolar_residual(scene.R, scene.T, x1, x2)) * focal
     allowed = np.clip(3 * np.sqrt(variance[:, 1]), *REGION.epipolar_px)

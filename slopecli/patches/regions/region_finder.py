@@ -126,7 +126,7 @@ def _label_pixels(
 
 def _sketch(scene: Scene, planes: list[FloatArray], gradient: FloatImage, threshold: float, working: Grid) -> Labels:
     """Return labels (h, w) of the working grid's pixels by all proposals, found on a smaller image as they are many."""
-    small = whole_grid(scene, REGION.sketch_pixels)
+    small = whole_grid(scene, REGION.working_pixels / 4)
     size = (small.shape[1], small.shape[0])
     coarse = np.asarray(cv2.resize(gradient, size, interpolation=cv2.INTER_AREA), np.float32)
     borders = BorderCost.along_edges(coarse, threshold)

@@ -14,7 +14,6 @@ class RegionTunables:
 
     # sizes of images and of the smallest pieces
     working_pixels: float = 5.0e5  # of image 1 that are labelled; borders of planes are as exact as that
-    sketch_pixels: float = 1.25e5  # of it on which the many proposals first compete
     matched_pixels: float = 6.0e5  # of it on which regions are matched
     least_share: float = 5e-4  # of the image: smaller components propose no plane, smaller pieces of a plane go
     block_px: int = 4  # working px a side of the blocks that are labelled as one
