@@ -110,14 +110,14 @@ def _label_pixels(
     """Return the planes left after rounds of fitting, merging and labelling, and the labels of the grid's pixels."""
     comparison = _comparison(scene, grid)
     labels = _sketch(scene, planes, gradient, threshold, grid)
-    found = Labelled(planes, labels).by_size(REGION.least_share * labels.size)
+    found = Labelled(planes, labels).by_size(REGION.least_sketched * labels.size)
     borders = BorderCost.along_edges(gradient, threshold)
     # by round: the step between compared pixels, and the least region kept, as a share of the least reported
     for step, share in ((2, 0.4), (2, 1.0), (1, 1.0)):
         found = merged(comparison, refitted(comparison, found, rng), options.merge_px, rng)
         boxes = surroundings(found.labels, len(found.planes))
         blocks = label_blocks(comparison, found.planes, borders, REGION.block_px, step, boxes)
-        blocks = without_small_pieces(blocks, REGION.least_share * blocks.size)
+        blocks = without_small_pieces(blocks, REGION.least_piece * blocks.size)
         # the pixels of planes dropped here go to other planes in the next round
         labels = enlarged(blocks, REGION.block_px, grid.shape)
         found = Labelled(found.planes, labels).by_size(share * _least_px(labels, options))

@@ -61,7 +61,7 @@ def _own_label(labels: Labels, cell: int) -> Labels:
     blocks = labels[: rows * cell, : columns * cell].reshape(rows, cell, columns, cell)
     label = blocks.max((1, 3))
     own = blocks == label[:, None, :, None]
-    return np.where((own | (blocks == 0)).all((1, 3)) & (own.mean((1, 3)) > 0.5), label, 0)
+    return np.where((own | (blocks == 0)).all((1, 3)) & (own.mean((1, 3)) > 0.6), label, 0)
 
 
 def _matched(patch: Patch, cells: Cells, scene: Scene) -> Patch:

@@ -15,7 +15,9 @@ class RegionTunables:
     # sizes of images and of the smallest pieces
     working_pixels: float = 5.0e5  # of image 1 that are labelled; borders of planes are as exact as that
     matched_pixels: float = 6.0e5  # of it on which regions are matched
-    least_share: float = 5e-4  # of the image: smaller components propose no plane, smaller pieces of a plane go
+    least_share: float = 5e-4  # of the image: smaller components propose no plane
+    least_sketched: float = 1e-3  # share of the image: smaller planes are dropped before the first fit
+    least_piece: float = 3e-4  # share of the image: smaller pieces of a plane are dropped
     block_px: int = 4  # working px a side of the blocks that are labelled as one
     # dense cells
     cell_floor_px: float = 0.08  # 1-sigma of a cell with any texture, px of its grid
@@ -49,9 +51,11 @@ class RegionTunables:
     repeated_px: float = 0.03  # 1-sigma, px of image 2, by which flow on faint texture stays where it started
     # regions split where their matches lie on several planes
     split_cells: int = 400  # of a region that decide whether it is two planes
-    split_proposals: int = 120  # neighbourhoods of them that propose a plane
+    split_proposals: int = 60  # places where neighbourhoods of them propose a plane
+    split_neighbourhoods: tuple[int, ...] = (8, 16)  # cells in them: a narrow part has few
     fewest_cells: int = 14  # that make a plane of their own
     split_gain: float = 60.0  # cost two planes must save over one: neighbouring cells share their errors
+    piece_gain: float = 40.0  # the same for a piece apart from the rest, whose border is known
     split_ratio: float = 1.3  # by which the cost must fall, too: relief is no edge between two planes
     split_truncated: float = 25.0  # cost of a cell on another plane, however far off it is
     split_deg: float = 6.0  # least angle between planes worth splitting: steps in a facade face one way

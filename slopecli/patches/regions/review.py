@@ -14,7 +14,7 @@ from slopecli.geometry.metrics import normal_angle
 from slopecli.look.gradient_components import Labels, grown, renumbered_by_size
 from slopecli.patches.labelling.depth_planes import robust_planes
 from slopecli.patches.neighbours import nearest
-from slopecli.patches.regions.cell_planes import RegionCells, neighbourhood_planes
+from slopecli.patches.regions.cell_planes import RegionCells
 from slopecli.patches.regions.region_tunables import REGION
 from slopecli.types import BoolArray, FloatArray, IntArray
 
@@ -132,7 +132,7 @@ def _contradicting_pieces(
 def _contradicts(cells: RegionCells, plane: FloatArray) -> bool:
     own = _plane(cells)
     gain = _misfit(cells, plane) - _misfit(cells, own)
-    return gain > REGION.split_gain and _angle_deg(plane, own) > REGION.split_deg
+    return gain > REGION.piece_gain and _angle_deg(plane, own) > REGION.split_deg
 
 
 def _smaller_side(region: BoolArray, cells: RegionCells, middle: IntArray, rng: np.random.Generator) -> list[BoolArray]:
@@ -166,7 +166,9 @@ def _second_plane(cells: RegionCells, rng: np.random.Generator) -> BoolArray | N
 
 def _two_planes(cells: RegionCells, rng: np.random.Generator) -> FloatArray:
     """Return (2, 3) planes, of all cells or of neighbourhoods, that together explain the cells best."""
-    proposed = np.vstack([_plane(cells), neighbourhood_planes(cells, REGION.split_proposals, rng)])
+    seeds = rng.permutation(len(cells))[: REGION.split_proposals]
+    groups = [nearest(cells.uv1, size, seeds) for size in REGION.split_neighbourhoods]
+    proposed = np.vstack([_plane(cells), *(robust_planes(cells.rows[near], cells.target[near]) for near in groups)])
     cost = _costs(cells, proposed)
     firsts = cost.sum(0).argsort(kind="stable")[:12]  # the best single planes, each tried with every other
     together = np.array([np.minimum(cost[:, [first]], cost).sum(0) for first in firsts])
