@@ -254,7 +254,7 @@ def test_a_wrong_command_line_ends_in_status_2(
         ("images", ("--camera", "gone.json"), "gone.json: no such camera file"),
         ("images", ("--fov", "60", "-o", "images"), "give another -o"),
         ("images", ("--fov", "60", "-o", "file"), "cannot write results to file: file is not a folder"),
-        ("images", ("--pairing", "gone.csv"), "gone.csv: the list of pairs cannot be read"),
+        ("images", ("--pairing", "gone.csv"), "gone.csv: no such list of pairs"),
     ],
 )
 def test_an_unusable_input_ends_in_status_1_with_one_line(

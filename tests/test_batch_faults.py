@@ -293,7 +293,7 @@ def spoil(folder: Path) -> dict[str, str]:
     cv2.imwrite(str(paths[8]), cv2.imread(str(paths[8]))[:100])
     paths[9].unlink()
     paths[9].symlink_to(folder / "nowhere.png")
-    said = {2: "cut short", 3: "empty", 5: "text", 7: "is a folder", 8: f"{SIDE}x100", 9: "no such file"}
+    said = {2: "cut short", 3: "empty", 5: "text", 7: "is a folder", 8: f"{SIDE}x100", 9: "no such image file"}
     if os.geteuid() != 0:  # root reads everything
         paths[11].chmod(0)
         said[11] = "cannot be read"

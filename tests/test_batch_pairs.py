@@ -215,7 +215,7 @@ def test_a_list_that_is_none_is_refused_by_its_line(text: str | bytes, said: str
 
 
 def test_a_list_that_is_not_there_is_named(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match=r"none\.csv: the list of pairs cannot be read"):
+    with pytest.raises(InputError, match=r"none\.csv: no such list of pairs"):
         find_pairs(str(tmp_path), str(tmp_path / "none.csv"), cameras=GIVEN)
 
 

@@ -62,7 +62,7 @@ def test_coefficients_under_another_name_never_count_as_none(tmp_path: Path, tre
 
 @pytest.mark.parametrize("form", CAMERA_FORMATS, ids=lambda form: form.name)
 def test_every_format_has_tests_of_its_own(form: CameraFormat) -> None:
-    module = form.read.__module__.rpartition(".")[2]
+    module = form.module.__name__.rpartition(".")[2]
     assert Path(__file__).with_name(f"test_camera_{module}.py").exists()
 
 

@@ -143,7 +143,7 @@ def test_upright_orientation_needs_no_note(tmp_path: Path) -> None:
 
 
 def test_missing_file(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match=r"none\.png: no such file"):
+    with pytest.raises(InputError, match=r"none\.png: no such image file"):
         load_image(tmp_path / "none.png")
 
 

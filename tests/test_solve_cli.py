@@ -330,9 +330,9 @@ def test_a_field_of_view_is_a_camera(tmp_path: Path, ask: Ask) -> None:
 
 def test_other_bad_inputs(tmp_path: Path, ask: Ask) -> None:
     scene = scene_of()
-    assert "no such file" in ask(tmp_path / "none.csv")[2]
+    assert "no such CSV file" in ask(tmp_path / "none.csv")[2]
     assert "is a folder" in ask(tmp_path)[2]
-    assert "is neither a file nor a pipe" in ask("/dev/null")[2]
+    assert "is not a regular file" in ask("/dev/null")[2]
     (tmp_path / "bytes.csv").write_bytes(b"\x89PNG\xff\xfe")
     assert "is no CSV text" in ask(tmp_path / "bytes.csv")[2]
     matches = write_rows(tmp_path / "m.csv", scene, sigma=np.ones(len(scene.x1)))

@@ -53,7 +53,7 @@ def _camera_print(choice: CameraChoice | None, base: str, digests: Mapping[str, 
 
 def finished(job: Job, fingerprint: str) -> Outcome | None:
     """The outcome of an earlier run, if its record has this fingerprint and its files are there; otherwise None."""
-    from slopecli.io.pair_folder import has_files, read_record
+    from slopecli.io.outputs import has_files, read_record
 
     recorded = _recorded(read_record(Path(job.folder)))
     if recorded is None:
@@ -95,8 +95,8 @@ def store(job: Job, outcome: Outcome, contents: Mapping[str, bytes]) -> Outcome:
     ------
     DiskFull : there is no space left; the folder is as it was.
     """
-    from slopecli.io.atomic import DISK_FULL
-    from slopecli.io.pair_folder import store_pair
+    from slopecli.io.files import DISK_FULL
+    from slopecli.io.outputs import store_pair
 
     try:
         store_pair(Path(job.folder), contents, _record_of(outcome, contents))

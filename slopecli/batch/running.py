@@ -131,7 +131,7 @@ def _summarised(folder: Path, pairs: Sequence[Pair], results: _Results) -> Itera
 
 
 def _unusable(folder: Path, error: OSError) -> InputError:
-    from slopecli.io.atomic import DISK_FULL
+    from slopecli.io.files import DISK_FULL
 
     if error.errno in DISK_FULL:
         return DiskFull(f"disk full while writing to {folder}; free some space and run the same command again")
@@ -140,7 +140,7 @@ def _unusable(folder: Path, error: OSError) -> InputError:
 
 def _remove_unfinished(folder: Path, pairs: Sequence[Pair]) -> None:
     """Remove temporary files of processes that were killed."""
-    from slopecli.io.atomic import remove_temporary
+    from slopecli.io.files import remove_temporary
 
     for place in (folder, *(folder / pair.name for pair in pairs)):
         remove_temporary(place)
@@ -266,7 +266,7 @@ def _shipped(job: Job) -> Job | Answer:
 def _write_summary(folder: Path, outcomes: Sequence[Outcome]) -> None:
     from slopecli.batch.page import index_html
     from slopecli.batch.summary import results_jsonl, summary_csv
-    from slopecli.io.atomic import write_atomically
+    from slopecli.io.files import write_atomically
 
     contents = {SUMMARY: summary_csv(outcomes), RESULTS: results_jsonl(outcomes), PAGE: index_html(outcomes)}
     try:

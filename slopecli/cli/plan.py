@@ -114,7 +114,7 @@ def plan(ctx: click.Context, **parameters: Any) -> None:
     _check_usage(ctx)
     talk = ctx.ensure_object(Talk)
     if parameters["output"]:
-        from slopecli.io.plan_files import check_plan_directory
+        from slopecli.io.outputs import check_plan_directory
 
         check_plan_directory(parameters["output"])
     with talk.timed("plan"):
@@ -192,7 +192,7 @@ def _options(parameters: dict[str, Any]) -> PlanOptions:
 
 def _deliver(found: Plan, parameters: dict[str, Any], talk: Talk) -> None:
     from slopecli.cli.plan_table import plan_summary, plan_table
-    from slopecli.io.plan_files import plan_to_json, write_plan
+    from slopecli.io.outputs import plan_to_json, write_plan
 
     written = write_plan(found, parameters["output"]) if parameters["output"] else []
     if parameters["as_json"]:

@@ -5,14 +5,13 @@ from slopecli.face import lazy_names
 __getattr__, __dir__ = lazy_names(
     __name__,
     {
-        "atomic": "remove_temporary write_atomically",
         "correspondences": "read_correspondences",
+        "files": "remove_temporary write_atomically",
         "images": "MAX_PIXELS load_image",
         "lock": "locked",
-        "outputs": "check_directory write_outputs",
+        "outputs": "check_directory load_schema write_outputs",
         "pair_sources": "natural_key",
         "poses": "load_pose",
-        "schema": "load_schema",
         "study_files": "FIGURES STUDY_NAMES TIMED",
     },
 )

@@ -9,15 +9,13 @@ import sys
 from collections.abc import Iterator, Mapping
 from io import StringIO
 from os import PathLike
-from pathlib import Path
-from typing import BinaryIO
 
 import numpy as np
 
 from slopecli.errors import InputError
+from slopecli.io.files import read_file, readable
 from slopecli.patches.given.rows import Given
 
-STDIN = "-"
 MAX_BYTES = 500_000_000
 COORDINATES = ("x1", "y1", "x2", "y2")
 WANTED = "needed a header with the columns x1,y1,x2,y2, and if need be patch and sigma"
@@ -33,7 +31,7 @@ def read_correspondences(path: str | PathLike[str]) -> Given:
     ------
     InputError : the file cannot be read, lacks a column, or has a row that is not numbers; the row is named.
     """
-    data = _read(Path(path))
+    data = _read(path)
     rows = _rows(path, data)
     columns = _columns(path, next(rows, None))
     values = [_values(path, where, cells, columns) for where, cells in rows]
@@ -45,24 +43,12 @@ def read_correspondences(path: str | PathLike[str]) -> Given:
     return Given(table[:, :2], table[:, 2:4], table[:, 4].astype(np.int64), sigma, str(path), digest)
 
 
-def _read(path: Path) -> bytes:
-    try:
-        if str(path) == STDIN:
-            return _all_of(path, sys.stdin.buffer)
-        if path.is_dir():
-            raise InputError(f"{path}: is a folder, needed a CSV file; {WANTED}")
-        if not path.exists():
-            raise InputError(f"{path}: no such file; {WANTED}")
-        if not (path.is_file() or path.is_fifo()):
-            raise InputError(f"{path}: is neither a file nor a pipe; save the rows to disk, or give - to read stdin")
-        with path.open("rb") as file:
-            return _all_of(path, file)
-    except OSError as error:
-        raise InputError(f"{path}: cannot be read ({error.strerror}); check the path and its permissions") from None
-
-
-def _all_of(path: Path, file: BinaryIO) -> bytes:
-    data = file.read(MAX_BYTES + 1)
+def _read(path: str | PathLike[str]) -> bytes:
+    if str(path) == "-":
+        with readable(path):
+            data = sys.stdin.buffer.read(MAX_BYTES + 1)
+    else:
+        data = read_file(path, "CSV file", MAX_BYTES, pipe=True)
     if len(data) > MAX_BYTES:
         raise InputError(f"{path}: is larger than {MAX_BYTES / 1e6:.0f} MB; give fewer correspondences")
     return data

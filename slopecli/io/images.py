@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from slopecli.errors import InputError
+from slopecli.io.files import read_file
 from slopecli.io.image_headers import TIFF_SIGNATURES, ImageHeader, read_header, without_orientation
 from slopecli.types import Image
 from slopecli.windows import MIN_SIDE_PX
@@ -56,11 +57,7 @@ def load_image(path: str | PathLike[str]) -> Image:
 
 def read_image_file(path: str | PathLike[str], base: str | PathLike[str] = "") -> bytes:
     """The bytes of an image file, whose path is relative to `base`; raises InputError if it cannot be read."""
-    try:
-        _check_is_file(path, place := Path(base, path))
-        data = place.read_bytes()
-    except OSError as error:
-        raise InputError(f"{path}: cannot be read ({error.strerror}); check the path and its permissions") from None
+    data = read_file(path, "image file", 2_000_000_000, base)
     if not data:
         raise InputError(f"{path}: is empty (0 bytes); copy or download it again")
     return data
@@ -80,17 +77,6 @@ def decode_image(data: bytes, path: str | PathLike[str]) -> Image:
         raise InputError(f"{path}: {error}") from None
     notes = [_orientation_note(header.orientation), mapped]
     return Image(grey, colour, str(path), hashlib.sha256(data).hexdigest(), note="; ".join(filter(None, notes)))
-
-
-def _check_is_file(path: str | PathLike[str], place: Path) -> None:
-    if place.is_dir():
-        raise InputError(f"{path}: is a folder, needed an image file")
-    if not place.exists():
-        raise InputError(f"{path}: no such file; check the path")
-    if not place.is_file():
-        raise InputError(f"{path}: is not a regular file; save the image to disk first")
-    if place.stat().st_size > 2_000_000_000:
-        raise InputError(f"{path}: is {place.stat().st_size / 1e9:.1f} GB, too large for one image; cut or shrink it")
 
 
 def _refuse_raw(path: Path, header: ImageHeader) -> None:

@@ -1,17 +1,29 @@
-"""Writing a report's files: all of them or none."""
+"""Write the files of a report, of a plan, and of one pair of a batch; the schema of slopes.json."""
 
 from __future__ import annotations
 
+import json
 import os
 import tempfile
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from contextlib import suppress
+from dataclasses import fields
+from importlib import resources
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
+from slopecli import __version__
 from slopecli.errors import DiskFull, InputError
-from slopecli.io.atomic import DISK_FULL, TEMPORARY, write_through
+from slopecli.io.files import DISK_FULL, TEMPORARY, sync_folder, write_through
 from slopecli.products import BY_DEFAULT, OUTPUT_NAMES, encode_products
+from slopecli.products.slopes_json import SCHEMA_VERSION, to_json
 from slopecli.types import Image, Report
+
+if TYPE_CHECKING:
+    from slopecli.plan.planned import Plan
+
+PLAN_NAMES = ("plan.png", "plan.json")  # the plan comes last: where it is, the map is
+RECORD = "pair.json"
 
 
 def write_outputs(
@@ -19,21 +31,8 @@ def write_outputs(
 ) -> list[Path]:
     """Write the files of a report to a folder: what `encode_products` gives, stored by `store_outputs`.
 
-    Parameters
-    ----------
-    report : the finished answer.
-    image : image 1.
-    directory : folder to write to; made if missing.
-    keep : the user's choices among `slopecli.products.CHOICES`.
-
-    Returns
-    -------
-    Paths of the files written, slopes.json first.
-
-    Raises
-    ------
-    InputError : the folder cannot be made or written to.
-    DiskFull : there is no space left.
+    `image` is image 1, `keep` the user's choices among `slopecli.products.CHOICES`. Returns the paths of the files
+    written, slopes.json first; raises as `store_outputs`.
     """
     return store_outputs(encode_products(report, image, keep), directory)
 
@@ -120,3 +119,80 @@ def _exchange(folder: Path, beside: Path, new: Sequence[str], names: Sequence[st
         for source, target in reversed(done):
             os.replace(target, source)
         raise
+
+
+# ---- a plan ----
+
+
+def plan_to_json(plan: Plan) -> str:
+    """Serialise a plan as the text of plan.json, without a final newline; keys as in `Plan`, the same bytes always."""
+    body = {field.name: getattr(plan, field.name) for field in fields(plan)}
+    return to_json({"schema_version": "1.0", "slopemap_version": __version__, **body})
+
+
+def check_plan_directory(directory: str | Path) -> None:
+    """Raise InputError if a plan could not be written to a folder. Makes and changes nothing."""
+    check_directory(directory, PLAN_NAMES)
+
+
+def write_plan(plan: Plan, directory: str | Path) -> list[Path]:
+    """Write plan.json and plan.png to a folder: `store_outputs`. Returns their paths."""
+    from slopecli.plan.plan_map import draw_plan
+    from slopecli.products.drawing.png import encode_picture
+
+    contents = {"plan.json": (plan_to_json(plan) + "\n").encode("ascii"), "plan.png": encode_picture(draw_plan(plan))}
+    return store_outputs(contents, directory, PLAN_NAMES)
+
+
+# ---- one pair of a batch ----
+# Its record is removed before the first file changes and written after the last. Where there is a record, its files are
+# complete and belong together, whenever the writer was killed. Two writers of the same files do no harm.
+
+
+def store_pair(folder: Path, contents: Mapping[str, bytes], record: bytes) -> None:
+    """Replace the output files of a pair by `contents`, then write its record.
+
+    Raises
+    ------
+    OSError : a file could not be written. Until all are on the disk, the folder is unchanged.
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    with tempfile.TemporaryDirectory(prefix=TEMPORARY, dir=folder) as temporary:
+        beside = Path(temporary)
+        for name, content in (*contents.items(), (RECORD, record)):
+            write_through(beside / name, content)
+        if os.path.lexists(folder / RECORD):
+            (folder / RECORD).unlink(missing_ok=True)  # another writer may have removed it
+            sync_folder(folder)
+        for name in OUTPUT_NAMES:
+            if name in contents:
+                os.replace(beside / name, folder / name)
+            else:
+                (folder / name).unlink(missing_ok=True)
+        sync_folder(folder)
+        os.replace(beside / RECORD, folder / RECORD)
+    sync_folder(folder)
+
+
+def read_record(folder: Path) -> bytes | None:
+    """The record of a pair, None if there is none or it cannot be read."""
+    try:
+        return (folder / RECORD).read_bytes()
+    except OSError:
+        return None
+
+
+def has_files(folder: Path, sizes: Mapping[str, int]) -> bool:
+    """Whether the output files of a pair are exactly these, by name and size in bytes."""
+    try:
+        there = {name: os.path.getsize(folder / name) for name in OUTPUT_NAMES if os.path.lexists(folder / name)}
+    except OSError:
+        return False
+    return there == sizes
+
+
+def load_schema() -> dict[str, Any]:
+    """Return the JSON schema (draft 2020-12) of slopes.json that is shipped in the package."""
+    file = resources.files("slopecli").joinpath(f"schemas/slopes-{SCHEMA_VERSION}.schema.json")
+    schema: dict[str, Any] = json.loads(file.read_text("utf-8"))
+    return schema

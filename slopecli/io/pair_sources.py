@@ -11,6 +11,7 @@ from typing import NamedTuple
 
 from slopecli.errors import InputError
 from slopecli.io.cameras.formats import CAMERA_FORMATS
+from slopecli.io.files import read_file
 from slopecli.io.images import RAW_SUFFIXES
 
 IMAGE_SUFFIXES = frozenset(
@@ -23,7 +24,6 @@ CAMERA_STEMS = (
     re.compile("|".join(form.stems.replace(" ", "|") for form in CAMERA_FORMATS)),
     re.compile(r".*(camera|calib|intrinsic|camchain).*"),
 )
-MAX_LIST_BYTES = 64_000_000
 LIST_COLUMNS = ("image1", "image2", "camera1", "camera2")
 
 
@@ -140,14 +140,9 @@ def _numbered_cells(file: str) -> list[tuple[int, list[str]]]:
 
 def _text_of(file: str) -> str:
     try:
-        if os.path.getsize(file) > MAX_LIST_BYTES:
-            raise InputError(f"{file}: is too large for a list of pairs; needed two images a row")
-        text = Path(file).read_bytes().decode("utf-8-sig")
-    except OSError as error:
-        raise InputError(
-            f"{file}: the list of pairs cannot be read ({error.strerror}); check the path, which is not taken to be "
-            "below the folder of images"
-        ) from None
+        text = read_file(file, "list of pairs", 64_000_000, pipe=True).decode("utf-8-sig")
+    except InputError as error:
+        raise InputError(f"{error}; its path is not taken to be below the folder of images") from None
     except UnicodeDecodeError:
         text = "\0"
     if "\0" in text:

@@ -5,12 +5,12 @@ from __future__ import annotations
 import json
 import math
 from os import PathLike
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from slopecli.errors import InputError
+from slopecli.io.files import read_file
 from slopecli.options import Pose
 from slopecli.types import FloatArray
 
@@ -33,7 +33,7 @@ def load_pose(path: str | PathLike[str]) -> Pose:
     ------
     InputError : the file cannot be read, has no motion with a baseline, or values that contradict each other.
     """
-    values = _read(Path(path))
+    values = _read(path)
     R = _numbers(path, values, ("R", "rotation_cam2_from_cam1"), (3, 3))
     if not np.abs(R @ R.T - np.eye(3)).max() < ORTHONORMAL or np.linalg.det(R) < 0:
         raise InputError(f"{path}: its R is no rotation (R R^T is not 1, or it mirrors); {WANTED}")
@@ -59,15 +59,9 @@ def _position(path: str | PathLike[str], values: dict[str, Any], R: FloatArray) 
     return first
 
 
-def _read(path: Path) -> dict[str, Any]:
+def _read(path: str | PathLike[str]) -> dict[str, Any]:
     try:
-        if not path.is_file():
-            raise InputError(f"{path}: no such pose file; check the path")
-        if path.stat().st_size > 4_000_000:
-            raise InputError(f"{path}: is too large for a pose; {WANTED}")
-        values = json.loads(path.read_bytes())
-    except OSError as error:
-        raise InputError(f"{path}: cannot be read ({error.strerror}); check the path and its permissions") from None
+        values = json.loads(read_file(path, "pose file", 4_000_000))
     except (ValueError, RecursionError):
         raise InputError(f"{path}: is not JSON; {WANTED}") from None
     if not isinstance(values, dict):

@@ -10,8 +10,8 @@ import struct
 from typing import Any, NamedTuple
 
 from slopecli.errors import InputError
+from slopecli.io.cameras import values
 from slopecli.io.cameras.content import CameraFileContent
-from slopecli.io.cameras.values import Size, lens_model, make_camera, named_coefficients, number, size_of
 from slopecli.types import Camera
 
 # Names of the parameters, in the order of the model ids of cameras.bin; only their number for models not supported.
@@ -41,7 +41,7 @@ class ColmapCamera(NamedTuple):
     parameters: list[Any]
 
 
-def find_colmap(content: CameraFileContent) -> dict[str, ColmapCamera]:
+def find(content: CameraFileContent) -> dict[str, ColmapCamera]:
     """Cameras by their id; {} for another format."""
     return _find_in_binary(content.data) if content.is_binary else _find_in_text(content.text)
 
@@ -71,7 +71,7 @@ def _find_in_binary(data: bytes) -> dict[str, ColmapCamera]:
     return cameras if position == len(data) else {}
 
 
-def read_colmap(camera: ColmapCamera, _size: Size | None) -> Camera:
+def read(camera: ColmapCamera, _size: values.Size | None) -> Camera:
     """The principal point is shifted by half a pixel."""
     names = MODELS.get(camera.model)
     if not isinstance(names, str):
@@ -83,11 +83,13 @@ def read_colmap(camera: ColmapCamera, _size: Size | None) -> Camera:
         )
     named = dict(zip(names.split(), camera.parameters, strict=True))
     fx, fy, cx, cy = (
-        number(named.get(key, named.get("f")), f"{camera.model} {key}") for key in ("fx", "fy", "cx", "cy")
+        values.number(named.get(key, named.get("f")), f"{camera.model} {key}") for key in ("fx", "fy", "cx", "cy")
     )
-    model = lens_model(camera.model)
-    size = size_of(camera.width, camera.height)
-    return make_camera("COLMAP", size, (fx, fy, cx - 0.5, cy - 0.5), model, named_coefficients(named, model))
+    model = values.lens_model(camera.model)
+    size = values.size_of(camera.width, camera.height)
+    return values.make_camera(
+        "COLMAP", size, (fx, fy, cx - 0.5, cy - 0.5), model, values.named_coefficients(named, model)
+    )
 
 
 def _parameter_count(model: str) -> int:

@@ -2,21 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Any
+from types import ModuleType
 
-from slopecli.io.cameras.colmap import MODELS, find_colmap, read_colmap
-from slopecli.io.cameras.content import CameraFileContent
-from slopecli.io.cameras.kalibr import find_kalibr, read_kalibr
-from slopecli.io.cameras.metashape import find_metashape, read_metashape
-from slopecli.io.cameras.native import find_native, read_native
-from slopecli.io.cameras.nerfstudio import find_nerfstudio, read_nerfstudio
-from slopecli.io.cameras.opencv import find_opencv, read_opencv
-from slopecli.io.cameras.opensfm import find_opensfm, read_opensfm
-from slopecli.io.cameras.ros import find_ros, read_ros
-from slopecli.io.cameras.values import Size
-from slopecli.types import Camera
+from slopecli.io.cameras import colmap, kalibr, metashape, native, nerfstudio, opencv, opensfm, ros
 
 
 @dataclass(frozen=True)
@@ -24,16 +13,16 @@ class CameraFormat:
     """One format of camera files.
 
     name : in messages, in docs/cameras.md and at the start of `Camera.source`.
-    find : file content -> cameras by name ("" when they have none); {} if the file is of another format.
-    read : one of these cameras, and the image size to use where the file gives none -> Camera in OpenCV's convention
-        (px, pixel centres at integers). Raises InputError for a camera that is not supported.
+    module : with two functions.
+        find(CameraFileContent) -> cameras by name ("" when they have none); {} if the file is of another format.
+        read(one of these cameras, image size to use where the file gives none) -> Camera in OpenCV's convention
+        (px, pixel centres at integers); raises InputError for a camera that is not supported.
     stems : names, lower case and without suffix, under which `slopemap batch` looks for such files beside the images.
     files, recognised_by, lenses, converted : the columns of the table in docs/cameras.md, Markdown.
     """
 
     name: str
-    find: Callable[[CameraFileContent], Mapping[str, Any]]
-    read: Callable[[Any, Size | None], Camera]
+    module: ModuleType
     stems: str
     files: str
     recognised_by: str
@@ -45,18 +34,16 @@ class CameraFormat:
 CAMERA_FORMATS = (
     CameraFormat(
         "COLMAP",
-        find_colmap,
-        read_colmap,
+        colmap,
         stems="cameras",
         files="`cameras.txt`, `cameras.bin`",
         recognised_by="lines of id, model, width, height and parameters; binary camera records",
-        lenses=" ".join(f"`{model}`" for model, names in MODELS.items() if isinstance(names, str)),
+        lenses=" ".join(f"`{model}`" for model, names in colmap.MODELS.items() if isinstance(names, str)),
         converted="half a pixel: COLMAP's pixel centres are at (0.5, 0.5)",
     ),
     CameraFormat(
         "Metashape",
-        find_metashape,
-        read_metashape,
+        metashape,
         stems="calibration cameras",
         files="exported calibration, or cameras XML; the adjusted calibration is preferred to the initial one",
         recognised_by="XML with `calibration` elements",
@@ -65,8 +52,7 @@ CAMERA_FORMATS = (
     ),
     CameraFormat(
         "Kalibr",
-        find_kalibr,
-        read_kalibr,
+        kalibr,
         stems="camchain sensor",
         files="`camchain.yaml`, EuRoC `sensor.yaml`",
         recognised_by="`camera_model` with `intrinsics`, or under `cam0`, `cam1`, ...",
@@ -74,8 +60,7 @@ CAMERA_FORMATS = (
     ),
     CameraFormat(
         "ROS camera_info",
-        find_ros,
-        read_ros,
+        ros,
         stems="camera_info camerainfo",
         files="calibration file, output of `topic echo` (ROS 1 and 2)",
         recognised_by="`distortion_model` with `camera_matrix`, `K` or `k`",
@@ -84,8 +69,7 @@ CAMERA_FORMATS = (
     ),
     CameraFormat(
         "nerfstudio",
-        find_nerfstudio,
-        read_nerfstudio,
+        nerfstudio,
         stems="transforms",
         files="`transforms.json`, shared or per-frame intrinsics",
         recognised_by="`fl_x`",
@@ -94,8 +78,7 @@ CAMERA_FORMATS = (
     ),
     CameraFormat(
         "OpenSfM",
-        find_opensfm,
-        read_opensfm,
+        opensfm,
         stems="cameras camera_model camera_models cameramodel cameramodels",
         files="`camera_models.json`, `cameras.json`, also of OpenDroneMap",
         recognised_by="`projection_type`",
@@ -104,8 +87,7 @@ CAMERA_FORMATS = (
     ),
     CameraFormat(
         "native",
-        find_native,
-        read_native,
+        native,
         stems="camera cam intrinsic intrinsics",
         files="JSON or YAML as above",
         recognised_by="`fx`, or `K` and no other keys than the native ones",
@@ -113,8 +95,7 @@ CAMERA_FORMATS = (
     ),
     CameraFormat(
         "OpenCV",
-        find_opencv,
-        read_opencv,
+        opencv,
         stems="calib calibration intrinsic intrinsics",
         files="FileStorage YAML, XML, JSON; plain JSON or YAML; `.npz`",
         recognised_by="names in use for a matrix: `camera_matrix`, `cameraMatrix`, `K`, `mtx`, `M1`, ...; "

@@ -7,14 +7,14 @@ from collections.abc import Mapping
 from typing import Any
 
 from slopecli.errors import InputError
+from slopecli.io.cameras import values
 from slopecli.io.cameras.content import CameraFileContent
-from slopecli.io.cameras.values import Size, Tree, lens_model, make_camera, numbers, refuse_unread_distortion, size_of
 from slopecli.types import Camera
 
 LENS_KEYS = ("distortion_model", "distortion_coeffs", "distortion_coefficients")
 
 
-def find_kalibr(content: CameraFileContent) -> dict[str, Any]:
+def find(content: CameraFileContent) -> dict[str, Any]:
     """Cameras by their key (cam0, cam1, ...), "" for a sensor.yaml; {} for another format."""
     tree = content.tree
     if "camera_model" in tree and "intrinsics" in tree:
@@ -23,21 +23,17 @@ def find_kalibr(content: CameraFileContent) -> dict[str, Any]:
     return {key: value for key, value in cameras.items() if isinstance(value, Mapping) and "camera_model" in value}
 
 
-def read_kalibr(tree: Tree, size: Size | None) -> Camera:
+def read(tree: values.Tree, size: values.Size | None) -> Camera:
     """Only pinhole projection, with radial-tangential, equidistant or no distortion."""
     if tree["camera_model"] != "pinhole":
         raise InputError(f"camera_model {tree['camera_model']!r} is not supported, only 'pinhole' is")
-    refuse_unread_distortion(tree, LENS_KEYS, "list the coefficients as distortion_coeffs")
-    model = lens_model(tree.get("distortion_model"), "distortion_model")
+    values.refuse_unread_distortion(tree, LENS_KEYS, "list the coefficients as distortion_coeffs")
+    model = values.lens_model(tree.get("distortion_model"), "distortion_model")
     lens = tree.get("distortion_coeffs", tree.get("distortion_coefficients"))
     if lens is None and model != "pinhole":
         raise InputError(f"distortion_model is {tree['distortion_model']}, but distortion_coeffs are missing")
-    intrinsics = numbers(tree.get("intrinsics"), "intrinsics")
+    intrinsics = values.numbers(tree.get("intrinsics"), "intrinsics")
     if len(intrinsics) != 4:
         raise InputError(f"intrinsics has {len(intrinsics)} numbers, needed fx, fy, cx, cy")
-    sides = numbers(tree.get("resolution"), "resolution")
-    if sides and len(sides) != 2:
-        raise InputError(f"resolution has {len(sides)} numbers, needed width and height")
-    return make_camera(
-        "Kalibr", size_of(*sides) if sides else size, intrinsics, model, numbers(lens, "distortion_coeffs")
-    )
+    size = values.size_of_list(tree.get("resolution"), "resolution") or size
+    return values.make_camera("Kalibr", size, intrinsics, model, values.numbers(lens, "distortion_coeffs"))

@@ -9,24 +9,15 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 from slopecli.errors import InputError
+from slopecli.io.cameras import values
 from slopecli.io.cameras.content import CameraFileContent
-from slopecli.io.cameras.values import (
-    Intrinsics,
-    Size,
-    known_size,
-    make_camera,
-    number,
-    refuse_nonzero,
-    refuse_unread_distortion,
-    size_of,
-)
 from slopecli.types import Camera
 
 if TYPE_CHECKING:
     from xml.etree.ElementTree import Element
 
 
-def find_metashape(content: CameraFileContent) -> dict[str, Element]:
+def find(content: CameraFileContent) -> dict[str, Element]:
     """Calibrations by the label (or id) of their sensor, "" for an exported calibration; {} for another format."""
     root = content.xml
     if root is None:
@@ -45,31 +36,31 @@ def find_metashape(content: CameraFileContent) -> dict[str, Element]:
     return found
 
 
-def read_metashape(calibration: Element, size: Size | None) -> Camera:
+def read(calibration: Element, size: values.Size | None) -> Camera:
     """Frame cameras only, without b2, k4, p3 and p4, for which OpenCV's lens model has no term."""
-    values: dict[str, Any] = {child.tag: (child.text or "").strip() for child in calibration}
-    kind = calibration.get("type") or values.get("projection") or "frame"
+    tags: dict[str, Any] = {child.tag: (child.text or "").strip() for child in calibration}
+    kind = calibration.get("type") or tags.get("projection") or "frame"
     if kind != "frame":
         raise InputError(f"Metashape camera type {kind!r} is not supported, only 'frame' is")
-    refuse_unread_distortion(values, (), "needed k1, k2, k3, p1, p2 as Metashape writes them")
-    refuse_nonzero(values, ("b2", "skew"), "skew")
-    refuse_nonzero(values, ("k4",), "radial distortion of order 8")
-    refuse_nonzero(values, ("p3", "p4"), "tangential distortion of higher order")
-    size = known_size(_size(calibration, values) or size)
-    k1, k2, k3, p1, p2 = (number(values.get(key) or 0, key) for key in ("k1", "k2", "k3", "p1", "p2"))
-    return make_camera("Metashape", size, _intrinsics(values, size), "brown", (k1, k2, p2, p1, k3))
+    values.refuse_unread_distortion(tags, (), "needed k1, k2, k3, p1, p2 as Metashape writes them")
+    values.refuse_nonzero(tags, ("b2", "skew"), "skew")
+    values.refuse_nonzero(tags, ("k4",), "radial distortion of order 8")
+    values.refuse_nonzero(tags, ("p3", "p4"), "tangential distortion of higher order")
+    size = values.known_size(_size(calibration, tags) or size)
+    k1, k2, k3, p1, p2 = (values.number(tags.get(key) or 0, key) for key in ("k1", "k2", "k3", "p1", "p2"))
+    return values.make_camera("Metashape", size, _intrinsics(tags, size), "brown", (k1, k2, p2, p1, k3))
 
 
-def _size(calibration: Element, values: dict[str, Any]) -> Size | None:
+def _size(calibration: Element, tags: dict[str, Any]) -> values.Size | None:
     resolution = calibration.find("resolution")
     if resolution is not None:
-        return size_of(resolution.get("width"), resolution.get("height"))
-    return size_of(values.get("width"), values.get("height"))
+        return values.size_of(resolution.get("width"), resolution.get("height"))
+    return values.size_of(tags.get("width"), tags.get("height"))
 
 
-def _intrinsics(values: dict[str, Any], size: Size) -> Intrinsics:
-    if "fx" in values:  # before version 1.2.5 the centre was absolute
-        fx, fy, cx, cy = (number(values.get(key), key) for key in ("fx", "fy", "cx", "cy"))
+def _intrinsics(tags: dict[str, Any], size: values.Size) -> values.Intrinsics:
+    if "fx" in tags:  # before version 1.2.5 the centre was absolute
+        fx, fy, cx, cy = (values.number(tags.get(key), key) for key in ("fx", "fy", "cx", "cy"))
         return fx, fy, cx - 0.5, cy - 0.5
-    f, b1, cx, cy = (number(values.get(key) or 0, key) for key in ("f", "b1", "cx", "cy"))
+    f, b1, cx, cy = (values.number(tags.get(key) or 0, key) for key in ("f", "b1", "cx", "cy"))
     return f + b1, f, size[0] / 2 + cx - 0.5, size[1] / 2 + cy - 0.5

@@ -5,18 +5,8 @@ from __future__ import annotations
 from typing import Any
 
 from slopecli.errors import InputError
+from slopecli.io.cameras import values
 from slopecli.io.cameras.content import CameraFileContent
-from slopecli.io.cameras.values import (
-    Intrinsics,
-    Size,
-    Tree,
-    intrinsics_of_matrix,
-    lens_model,
-    make_camera,
-    number,
-    numbers,
-    size_of,
-)
 from slopecli.types import Camera
 
 NUMBERS = ("fx", "fy", "cx", "cy")
@@ -24,34 +14,34 @@ KEYS = {"width", "height", *NUMBERS, "K", "distortion", "model"}
 NOTES = {"name", "source", "comment", "description"}
 
 
-def find_native(content: CameraFileContent) -> dict[str, Any]:
+def find(content: CameraFileContent) -> dict[str, Any]:
     """The camera under its `name` ("" without one); {} for another format."""
     tree = content.tree
     own = "fx" in tree or ("K" in tree and set(tree) <= KEYS | NOTES)
     return {str(tree.get("name", "")): tree} if own else {}
 
 
-def read_native(tree: Tree, size: Size | None) -> Camera:
+def read(tree: values.Tree, size: values.Size | None) -> Camera:
     """Missing coefficients count as 0; an unknown key is an error, as it may be a misspelt coefficient."""
     unknown = sorted(set(map(str, tree)) - KEYS - NOTES)
     if unknown:
         raise InputError(f"unknown key {unknown[0]!r}; a native camera file has {', '.join(sorted(KEYS))}")
-    model = lens_model(tree.get("model", "brown"), "model")
-    given = numbers(tree.get("distortion"), "distortion")
+    model = values.lens_model(tree.get("model", "brown"), "model")
+    given = values.numbers(tree.get("distortion"), "distortion")
     coefficients = given + [0.0] * (_padded_count(len(given), model) - len(given))
-    size = size_of(tree.get("width"), tree.get("height")) or size
-    return make_camera("native", size, _native_intrinsics(tree), model, coefficients)
+    size = values.size_of(tree.get("width"), tree.get("height")) or size
+    return values.make_camera("native", size, _intrinsics(tree), model, coefficients)
 
 
-def _native_intrinsics(tree: Tree) -> Intrinsics:
+def _intrinsics(tree: values.Tree) -> values.Intrinsics:
     if "K" in tree:
         if any(name in tree for name in NUMBERS):
             raise InputError("both K and fx, fy, cx, cy are given; keep one of them")
-        return intrinsics_of_matrix(tree["K"], "K")
+        return values.intrinsics_of_matrix(tree["K"], "K")
     missing = [name for name in NUMBERS if name not in tree]
     if missing:
         raise InputError(f"{missing[0]} is missing; a camera needs fx, fy, cx and cy, or K")
-    fx, fy, cx, cy = (number(tree[name], name) for name in NUMBERS)
+    fx, fy, cx, cy = (values.number(tree[name], name) for name in NUMBERS)
     return fx, fy, cx, cy
 
 

@@ -6,23 +6,12 @@ from collections.abc import Mapping
 from pathlib import PurePosixPath
 from typing import Any
 
+from slopecli.io.cameras import values
 from slopecli.io.cameras.content import CameraFileContent
-from slopecli.io.cameras.values import (
-    Size,
-    Tree,
-    known_size,
-    lens_model,
-    make_camera,
-    named_coefficients,
-    number,
-    refuse_nonzero,
-    refuse_unread_distortion,
-    size_of,
-)
 from slopecli.types import Camera
 
 
-def find_nerfstudio(content: CameraFileContent) -> dict[str, Any]:
+def find(content: CameraFileContent) -> dict[str, Any]:
     """One nameless camera, or the cameras of the frames by their file names; {} for another format."""
     tree = content.tree
     if "fl_x" in tree:
@@ -34,17 +23,17 @@ def find_nerfstudio(content: CameraFileContent) -> dict[str, Any]:
     return {PurePosixPath(str(frame["file_path"])).name: {**tree, **frame} for frame in frames}
 
 
-def read_nerfstudio(tree: Tree, size: Size | None) -> Camera:
+def read(tree: values.Tree, size: values.Size | None) -> Camera:
     """The principal point is shifted by half a pixel; without one it is in the middle of the image."""
-    refuse_unread_distortion(tree, (), "give the coefficients as k1, k2, p1, p2, ...")
-    model = lens_model(tree.get("camera_model", "OPENCV"), "camera_model")
+    values.refuse_unread_distortion(tree, (), "give the coefficients as k1, k2, p1, p2, ...")
+    model = values.lens_model(tree.get("camera_model", "OPENCV"), "camera_model")
     model = "fisheye" if tree.get("is_fisheye") else "brown" if model == "pinhole" else model
     if model == "brown":
-        refuse_nonzero(tree, ("k4",), "radial distortion of order 8")
+        values.refuse_nonzero(tree, ("k4",), "radial distortion of order 8")
     else:
-        refuse_nonzero(tree, ("p1", "p2"), "tangential distortion of a fisheye lens")
-    size = known_size(size_of(tree.get("w"), tree.get("h")) or size)
-    fx = number(tree["fl_x"], "fl_x")
-    fy = number(tree.get("fl_y", fx), "fl_y")
-    cx, cy = (number(tree.get(key, side / 2), key) - 0.5 for key, side in zip(("cx", "cy"), size, strict=True))
-    return make_camera("nerfstudio", size, (fx, fy, cx, cy), model, named_coefficients(tree, model))
+        values.refuse_nonzero(tree, ("p1", "p2"), "tangential distortion of a fisheye lens")
+    size = values.known_size(values.size_of(tree.get("w"), tree.get("h")) or size)
+    fx = values.number(tree["fl_x"], "fl_x")
+    fy = values.number(tree.get("fl_y", fx), "fl_y")
+    cx, cy = (values.number(tree.get(key, side / 2), key) - 0.5 for key, side in zip(("cx", "cy"), size, strict=True))
+    return values.make_camera("nerfstudio", size, (fx, fy, cx, cy), model, values.named_coefficients(tree, model))

@@ -10,19 +10,8 @@ from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
 from slopecli.errors import InputError
+from slopecli.io.cameras import values
 from slopecli.io.cameras.content import CameraFileContent
-from slopecli.io.cameras.values import (
-    Size,
-    Tree,
-    intrinsics_of_matrix,
-    lens_model,
-    make_camera,
-    number,
-    numbers,
-    plain_key,
-    refuse_unread_distortion,
-    size_of,
-)
 from slopecli.types import Camera
 
 if TYPE_CHECKING:
@@ -40,12 +29,12 @@ SIZE_KEYS = ("image_size", "imageSize", "img_size", "imgSize", "ImageSize", "res
 MODEL_KEYS = ("model", "camera_model", "distortion_model", "lens_model", "model_type")
 
 
-def find_opencv(content: CameraFileContent) -> dict[str, Any]:
+def find(content: CameraFileContent) -> dict[str, Any]:
     """Matrix and coefficients of each camera by the suffix of their names ("" without one); {} for another format."""
-    tree = _opencv_arrays(content)
+    tree = _arrays(content)
     cameras: dict[str, dict[str, Any]] = {}
     for key, value in tree.items():
-        match = KEY.fullmatch(plain_key(key))
+        match = KEY.fullmatch(values.plain_key(key))
         if match is None or (match["matrix"] and not isinstance(value, list | tuple | Mapping)):
             continue
         part = "matrix" if match["matrix"] else "lens"
@@ -60,45 +49,42 @@ def find_opencv(content: CameraFileContent) -> dict[str, Any]:
     return found
 
 
-def read_opencv(camera: Mapping[str, Any], size: Size | None) -> Camera:
+def read(camera: Mapping[str, Any], size: values.Size | None) -> Camera:
     """Without coefficients it is a pinhole, and `Camera.source` says so."""
     tree = camera["tree"]
-    _refuse_unread_opencv(tree)
-    fisheye = bool(number(tree.get("fisheye_model", 0), "fisheye_model"))
+    _refuse_unread_names(tree)
+    fisheye = bool(values.number(tree.get("fisheye_model", 0), "fisheye_model"))
     named = next((tree[key] for key in MODEL_KEYS if key in tree), None)
-    model = lens_model(named) if named is not None else "fisheye" if fisheye else "brown"
+    model = values.lens_model(named) if named is not None else "fisheye" if fisheye else "brown"
     key, value = camera["matrix"]
     lens_key, lens = camera.get("lens", ("", None))
     source = "OpenCV" if lens_key else "OpenCV, no distortion given"
     # many files call OpenCV's usual lens model a pinhole
     model = "brown" if model == "pinhole" else model
-    intrinsics = intrinsics_of_matrix(value, key)
-    return make_camera(source, _opencv_size(tree) or size, intrinsics, model, numbers(lens, lens_key))
+    intrinsics = values.intrinsics_of_matrix(value, key)
+    return values.make_camera(source, _size(tree) or size, intrinsics, model, values.numbers(lens, lens_key))
 
 
-def _refuse_unread_opencv(tree: Tree) -> None:
+def _refuse_unread_names(tree: values.Tree) -> None:
     for key, value in tree.items():
-        plain = plain_key(key)
+        plain = values.plain_key(key)
         if plain == "xi":
             raise InputError("an omnidirectional camera (xi) is not supported; undistort the images first")
         if re.fullmatch("[kp][1-6]", plain) and not isinstance(value, list | tuple | Mapping):
             raise InputError(f"{key!r} stands alone; list the coefficients as distortion_coefficients")
-    read = [*MODEL_KEYS, *(key for key in tree if KEY.fullmatch(plain_key(key)))]
-    refuse_unread_distortion(tree, read, "list the coefficients as distortion_coefficients")
+    known = [*MODEL_KEYS, *(key for key in tree if KEY.fullmatch(values.plain_key(key)))]
+    values.refuse_unread_distortion(tree, known, "list the coefficients as distortion_coefficients")
 
 
-def _opencv_size(tree: Tree) -> Size | None:
+def _size(tree: values.Tree) -> values.Size | None:
     pair = next((tree[key] for key in SIZE_KEYS if key in tree), None)
     if pair is not None:
-        sides = numbers(pair, "image size")
-        if len(sides) != 2:
-            raise InputError(f"image size has {len(sides)} numbers, needed width and height")
-        return size_of(*sides)
+        return values.size_of_list(pair, "image size")
     width, height = (next((tree[key] for key in keys if key in tree), None) for keys in (WIDTH_KEYS, HEIGHT_KEYS))
-    return size_of(width, height)
+    return values.size_of(width, height)
 
 
-def _opencv_arrays(content: CameraFileContent) -> Tree:
+def _arrays(content: CameraFileContent) -> values.Tree:
     """Names and values of a NumPy archive, an OpenCV XML or a tree."""
     if content.is_binary:
         return _numpy_arrays(content.data) if content.data.startswith(b"PK") else {}

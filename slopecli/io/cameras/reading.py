@@ -14,6 +14,7 @@ from slopecli.geometry.camera import scale_camera
 from slopecli.io.cameras.content import CameraFileContent, UnknownContent
 from slopecli.io.cameras.formats import CAMERA_FORMATS, CameraFormat
 from slopecli.io.cameras.values import Size, make_camera
+from slopecli.io.files import read_file
 from slopecli.options import CameraChoice
 from slopecli.types import Camera, Image
 
@@ -53,11 +54,7 @@ def split_name(path: str | PathLike[str], base: str | PathLike[str] = "") -> tup
 
 def read_camera_file(file: str | PathLike[str], base: str | PathLike[str] = "") -> bytes:
     """The bytes of a camera file, whose path is relative to `base`; raises InputError if it cannot be read."""
-    try:
-        _check_is_file(Path(file), place := Path(base, file))
-        data = place.read_bytes()
-    except OSError as error:
-        raise InputError(f"{file}: cannot be read ({error.strerror}); check the path and its permissions") from None
+    data = read_file(file, "camera file", 64_000_000, base)
     if not data.strip():
         raise InputError(f"{file}: is empty; {NEEDED}")
     return data
@@ -67,7 +64,8 @@ def decode_camera(data: bytes, file: str | PathLike[str], name: str | None = Non
     """As `load_camera`, from the bytes of the file; `file` is for messages and is not opened."""
     try:
         form, cameras = _find_cameras(data)
-        return form.read(_pick(cameras, name, Path(file).name), size)
+        camera: Camera = form.module.read(_pick(cameras, name, Path(file).name), size)
+        return camera
     except InputError as error:
         # messages quote the file, and a damaged file may hold text of any length
         raise InputError(f"{file}: {' '.join(str(error).split())[:400]}") from None
@@ -157,33 +155,17 @@ def _is_rescale(width: int, height: int, new_width: int, new_height: int) -> boo
     return abs(new_height - height * across) < 1 or abs(new_width - width * down) < 1
 
 
-def _check_is_file(file: Path, place: Path) -> None:
-    if place.is_dir():
-        raise InputError(f"{file}: is a folder, needed a camera file")
-    if not place.exists():
-        raise InputError(f"{file}: no such camera file; check the path")
-    if not place.is_file():
-        raise InputError(f"{file}: is not a regular file; save the camera to disk first")
-    if place.stat().st_size > 64_000_000:
-        raise InputError(f"{file}: is {place.stat().st_size / 1e6:.0f} MB, too large for a camera file")
-
-
 def _find_cameras(data: bytes) -> tuple[CameraFormat, Mapping[str, Any]]:
     """The format of a file and its cameras by name."""
     content = CameraFileContent(data)
     try:
         for form in CAMERA_FORMATS:
-            if cameras := form.find(content):
+            if cameras := form.module.find(content):
                 return form, cameras
     except UnknownContent as error:
         raise InputError(f"{error}; {NEEDED}") from None
-    kind = (
-        "is binary data without a"
-        if content.is_binary
-        else "is XML without a"
-        if content.xml is not None
-        else "holds no"
-    )
+    text = "holds no" if content.xml is None else "is XML without a"
+    kind = "is binary data without a" if content.is_binary else text
     raise InputError(f"{kind} camera that is understood; {NEEDED}")
 
 

@@ -6,58 +6,49 @@ from collections.abc import Mapping
 from typing import Any
 
 from slopecli.errors import InputError
+from slopecli.io.cameras import values
 from slopecli.io.cameras.content import CameraFileContent
-from slopecli.io.cameras.values import (
-    Size,
-    Tree,
-    intrinsics_of_matrix,
-    lens_model,
-    make_camera,
-    number,
-    numbers,
-    refuse_unread_distortion,
-    size_of,
-)
 from slopecli.types import Camera
 
 LENS_KEYS = ("distortion_model", "distortion_coefficients")
 
 
-def find_ros(content: CameraFileContent) -> dict[str, Any]:
+def find(content: CameraFileContent) -> dict[str, Any]:
     """The camera under its `camera_name` ("" without one); {} for another format."""
     tree = content.tree
     own = "distortion_model" in tree and any(key in tree for key in ("camera_matrix", "K", "k"))
     return {str(tree.get("camera_name") or ""): tree} if own else {}
 
 
-def read_ros(tree: Tree, size: Size | None) -> Camera:
+def read(tree: values.Tree, size: values.Size | None) -> Camera:
     """K is for the full sensor; the image is its region of interest, then binned (sensor_msgs/CameraInfo).
 
     Binning averages neighbouring pixels, so the principal point moves as in `scale_camera`.
     """
-    refuse_unread_distortion(tree, LENS_KEYS, "list the coefficients as distortion_coefficients")
+    values.refuse_unread_distortion(tree, LENS_KEYS, "list the coefficients as distortion_coefficients")
     matrix = next(key for key in ("camera_matrix", "K", "k") if key in tree)
     lens = next((tree[key] for key in ("distortion_coefficients", "D", "d") if key in tree), None)
-    full = size_of(tree.get("width", tree.get("image_width")), tree.get("height", tree.get("image_height"))) or size
-    model = lens_model(tree["distortion_model"], "distortion_model")
+    width, height = (tree.get(side, tree.get(f"image_{side}")) for side in ("width", "height"))
+    full = values.size_of(width, height) or size
+    model = values.lens_model(tree["distortion_model"], "distortion_model")
     if lens is None and model != "pinhole":
         raise InputError(f"distortion_model is {tree['distortion_model']}, but D (distortion_coefficients) is missing")
-    coefficients = numbers(lens, "distortion coefficients")
-    fx, fy, cx, cy = intrinsics_of_matrix(tree[matrix], matrix)
-    camera = make_camera("ROS camera_info", full, (fx, fy, cx, cy), model, coefficients)
-    left, top, width, height = _ros_region(tree, (camera.width, camera.height))
-    across, down = (max(1, int(number(tree.get(f"binning_{axis}", 1) or 1, f"binning_{axis}"))) for axis in "xy")
+    coefficients = values.numbers(lens, "distortion coefficients")
+    fx, fy, cx, cy = values.intrinsics_of_matrix(tree[matrix], matrix)
+    camera = values.make_camera("ROS camera_info", full, (fx, fy, cx, cy), model, coefficients)
+    left, top, width, height = _region(tree, (camera.width, camera.height))
+    across, down = (max(1, int(values.number(tree.get(f"binning_{axis}", 1) or 1, f"binning_{axis}"))) for axis in "xy")
     centre = (cx - left + 0.5) / across - 0.5, (cy - top + 0.5) / down - 0.5
-    size = size_of(width // across, height // down)
-    return make_camera("ROS camera_info", size, (fx / across, fy / down, *centre), model, coefficients)
+    size = values.size_of(width // across, height // down)
+    return values.make_camera("ROS camera_info", size, (fx / across, fy / down, *centre), model, coefficients)
 
 
-def _ros_region(tree: Tree, full: Size) -> tuple[int, int, int, int]:
+def _region(tree: values.Tree, full: values.Size) -> tuple[int, int, int, int]:
     """x, y, width, height of the region of interest; zero width or height means the whole sensor."""
     roi = tree.get("roi") or {}
     if not isinstance(roi, Mapping):
         raise InputError(f"roi is {roi!r}, needed x_offset, y_offset, width and height")
     x, y, width, height = (
-        int(number(roi.get(key, 0), f"roi.{key}")) for key in ("x_offset", "y_offset", "width", "height")
+        int(values.number(roi.get(key, 0), f"roi.{key}")) for key in ("x_offset", "y_offset", "width", "height")
     )
     return (x, y, width, height) if width and height else (0, 0, *full)

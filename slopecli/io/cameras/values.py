@@ -15,28 +15,11 @@ Tree = Mapping[str, Any]  # names and values of a JSON or YAML file
 Intrinsics = tuple[float, float, float, float]  # fx, fy, cx, cy, px
 
 # The names under which the lens models go, lower case. A model that is not here is refused by its name.
-LENS_NAMES: dict[str, CameraModel] = {
-    "": "pinhole",
-    "none": "pinhole",
-    "pinhole": "pinhole",
-    "simple_pinhole": "pinhole",
-    "brown": "brown",
-    "opencv": "brown",
-    "full_opencv": "brown",
-    "perspective": "brown",
-    "plumb_bob": "brown",
-    "radtan": "brown",
-    "radial-tangential": "brown",
-    "rational_polynomial": "brown",
-    "simple_radial": "brown",
-    "radial": "brown",
-    "fisheye": "fisheye",
-    "equidistant": "fisheye",
-    "equi": "fisheye",
-    "opencv_fisheye": "fisheye",
-    "fisheye_opencv": "fisheye",
-    "simple_radial_fisheye": "fisheye",
-    "radial_fisheye": "fisheye",
+LENS_NAMES: dict[CameraModel, str] = {
+    "pinhole": "none pinhole simple_pinhole",
+    "brown": "brown opencv full_opencv perspective plumb_bob radtan radial-tangential rational_polynomial "
+    "simple_radial radial",
+    "fisheye": "fisheye equidistant equi opencv_fisheye fisheye_opencv simple_radial_fisheye radial_fisheye",
 }
 BROWN_ORDER = ("k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6")
 FISHEYE_ORDER = ("k1", "k2", "k3", "k4")
@@ -46,11 +29,12 @@ MIN_FOCAL_RATIO = 0.02  # of the longer side; a focal length in millimetres or n
 
 def lens_model(name: Any, what: str = "lens model") -> CameraModel:
     """Our name of a lens model, or InputError naming the one that is not understood."""
-    model = LENS_NAMES.get(str("" if name is None else name).strip().lower())
-    if model is None:
-        known = "pinhole, radial-tangential, rational and equidistant fisheye"
-        raise InputError(f"{what} {name!r} is not supported, only {known} lenses are; undistort the images first")
-    return model
+    plain = str(name).strip().lower() or "none"  # also for None
+    for model, names in LENS_NAMES.items():
+        if plain in names.split():
+            return model
+    known = "pinhole, radial-tangential, rational and equidistant fisheye"
+    raise InputError(f"{what} {name!r} is not supported, only {known} lenses are; undistort the images first")
 
 
 def number(value: Any, name: str) -> float:
@@ -106,6 +90,14 @@ def size_of(width: Any, height: Any) -> Size | None:
     if width is None and height is None:
         return None
     return _side(width, "width"), _side(height, "height")
+
+
+def size_of_list(sides: Any, name: str) -> Size | None:
+    """Image size from [width, height], or None for null."""
+    found = numbers(sides, name)
+    if found and len(found) != 2:
+        raise InputError(f"{name} has {len(found)} numbers, needed width and height")
+    return size_of(*found) if found else None
 
 
 def known_size(size: Size | None) -> Size:

@@ -1,0 +1,109 @@
+"""Read a file with a message of one line for every error; write one so that a reader never finds a part of it."""
+
+from __future__ import annotations
+
+import errno
+import os
+import shutil
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from os import PathLike
+from pathlib import Path
+
+from slopecli.errors import InputError
+
+TEMPORARY = ".slopemap-"  # prefix of the names of unfinished files and folders
+DISK_FULL = (errno.ENOSPC, errno.EDQUOT)
+
+
+def read_file(
+    path: str | PathLike[str], kind: str, max_bytes: int, base: str | PathLike[str] = "", *, pipe: bool = False
+) -> bytes:
+    """The bytes of an input file.
+
+    Parameters
+    ----------
+    kind : what it should be, for messages: "image file".
+    base : folder that a relative path starts from.
+    pipe : whether it may be a pipe; of a pipe at most max_bytes + 1 are read.
+
+    Raises
+    ------
+    InputError : there is no such file, it is a folder or a device, too large, or cannot be read.
+    """
+    place = Path(base, path)
+    with readable(path):
+        if place.is_dir():
+            raise InputError(f"{path}: is a folder, needed {'an' if kind[0] in 'aeiou' else 'a'} {kind}")
+        if not place.exists():
+            raise InputError(f"{path}: no such {kind}; check the path")
+        if pipe and place.is_fifo():
+            with place.open("rb") as file:
+                return file.read(max_bytes + 1)
+        if not place.is_file():
+            raise InputError(f"{path}: is not a regular file; save it to disk first")
+        if place.stat().st_size > max_bytes:
+            sizes = f"{place.stat().st_size / 1e6:.0f} MB, at most {max_bytes / 1e6:.0f} MB are read"
+            raise InputError(f"{path}: is too large for a {kind} ({sizes}); give a smaller one")
+        return place.read_bytes()
+
+
+@contextmanager
+def readable(path: str | PathLike[str]) -> Iterator[None]:
+    """Turn errors of the system while a file is read into InputError."""
+    try:
+        yield
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read ({error.strerror}); check the path and its permissions") from None
+
+
+def write_through(path: Path, content: bytes) -> None:
+    """Write a new file and wait until it is on the disk."""
+    with open(path, "xb") as file:
+        file.write(content)
+        file.flush()
+        os.fsync(file.fileno())
+
+
+def sync_folder(folder: Path) -> None:
+    """Wait until the entries of a folder are on the disk (POSIX only)."""
+    if os.name != "posix":
+        return
+    descriptor = os.open(folder, os.O_RDONLY)
+    try:
+        os.fsync(descriptor)
+    finally:
+        os.close(descriptor)
+
+
+def write_atomically(path: Path, content: bytes) -> None:
+    """Replace a file in one step: readers find the old or the new content, also after a power cut.
+
+    Raises
+    ------
+    OSError : it could not be written; the old file is unchanged.
+    """
+    beside = path.with_name(f"{TEMPORARY}{os.getpid()}-{path.name}")
+    try:
+        beside.unlink(missing_ok=True)
+        write_through(beside, content)
+        os.replace(beside, path)
+    except BaseException:
+        with suppress(OSError):
+            beside.unlink(missing_ok=True)
+        raise
+    sync_folder(path.parent)
+
+
+def remove_temporary(folder: Path) -> None:
+    """Remove the unfinished files of killed processes from a folder; errors are ignored, as such files do no harm."""
+    try:
+        left = [entry for entry in os.scandir(folder) if entry.name.startswith(TEMPORARY)]
+    except OSError:  # no such folder, or not readable: writing to it will report that
+        return
+    for entry in left:
+        with suppress(OSError):
+            if entry.is_dir(follow_symlinks=False):
+                shutil.rmtree(entry.path)
+            else:
+                os.unlink(entry.path)
