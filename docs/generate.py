@@ -15,7 +15,7 @@ from pathlib import Path
 
 import click
 
-from slopecli.cli.app import slopemap
+from slopecli.cli import slopemap
 from slopecli.findings.codes import CODES
 from slopecli.io.cameras import CAMERA_FORMATS
 

@@ -14,8 +14,8 @@ from pathlib import Path
 from typing import IO
 from unittest.mock import patch
 
-from slopecli.cli.app import slopemap as commands
-from slopecli.cli.boundary import run
+from slopecli.cli import run
+from slopecli.cli import slopemap as commands
 
 Done = subprocess.CompletedProcess[str]
 

@@ -21,10 +21,7 @@ from rich.console import Console
 from test_cli import DESCENT
 
 from slopecli.batch import Outcome, Progress
-from slopecli.cli.batch_table import batch_table
-from slopecli.cli.progress import BatchProgress
-from slopecli.cli.table import draw_table
-from slopecli.cli.talk import Talk
+from slopecli.cli import BatchProgress, Talk, batch_table, draw_table
 
 SCALE = 0.16
 COUNT = 5  # images: two views in turn, so four pairs
@@ -309,7 +306,7 @@ class Clock:
 
     def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
         self.now = 1000.0
-        monkeypatch.setattr("slopecli.cli.progress.time.monotonic", lambda: self.now)
+        monkeypatch.setattr("time.monotonic", lambda: self.now)
 
 
 def test_progress_has_rate_time_left_and_failures(
@@ -356,11 +353,10 @@ def terminal_on(monkeypatch: pytest.MonkeyPatch) -> Terminal:
 
 def test_a_terminal_has_one_line_that_is_written_over(monkeypatch: pytest.MonkeyPatch) -> None:
     clock, terminal = Clock(monkeypatch), terminal_on(monkeypatch)
-    progress = BatchProgress(Talk())
-    for done in range(1, 4):
-        clock.now += 0.2
-        progress(progress_of(done, failed=done == 2))
-    progress.close()
+    with BatchProgress(Talk()) as progress:
+        for done in range(1, 4):
+            clock.now += 0.2
+            progress(progress_of(done, failed=done == 2))
     shown = click.unstyle(terminal.getvalue())
     assert [done for done in range(1, 4) if f" {done} of 100 pairs" in shown] == [1, 2, 3]
     assert shown.count("\n") == 2  # the warning, and the end of the bar's line, which is then erased
@@ -370,23 +366,21 @@ def test_a_terminal_has_one_line_that_is_written_over(monkeypatch: pytest.Monkey
 
 def test_a_terminal_that_is_gone_does_not_end_the_work(monkeypatch: pytest.MonkeyPatch) -> None:
     clock, terminal = Clock(monkeypatch), terminal_on(monkeypatch)
-    progress = BatchProgress(Talk(verbose=True))
 
     def gone(_: str) -> int:
         raise OSError(5, "Input/output error")
 
-    monkeypatch.setattr(terminal, "write", gone)
-    for done in range(1, 4):
-        clock.now += 0.2
-        progress(progress_of(done))
-    progress.close()
+    with BatchProgress(Talk(verbose=True)) as progress:
+        monkeypatch.setattr(terminal, "write", gone)
+        for done in range(1, 4):
+            clock.now += 0.2
+            progress(progress_of(done))
 
 
 def test_quiet_has_no_progress(monkeypatch: pytest.MonkeyPatch) -> None:
     terminal = terminal_on(monkeypatch)
-    progress = BatchProgress(Talk(quiet=True))
-    progress(progress_of(1, failed=True))
-    progress.close()
+    with BatchProgress(Talk(quiet=True)) as progress:
+        progress(progress_of(1, failed=True))
     assert terminal.getvalue() == ""
 
 

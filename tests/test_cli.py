@@ -16,7 +16,7 @@ import pytest
 from command import Done, in_a_process, slopemap
 
 from slopecli import __version__
-from slopecli.cli.app import slopemap as commands
+from slopecli.cli import slopemap as commands
 
 ROOT = Path(__file__).resolve().parent.parent
 DESCENT = ROOT / "sample_data" / "descent"

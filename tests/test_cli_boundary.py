@@ -7,8 +7,7 @@ from collections.abc import Callable
 import click
 import pytest
 
-from slopecli.cli.boundary import run
-from slopecli.cli.shared_options import talk_options
+from slopecli.cli import run, talk_options
 from slopecli.errors import DegenerateConfiguration, InputError, NoAnswer
 
 

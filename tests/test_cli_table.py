@@ -11,8 +11,7 @@ import pytest
 from report_factory import make_ambiguity, make_region_report, make_report
 from rich.console import Console
 
-from slopecli.cli.report_table import result_table, talk_lines
-from slopecli.cli.table import Table, draw_table
+from slopecli.cli import Table, draw_table, result_table, talk_lines
 from slopecli.types import Rejected, Scale, Up
 
 

@@ -11,13 +11,13 @@ from pathlib import Path
 import click
 import pytest
 
-from slopecli.cli.estimate import estimate
+from slopecli.cli import slopemap
 from slopecli.options import Options
 from slopecli.patches import FINDERS, PLANE_FINDERS, Finder
 
 SCHEMAS = sorted((Path(__file__).resolve().parent.parent / "slopecli" / "schemas").glob("slopes-*.json"))
 CHOSEN = [finder for finder in FINDERS if finder.choice]
-PARAMETERS = {str(parameter.name): parameter for parameter in estimate.params}
+PARAMETERS = {str(parameter.name): parameter for parameter in slopemap.commands["estimate"].params}
 
 
 def test_what_the_rows_say_is_said_once() -> None:

@@ -9,6 +9,7 @@ from scenery import Pair, Surface, make_camera, render, tilted, turn, unit
 
 from slopecli.geometry import normal_angle, pixels_from_rays, rays_from_pixels
 from slopecli.look import (
+    NOISE_GREY,
     Layer,
     PlaneFit,
     Pyramid,
@@ -25,7 +26,6 @@ from slopecli.look import (
     shrink,
     sweep_planes,
 )
-from slopecli.look.noise import NOISE_GREY
 from slopecli.types import FloatArray
 
 R, T, GROUND = turn(1, -2, 3), unit(0.8, 0.2, 0.4), tilted(0.2, -0.1)

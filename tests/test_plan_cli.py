@@ -234,7 +234,7 @@ def test_colours_of_sigmas_are_fixed_and_ordered() -> None:
 
 
 def test_help_loads_nothing_heavy() -> None:
-    script = "import sys; from slopecli.cli.app import slopemap; slopemap(['plan', '--help'], standalone_mode=False)\n"
+    script = "import sys; from slopecli.cli import slopemap; slopemap(['plan', '--help'], standalone_mode=False)\n"
     script += "sys.exit(any(name in sys.modules for name in ('numpy', 'cv2', 'PIL', 'yaml')))"
     done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=False)
     assert done.returncode == 0

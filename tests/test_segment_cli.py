@@ -14,8 +14,8 @@ import trimesh
 from command import Done, slopemap
 from test_cli import ROOT
 
-from slopecli.cli.app import slopemap as commands
-from slopecli.cli.boundary import run
+from slopecli.cli import run
+from slopecli.cli import slopemap as commands
 
 URBAN = ROOT / "sample_data" / "urban"
 STEPS = {"step1_gradient.png", "step2_components.png", "step3_merged.png"}

@@ -11,8 +11,8 @@ import cv2
 import numpy as np
 import pytest
 
-from slopecli.cli.app import slopemap
-from slopecli.cli.boundary import run as run_command
+from slopecli.cli import run as run_command
+from slopecli.cli import slopemap
 from slopecli.io import FIGURES, STUDY_NAMES, TIMED
 
 ROOT = Path(__file__).resolve().parent.parent

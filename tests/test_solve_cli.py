@@ -16,8 +16,7 @@ import numpy as np
 import pytest
 from jsonschema import Draft202012Validator
 
-from slopecli.cli.app import slopemap
-from slopecli.cli.boundary import run
+from slopecli.cli import run, slopemap
 from slopecli.io import load_schema, read_correspondences
 from slopecli.study import Scene, make_scene
 

@@ -14,8 +14,7 @@ from slopecli.geometry import (
     pixels_from_rays,
     rays_from_pixels,
 )
-from slopecli.look import OUTSIDE, TRUNCATED_COST, Comparison, Grid, Pyramid, shrink
-from slopecli.look.noise import DIFFERENCE_GREY
+from slopecli.look import DIFFERENCE_GREY, OUTSIDE, TRUNCATED_COST, Comparison, Grid, Pyramid, shrink
 from slopecli.types import Camera
 
 R, T = turn(0.5, 1.0, 0.3), unit(1.0, 0.2, 0.1)

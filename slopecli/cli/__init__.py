@@ -2,6 +2,22 @@
 
 from __future__ import annotations
 
+from slopecli.face import lazy_names
+
+__getattr__, __dir__ = lazy_names(
+    __name__,
+    {
+        "app": "run slopemap",
+        "batch": "batch_table",
+        "parameter_types": "PAIRINGS",
+        "progress": "BatchProgress",
+        "report_table": "result_table talk_lines",
+        "shared_options": "talk_options",
+        "table": "Table draw_table",
+        "talk": "Talk",
+    },
+)
+
 
 def main() -> None:
     """Run the `slopemap` command on sys.argv and end the process with its exit status."""
@@ -10,8 +26,7 @@ def main() -> None:
 
     gc.set_threshold(500_000)  # few searches for garbage: together with the freeze below 5-10 % of an estimate
 
-    from slopecli.cli.app import slopemap
-    from slopecli.cli.boundary import run
+    from slopecli.cli.app import run, slopemap
 
     status = run(slopemap, sys.argv[1:])
     gc.freeze()  # none at exit

@@ -1,16 +1,22 @@
-"""The `slopemap` command: one file per sub-command, gathered here."""
+"""The `slopemap` command, its sub-commands by name, and where exceptions become a line on stderr and an exit status."""
 
 from __future__ import annotations
 
+import errno
+import os
+import sys
 from collections import UserDict
+from collections.abc import Sequence
 from importlib import import_module
 from typing import Any
 
 import click
 
 from slopecli import __version__
+from slopecli.cli.talk import Talk, drop_stdout, tell
+from slopecli.errors import SlopemapError
 
-COMMANDS = ("estimate", "segment", "batch", "solve", "plan", "simulate")
+MODULE_OF = {"estimate": "pair", "segment": "pair", **{name: name for name in ("batch", "solve", "plan", "simulate")}}
 EPILOG = """\b
 Exit status:
   0    an answer was written
@@ -19,19 +25,20 @@ Exit status:
   3    the inputs were read, but the scene gives no answer
   4    a batch finished, and some pairs have no answer
   130  interrupted"""
+UNEXPECTED = 1
+INTERRUPTED = 130
+DISK_TROUBLE = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO)
 
 
 class _Commands(UserDict[str, Any]):
-    """The commands by name, each in the module of its name, which is loaded when the command is looked up."""
+    """The commands by name; the module of one is loaded when the command is looked up."""
 
     def __getitem__(self, name: str) -> click.Command:
-        command: click.Command = self.data[name] or getattr(import_module(f"slopecli.cli.{name}"), name)
+        command: click.Command = getattr(import_module(f"slopecli.cli.{self.data[name]}"), name)
         return command
 
 
-@click.group(
-    commands=_Commands.fromkeys(COMMANDS), epilog=EPILOG, context_settings={"help_option_names": ["-h", "--help"]}
-)
+@click.group(commands=_Commands(MODULE_OF), epilog=EPILOG, context_settings={"help_option_names": ["-h", "--help"]})
 @click.version_option(__version__, prog_name="slopemap", message="%(prog)s %(version)s")
 def slopemap() -> None:
     """How steep is the ground, and how sure are we?
@@ -39,3 +46,48 @@ def slopemap() -> None:
     Finds one relative motion and one normal per window or plane from two overlapping images, all consistent with a
     single epipolar geometry, and reports each slope with its uncertainty.
     """
+
+
+def run(command: click.Command, arguments: Sequence[str]) -> int:
+    """Run `command` and return the exit status; no exception leaves, and bad input never ends in a traceback."""
+    talk = Talk()
+    _prepare_process()
+    try:
+        return command.main(list(arguments), prog_name="slopemap", standalone_mode=False, obj=talk) or 0
+    except click.ClickException as error:
+        error.show()
+        return error.exit_code
+    except SlopemapError as error:
+        return _end(str(error), error.exit_code)
+    except (click.Abort, KeyboardInterrupt):
+        return _end("interrupted", INTERRUPTED)
+    except MemoryError:
+        return _end("not enough memory for images of this size; try smaller images or fewer windows", UNEXPECTED)
+    except Exception as error:
+        if isinstance(error, OSError) and error.errno in DISK_TROUBLE:
+            drop_stdout()  # files of -o answer for themselves, so what could not be written is stdout
+            return _end(f"cannot write to stdout: {error.strerror}; free some space or write elsewhere", UNEXPECTED)
+        return _unexpected(error, talk)
+
+
+def _prepare_process() -> None:
+    # a pool of BLAS threads costs more than it gives on 3x3 systems, and must be declined before numpy is loaded
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+    # a terminal that cannot show a character of a file name or a degree sign shall not end the run
+    for stream in (sys.stdout, sys.stderr):
+        if hasattr(stream, "reconfigure"):
+            stream.reconfigure(errors="backslashreplace")
+
+
+def _end(message: str, exit_code: int) -> int:
+    tell(f"slopemap: error: {' '.join(message.split())}")
+    return exit_code
+
+
+def _unexpected(error: Exception, talk: Talk) -> int:
+    if talk.verbose:
+        import traceback
+
+        traceback.print_exception(error)
+    hint = "" if talk.verbose else "; run again with -v for the traceback"
+    return _end(f"unexpected {type(error).__name__}: {error}; this is a fault of slopemap{hint}", UNEXPECTED)

@@ -2,47 +2,45 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
 from slopecli.cli import shared_options as shared
-from slopecli.cli.batch_table import batch_table, dry_table
 from slopecli.cli.checks import (
     CAMERA_FLAGS,
     at_most_one,
     camera_choice,
-    check_known_motion,
+    check_estimate,
     check_planes,
     given,
     options_from,
     refuse,
 )
-from slopecli.cli.groups import Command, Flag, Option
-from slopecli.cli.parameter_types import PATH, POSITIVE, Pairing
+from slopecli.cli.parameter_types import PAIRING, PATH, POSITIVE
 from slopecli.cli.progress import BatchProgress
-from slopecli.cli.table import print_table
+from slopecli.cli.shared_options import Flag, Option
+from slopecli.cli.table import Table, print_table
 from slopecli.cli.talk import Talk
 from slopecli.options import CameraChoice
 
 if TYPE_CHECKING:
-    from slopecli.batch.jobs import Outcome
+    from slopecli.batch.jobs import Outcome, Pair
     from slopecli.batch.pairs import FoundPairs
 
 SOME_WITHOUT_ANSWER = 4
 SEGMENT = {"planes": "regions", "up": "dominant-plane"}  # what `slopemap segment` does differently
 PAIRS, WORKERS = "Pairs", "Workers"
+HEADER = ("pair", "result", "steepest", "safe", "unsafe", "undecided", "poor", "refused", "note")
 
+PAIRING_HELP = (
+    "Each image with the next (consecutive) or the N-th after it (stride); a pair a folder (folders); or a list of "
+    "rows image1,image2[,camera1,camera2]"
+)
 pair_options = (
-    Option(
-        PAIRS,
-        "--pairing",
-        "HOW|FILE.csv",
-        Pairing(),
-        "Each image with the next (consecutive) or the N-th after it (stride); a pair a folder (folders); or a list of "
-        "rows image1,image2[,camera1,camera2]",
-        "consecutive",
-    ),
+    Option(PAIRS, "--pairing", "HOW|FILE.csv", PAIRING, PAIRING_HELP, "consecutive"),
     Option(PAIRS, "--stride", "N", click.IntRange(1), "For stride: how many images further"),
     Option(PAIRS, "--command", None, click.Choice(["estimate", "segment"]), "What is done with each pair", "estimate"),
     Flag(PAIRS, "--dry-run", "List pairs and cameras; write nothing"),
@@ -57,7 +55,7 @@ worker_options = (
 
 
 @click.command(
-    cls=Command,
+    cls=shared.Command,
     params=[
         *pair_options,
         *shared.camera_options,
@@ -68,10 +66,7 @@ worker_options = (
         *shared.finder_options,
         *shared.region_options,
         *shared.frame_options("camera", "camera; segment: dominant-plane"),
-        *shared.scale_options,
-        *shared.prior_options,
-        *shared.decision_options,
-        *shared.solver_options,
+        *shared.solving_options,
         *shared.matching_options,
         *shared.talk_options("A line for every pair"),
     ],
@@ -97,37 +92,33 @@ def batch(ctx: click.Context, folder: str, **parameters: Any) -> None:
     for note in found.notes:
         talk.say(note)
     if parameters["dry_run"]:
-        print_table(dry_table(found.pairs))
+        print_table(Table(("pair", "image 1", "image 2", "camera", "note"), list(map(_dry_cells, found.pairs))))
         return
     outcomes = _run(found, parameters, talk)
-    _print(outcomes, parameters["output"], talk)
-    if any(outcome.exit_status for outcome in outcomes):
+    print_table(batch_table(outcomes))
+    failed = sum(outcome.exit_status != 0 for outcome in outcomes)
+    pairs = "1 pair" if len(outcomes) == 1 else f"{len(outcomes)} pairs"
+    talk.say(f"{pairs}: {len(outcomes) - failed} answered, {failed} without an answer")
+    page = Path(parameters["output"], "index.html")
+    talk.say(f"wrote {page}, summary.csv and results.jsonl beside it, and a folder for each pair")
+    if failed:
         ctx.exit(SOME_WITHOUT_ANSWER)
 
 
 def _check_usage(ctx: click.Context) -> None:
-    at_most_one(ctx, *CAMERA_FLAGS)
-    at_most_one(ctx, "grid", "windows")
-    check_known_motion(ctx)
-    at_most_one(ctx, "jobs", "cluster")
+    check_estimate(ctx)
+    at_most_one(ctx, ("jobs", "cluster"))
     segment, stride = ctx.params["command"] == "segment", ctx.params["pairing"] == "stride"
     check_planes(ctx, SEGMENT["planes"] if segment else ctx.params["planes"])
+    nowhere = "Nowhere to put the answers: give -o DIR, or --dry-run to list the pairs."
     refuse(
         ctx,
-        [
-            (segment and given(ctx, "planes"), "--planes is for --command estimate; leave one out."),
-            (
-                given(ctx, "camera2") and not given(ctx, *CAMERA_FLAGS),
-                "--camera2 is without --camera; give both.",
-            ),
-            (given(ctx, "ship") and not given(ctx, "cluster"), "--ship is for --cluster ADDRESS; leave it out."),
-            (stride and not given(ctx, "stride"), "--pairing stride needs --stride N."),
-            (not stride and given(ctx, "stride"), "--stride is for --pairing stride; leave one out."),
-            (
-                not given(ctx, "output", "dry_run"),
-                "Nowhere to put the answers: give -o DIR, or --dry-run to list the pairs.",
-            ),
-        ],
+        (segment and given(ctx, "planes"), "--planes is for --command estimate; leave one out."),
+        (given(ctx, "camera2") and not given(ctx, *CAMERA_FLAGS), "--camera2 is without --camera; give both."),
+        (given(ctx, "ship") and not given(ctx, "cluster"), "--ship is for --cluster ADDRESS; leave it out."),
+        (stride and not given(ctx, "stride"), "--pairing stride needs --stride N."),
+        (not stride and given(ctx, "stride"), "--stride is for --pairing stride; leave one out."),
+        (not given(ctx, "output", "dry_run"), nowhere),
     )
 
 
@@ -136,23 +127,14 @@ def _find_pairs(folder: str, parameters: dict[str, Any]) -> FoundPairs:
     from slopecli.batch.running import FILES
     from slopecli.io.outputs import check_directory
 
-    if parameters["output"] and not parameters["dry_run"]:
-        check_directory(parameters["output"], FILES)
-    return find_pairs(
-        folder,
-        parameters["pairing"],
-        stride=parameters["stride"] or 1,
-        cameras=_cameras(parameters),
-        output=parameters["output"],
-    )
-
-
-def _cameras(parameters: dict[str, Any]) -> tuple[CameraChoice, CameraChoice] | None:
-    """The cameras that the command line names for all pairs, None where it names none."""
-    if not any(parameters[flag] for flag in CAMERA_FLAGS):
-        return None
-    first = camera_choice(parameters)
-    return first, CameraChoice(file=parameters["camera2"]) if parameters["camera2"] else first
+    output, cameras = parameters["output"], None
+    if output and not parameters["dry_run"]:
+        check_directory(output, FILES)
+    if any(parameters[flag] for flag in CAMERA_FLAGS):
+        first = camera_choice(parameters)
+        cameras = first, CameraChoice(file=parameters["camera2"]) if parameters["camera2"] else first
+    stride = parameters["stride"] or 1
+    return find_pairs(folder, parameters["pairing"], stride=stride, cameras=cameras, output=output)
 
 
 def _run(found: FoundPairs, parameters: dict[str, Any], talk: Talk) -> list[Outcome]:
@@ -161,21 +143,43 @@ def _run(found: FoundPairs, parameters: dict[str, Any], talk: Talk) -> list[Outc
 
     keep = kept_choices(parameters)
     how = {name: parameters[name] for name in ("jobs", "timeout_s", "memory_gb", "cluster", "ship")}
-    progress = BatchProgress(talk)
-    try:
-        return run(found.pairs, options_from(parameters), keep, parameters["output"], **how, on_progress=progress)
-    except KeyboardInterrupt:
-        progress.interrupted()
-        raise
-    finally:
-        progress.close()
+    with BatchProgress(talk) as progress:
+        try:
+            return run(found.pairs, options_from(parameters), keep, parameters["output"], **how, on_progress=progress)
+        except KeyboardInterrupt:
+            progress.interrupted()
+            raise
 
 
-def _print(outcomes: list[Outcome], output: str, talk: Talk) -> None:
-    from pathlib import Path
+def batch_table(outcomes: Sequence[Outcome]) -> Table:
+    """A row for each pair in their order; counts are of windows or planes, slopes in degrees."""
+    return Table(HEADER, [_cells(outcome) for outcome in outcomes])
 
-    print_table(batch_table(outcomes))
-    failed = sum(outcome.exit_status != 0 for outcome in outcomes)
-    pairs = "1 pair" if len(outcomes) == 1 else f"{len(outcomes)} pairs"
-    talk.say(f"{pairs}: {len(outcomes) - failed} answered, {failed} without an answer")
-    talk.say(f"wrote {Path(output, 'index.html')}, summary.csv and results.jsonl beside it, and a folder for each pair")
+
+def _cells(outcome: Outcome) -> tuple[str, ...]:
+    if outcome.exit_status:
+        result = "no answer" if outcome.exit_status == 3 else "failed"
+        return outcome.name, result, *"-" * (len(HEADER) - 3), outcome.code or ""
+    verdicts = outcome.n_safe, outcome.n_unsafe, outcome.n_undecided
+    counts = map(str, (*verdicts, outcome.n_planes - outcome.n_ok, outcome.n_rejected))
+    # the steepest slope for each of the motions that remain
+    steepest = [f"{slope:.2f} ± {'-' if sigma is None else f'{sigma:.2f}'}°" for slope, sigma in outcome.steepest]
+    ambiguous = ["two answers"] if outcome.ambiguity == "unresolved" else []
+    note = ", ".join([*ambiguous, *dict.fromkeys(outcome.diagnostics)])
+    return outcome.name, "answered", " or ".join(steepest) or "-", *counts, note
+
+
+def _dry_cells(pair: Pair) -> tuple[str, ...]:
+    """A row for a pair that would be compared."""
+    if pair.problem is not None:
+        return pair.name, pair.image1 or "-", pair.image2 or "-", "-", f"cannot be tried: {pair.problem}"
+    cameras = dict.fromkeys(_camera(choice) for choice in (pair.camera1, pair.camera2))
+    return pair.name, pair.image1, pair.image2, ", ".join(cameras), ""
+
+
+def _camera(choice: CameraChoice | None) -> str:
+    if choice is None:
+        return "-"
+    if choice.file is not None:
+        return choice.file
+    return ",".join(f"{value:g}" for value in choice.intrinsics) if choice.intrinsics else f"{choice.fov_deg:g}°"

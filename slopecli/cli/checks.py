@@ -12,7 +12,7 @@ from click.core import ParameterSource
 from slopecli.options import CameraChoice, Options
 from slopecli.patches import FINDERS
 
-CAMERA_FLAGS = ("camera", "intrinsics", "fov")
+CAMERA_FLAGS, WINDOW_FLAGS = ("camera", "intrinsics", "fov"), ("grid", "windows")
 
 
 def given(ctx: click.Context, *names: str) -> list[str]:
@@ -24,40 +24,33 @@ def given(ctx: click.Context, *names: str) -> list[str]:
     ]
 
 
-def at_most_one(ctx: click.Context, *names: str) -> None:
-    """Refuse a command line that has more than one of the named parameters."""
-    flags = given(ctx, *names)
-    if len(flags) > 1:
-        raise click.UsageError(f"{' and '.join(flags)} contradict each other; give one.", ctx)
+def at_most_one(ctx: click.Context, *groups: Iterable[str]) -> None:
+    """Refuse a command line that has more than one of the named parameters of a group."""
+    for names in groups:
+        flags = given(ctx, *names)
+        if len(flags) > 1:
+            raise click.UsageError(f"{' and '.join(flags)} contradict each other; give one.", ctx)
 
 
-def refuse(ctx: click.Context, complaints: Iterable[tuple[object, str]]) -> None:
+def refuse(ctx: click.Context, *complaints: tuple[object, str]) -> None:
     """Refuse with the first complaint whose condition is true; each is (condition, message)."""
     for wrong, message in complaints:
         if wrong:
             raise click.UsageError(message, ctx)
 
 
-def check_known_motion(ctx: click.Context) -> None:
-    """Refuse contradicting ways to give the motion or the scale, and what only the solver mle can use."""
-    at_most_one(ctx, "baseline_m", "altitude_m", "pose_file")
-    for other in ("rotation_prior", "direction_prior"):
-        at_most_one(ctx, "pose_file", other)
+def check_estimate(ctx: click.Context) -> None:
+    """Refuse contradicting ways to give cameras, windows, motion or scale, and what only the solver mle can use."""
+    at_most_one(ctx, CAMERA_FLAGS, WINDOW_FLAGS, ("baseline_m", "altitude_m", "pose_file"))
+    at_most_one(ctx, ("pose_file", "rotation_prior"), ("pose_file", "direction_prior"))
     known = given(ctx, "rotation_prior", "direction_prior", "pose_file")
+    sigma_alone = given(ctx, "pose_sigma_deg") and not given(ctx, "pose_file")
     other_solver = ctx.params["solver"] != "mle"
     refuse(
         ctx,
-        (
-            (
-                given(ctx, "pose_sigma_deg") and not given(ctx, "pose_file"),
-                "--pose-sigma is of a --pose; give both.",
-            ),
-            (
-                ctx.params["merge_coplanar"] and other_solver,
-                "--merge-coplanar is for --solver mle; leave one out.",
-            ),
-            (known and other_solver, f"{known[0] if known else ''} is for --solver mle; leave one out."),
-        ),
+        (sigma_alone, "--pose-sigma is of a --pose; give both."),
+        (ctx.params["merge_coplanar"] and other_solver, "--merge-coplanar is for --solver mle; leave one out."),
+        (known and other_solver, f"{known[0] if known else ''} is for --solver mle; leave one out."),
     )
 
 

@@ -1,4 +1,4 @@
-"""The body of `slopemap estimate` and `slopemap segment`: load a pair, solve it, write and print the report."""
+"""`slopemap estimate` and `slopemap segment`: slopes of windows, or of planes found, from one pair of images."""
 
 from __future__ import annotations
 
@@ -7,62 +7,107 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from slopecli.cli.checks import (
-    CAMERA_FLAGS,
-    at_most_one,
-    camera_choice,
-    check_known_motion,
-    check_planes,
-    given,
-    options_from,
-    refuse,
-)
+from slopecli.cli import shared_options as shared
+from slopecli.cli.checks import CAMERA_FLAGS, camera_choice, check_estimate, check_planes, given, options_from, refuse
+from slopecli.cli.parameter_types import PATH
 from slopecli.cli.report_table import print_report
 from slopecli.cli.talk import Talk
 
 if TYPE_CHECKING:
-    from slopecli.types import Camera, Image, Report
+    from slopecli.types import Camera, Image
 
 
-def answer_pair(ctx: click.Context, image1: str, image2: str, parameters: dict[str, Any]) -> None:
+@click.command(
+    cls=shared.Command,
+    params=[
+        *shared.camera_options,
+        *shared.output_options,
+        *shared.window_options,
+        *shared.finder_options,
+        *shared.region_options,
+        *shared.frame_options(),
+        *shared.solving_options,
+        *shared.matching_options,
+        *shared.talk_options(),
+    ],
+)
+@click.argument("image1", type=PATH)
+@click.argument("image2", type=PATH)
+@click.pass_context
+def estimate(ctx: click.Context, image1: str, image2: str, **parameters: Any) -> None:
+    """Slopes of windows of IMAGE1 from two overlapping images.
+
+    Prints a table; -o DIR also writes slopes.json, labels.png, overlay.png and patches.ply. Vectors are in camera-1
+    axes: x right, y down, z forward.
+
+    \b
+    Example:
+      slopemap estimate first.png second.png --camera camera.json -o out
+    """
+    _answer_pair(ctx, image1, image2, parameters)
+
+
+@click.command(
+    cls=shared.Command,
+    params=[
+        *shared.camera_options,
+        *shared.output_options,
+        *shared.region_options,
+        *shared.frame_options("dominant-plane"),
+        *shared.solving_options,
+        *shared.matching_options,
+        *shared.talk_options(),
+    ],
+)
+@click.argument("image1", type=PATH)
+@click.argument("image2", type=PATH)
+@click.pass_context
+def segment(ctx: click.Context, image1: str, image2: str, **parameters: Any) -> None:
+    """Ground, walls and roofs, found in IMAGE1 itself.
+
+    Prints a table, the largest plane first; -o DIR also writes slopes.json, overlay.png, the planes as coloured and as
+    textured meshes (patches.ply, patches.glb) and labels.png. The largest plane is taken as level; if it is a wall,
+    give --up X,Y,Z.
+
+    \b
+    Example:
+      slopemap segment first.png second.png --camera camera.json -o out
+    """
+    _answer_pair(ctx, image1, image2, {**parameters, "planes": "regions"})
+
+
+def _answer_pair(ctx: click.Context, image1: str, image2: str, parameters: dict[str, Any]) -> None:
     """Estimate one pair: files in, files out, a table or JSON on stdout."""
-    _check_usage(ctx)
+    check_estimate(ctx)
+    no_camera = "No camera: give --camera FILE, --intrinsics FX,FY,CX,CY or --fov DEG."
+    refuse(ctx, (not given(ctx, *CAMERA_FLAGS), no_camera))
+    check_planes(ctx, parameters["planes"])
+    no_output = "Nowhere to put the answer: give -o DIR, or --json to print it."
+    refuse(ctx, (not given(ctx, "output", "as_json"), no_output))
     talk = ctx.ensure_object(Talk)
-    if parameters["output"]:
+    output = parameters["output"]
+    if output:
         from slopecli.io.outputs import check_directory
 
-        check_directory(parameters["output"])
-    images = _load_images(image1, image2, talk)
-    cameras = _load_cameras(images, parameters, talk)
-
-    from slopecli.pipeline import estimate
-
-    report = estimate(*images, *cameras, options_from(parameters), on_stage=talk.stage)
-    written = _write(report, images[0], parameters, talk)
-    print_report(report, written, talk, as_json=parameters["as_json"])
-
-
-def _check_usage(ctx: click.Context) -> None:
-    at_most_one(ctx, *CAMERA_FLAGS)
-    at_most_one(ctx, "grid", "windows")
-    check_known_motion(ctx)
-    no_camera = "No camera: give --camera FILE, --intrinsics FX,FY,CX,CY or --fov DEG."
-    refuse(ctx, [(not given(ctx, *CAMERA_FLAGS), no_camera)])
-    check_planes(ctx, ctx.params.get("planes", "regions"))
-    no_output = "Nowhere to put the answer: give -o DIR, or --json to print it."
-    refuse(ctx, [(not given(ctx, "output", "as_json"), no_output)])
-
-
-def _load_images(image1: str, image2: str, talk: Talk) -> tuple[Image, Image]:
+        check_directory(output)
     with talk.timed("load"):
         from slopecli.io.images import load_image
 
-        return load_image(image1), load_image(image2)
+        images = load_image(image1), load_image(image2)
+    camera1 = _load_camera(images[0], parameters, talk)
+    camera2 = _load_camera(images[1], {**parameters, "camera": parameters["camera2"] or parameters["camera"]}, talk)
 
+    from slopecli import pipeline
 
-def _load_cameras(images: tuple[Image, Image], parameters: dict[str, Any], talk: Talk) -> tuple[Camera, Camera]:
-    second = {**parameters, "camera": parameters["camera2"]} if parameters["camera2"] else parameters
-    return _load_camera(images[0], parameters, talk), _load_camera(images[1], second, talk)
+    report = pipeline.estimate(*images, camera1, camera2, options_from(parameters), on_stage=talk.stage)
+    written: list[Path] = []
+    if output:
+        from slopecli.io.outputs import write_outputs
+        from slopecli.products import kept_choices
+
+        with talk.timed("write"):
+            written = write_outputs(report, images[0], output, kept_choices(parameters))
+    print_report(report, written, talk, as_json=parameters["as_json"])
 
 
 def _load_camera(image: Image, parameters: dict[str, Any], talk: Talk) -> Camera:
@@ -72,14 +117,3 @@ def _load_camera(image: Image, parameters: dict[str, Any], talk: Talk) -> Camera
     if note:
         talk.say(f"info: {note}")
     return camera
-
-
-def _write(report: Report, image1: Image, parameters: dict[str, Any], talk: Talk) -> list[Path]:
-    """Paths of the files written, none without -o."""
-    from slopecli.io.outputs import write_outputs
-    from slopecli.products import kept_choices
-
-    if not parameters["output"]:
-        return []
-    with talk.timed("write"):
-        return write_outputs(report, image1, parameters["output"], kept_choices(parameters))

@@ -14,174 +14,123 @@ from slopecli.options import Options
 Values = tuple[Any, ...]
 
 
-class CommaSeparated(click.ParamType):
+class Parsed(click.ParamType):
+    """A value that `parse` makes of a text; the message of its ValueError is what the user reads."""
+
+    name = "value"
+
+    def __init__(self, parse: Callable[[str], Any]) -> None:
+        self.parse = parse
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        """Return what the text says, or refuse it; what is not a text is a value already."""
+        try:
+            return self.parse(value) if isinstance(value, str) else value
+        except ValueError as error:
+            self.fail(str(error), param, ctx)
+
+
+def comma_separated(
+    layout: str,
+    example: str,
+    accepts: Callable[[Values], bool],
+    condition: str,
+    *,
+    number: Callable[[str], float] = float,
+    words: tuple[str, ...] = (),
+) -> Parsed:
     """A fixed number of comma-separated finite numbers.
 
     Parameters
     ----------
     layout : what is expected, for example "X,Y,W,H"; it fixes how many.
     example : a good value, shown when a bad one is refused.
-    number : int or float.
     accepts : the condition the numbers must meet, and `condition`, the same in words.
+    number : int or float.
+    words : what may stand there instead.
     """
+    count = len(layout.split(","))
+    wanted = f"{layout} ({count} {'whole numbers' if number is int else 'numbers'})"
+    wanted = f"{', '.join(words)} or {wanted}" if words else wanted
 
-    name = "numbers"
-
-    def __init__(
-        self,
-        layout: str,
-        example: str,
-        number: Callable[[str], float],
-        accepts: Callable[[Values], bool],
-        condition: str,
-    ) -> None:
-        self.layout, self.example, self.number = layout, example, number
-        self.accepts, self.condition = accepts, condition
-
-    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Values:
-        """Return the numbers, or refuse the value."""
-        if isinstance(value, tuple):
-            return value
-        numbers = self._numbers(value)
-        if numbers is None:
-            self.fail(f"{value!r} is not {self._wanted()}, for example {self.example}.", param, ctx)
-        if not self.accepts(numbers):
-            self.fail(f"{value!r}: {self.condition}, for example {self.example}.", param, ctx)
+    def parse(text: str) -> str | Values:
+        if text in words:
+            return text
+        try:
+            numbers = tuple(map(number, text.split(",")))
+        except ValueError:
+            numbers = ()
+        if len(numbers) != count or not all(map(math.isfinite, numbers)):
+            raise ValueError(f"{text!r} is not {wanted}, for example {example}.")
+        if not accepts(numbers):
+            raise ValueError(f"{text!r}: {condition}, for example {example}.")
         return numbers
 
-    def _numbers(self, value: str) -> Values | None:
-        try:
-            numbers = tuple(self.number(part) for part in value.split(","))
-        except ValueError:
-            return None
-        complete = len(numbers) == len(self.layout.split(","))
-        return numbers if complete and all(map(math.isfinite, numbers)) else None
-
-    def _wanted(self) -> str:
-        kind = "whole numbers" if self.number is int else "numbers"
-        return f"{self.layout} ({len(self.layout.split(','))} {kind})"
+    return Parsed(parse)
 
 
-class Grid(click.ParamType):
-    """COLUMNSxROWS, for example 3x3."""
+def two_sides(wanted: str, example: str, least: int = 1, most: int = 999_999) -> Parsed:
+    """Two whole numbers with an x between them, each from `least` to `most`, for example 1024x768."""
 
-    name = "grid"
-
-    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> tuple[int, int]:
-        """Return columns and rows, or refuse the value."""
-        if isinstance(value, tuple):
-            return value
-        match = re.fullmatch(r"([1-9]\d{0,3})x([1-9]\d{0,3})", value)
-        if match is None:
-            self.fail(f"{value!r} is not COLUMNSxROWS with both at least 1, for example 3x3.", param, ctx)
+    def parse(text: str) -> tuple[int, int]:
+        match = re.fullmatch(r"([1-9]\d{0,5})x([1-9]\d{0,5})", text)
+        if match is None or not all(least <= int(side) <= most for side in match.groups()):
+            raise ValueError(f"{text!r} is not {wanted}, for example {example}.")
         return int(match[1]), int(match[2])
 
-
-class Size(click.ParamType):
-    """WIDTHxHEIGHT, px, each at least `least`."""
-
-    name = "size"
-
-    def __init__(self, least: int = 1) -> None:
-        self.least = least
-
-    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> tuple[int, int]:
-        """Return width and height, px, or refuse the value."""
-        match = re.fullmatch(r"([1-9]\d{0,5})x([1-9]\d{0,5})", str(value))
-        if match is None or min(int(match[1]), int(match[2])) < self.least:
-            least = f" of at least {self.least} px each" if self.least > 1 else " in px"
-            self.fail(f"{value!r} is not WIDTHxHEIGHT{least}, for example 1024x768.", param, ctx)
-        return int(match[1]), int(match[2])
+    return Parsed(parse)
 
 
-class NumberList(click.ParamType):
+def number_list(low: float, high: float) -> Parsed:
     """Comma-separated numbers within bounds, none twice, 100 at most."""
 
-    name = "numbers"
-
-    def __init__(self, low: float, high: float) -> None:
-        self.low, self.high = low, high
-
-    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> tuple[float, ...]:
-        """Return the numbers, or refuse the value."""
+    def parse(text: str) -> tuple[float, ...]:
         try:
-            numbers = tuple(float(part) for part in value.split(","))
+            numbers = tuple(map(float, text.split(",")))
         except ValueError:
-            self.fail(f"{value!r} is not a list of numbers, for example 0,0.3,1.", param, ctx)
-        wrong = [number for number in numbers if not self.low <= number <= self.high]
+            raise ValueError(f"{text!r} is not a list of numbers, for example 0,0.3,1.") from None
+        wrong = [number for number in numbers if not low <= number <= high]
         if wrong:
-            self.fail(f"{wrong[0]:g} is not between {self.low:g} and {self.high:g}.", param, ctx)
+            raise ValueError(f"{wrong[0]:g} is not between {low:g} and {high:g}.")
         if len(set(numbers)) < len(numbers) or len(numbers) > 100:
-            self.fail(f"{value!r} has a number twice, or more than 100.", param, ctx)
+            raise ValueError(f"{text!r} has a number twice, or more than 100.")
         return numbers
 
+    return Parsed(parse)
 
-class NameList(click.ParamType):
+
+def name_list(names: tuple[str, ...]) -> Parsed:
     """Some of the given names, comma-separated, none twice."""
 
-    name = "names"
-
-    def __init__(self, names: tuple[str, ...]) -> None:
-        self.names = names
-
-    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> tuple[str, ...]:
-        """Return the names, or refuse the value."""
-        chosen = tuple(value.split(","))
-        if not set(chosen) <= set(self.names) or len(set(chosen)) < len(chosen):
-            self.fail(f"{value!r} is not a list of {', '.join(self.names)}.", param, ctx)
+    def parse(text: str) -> tuple[str, ...]:
+        chosen = tuple(text.split(","))
+        if not set(chosen) <= set(names) or len(set(chosen)) < len(chosen):
+            raise ValueError(f"{text!r} is not a list of {', '.join(names)}.")
         return chosen
 
-
-class Up(CommaSeparated):
-    """`camera`, `dominant-plane` or a vector."""
-
-    name = "up"
-    words = ("camera", "dominant-plane")
-
-    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
-        """Return the word or the vector, or refuse the value."""
-        return value if value in self.words else super().convert(value, param, ctx)
-
-    def _wanted(self) -> str:
-        return f"{', '.join(self.words)} or {super()._wanted()}"
+    return Parsed(parse)
 
 
-class RotationPrior(CommaSeparated):
-    """A rotation as a quaternion or as a rotation vector, and its sigma; converted to quaternion and sigma, deg."""
-
-    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Values:
-        """Return a quaternion and its sigma, deg, or refuse the value."""
-        if isinstance(value, tuple) or value.count(",") != 3:
-            return super().convert(value, param, ctx)
-        numbers = ROTATION_VECTOR.convert(value, param, ctx)
-        angle = math.radians(math.hypot(*numbers[:3]))
-        scale = math.sin(angle / 2) / angle if angle else 0.5
-        return (math.cos(angle / 2), *(scale * math.radians(part) for part in numbers[:3]), numbers[3])
+def _path(text: str) -> str:
+    if not text:  # as an unset shell variable gives; `io` checks what is there
+        raise ValueError("it is empty, needed a path; is a shell variable unset?")
+    return text
 
 
-class PathText(click.ParamType):
-    """A path that is not empty, as an unset shell variable gives. `io` checks what is there."""
-
-    name = "path"
-
-    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> str:
-        """Return the path, or refuse an empty one."""
-        if not value:
-            self.fail("it is empty, needed a path; is a shell variable unset?", param, ctx)
-        return str(value)
+def _pairing(text: str) -> str:
+    if text not in PAIRINGS and not text.lower().endswith(".csv"):
+        raise ValueError(f"{text!r} is not {', '.join(PAIRINGS)} or a file that ends in .csv.")
+    return text
 
 
-class Pairing(PathText):
-    """`consecutive`, `stride`, `folders`, or the path of a list of pairs, which ends in .csv."""
-
-    name = "pairing"
-    words = ("consecutive", "stride", "folders")
-
-    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> str:
-        """Return the word or the path, or refuse the value."""
-        if value not in self.words and not str(value).lower().endswith(".csv"):
-            self.fail(f"{value!r} is not {', '.join(self.words)} or a file that ends in .csv.", param, ctx)
-        return str(value)
+def _rotation_prior(text: str) -> Values:
+    """A quaternion and its sigma, deg, of a quaternion or a rotation vector, deg, and its sigma."""
+    if text.count(",") != 3:
+        return QUATERNION.parse(text)  # type: ignore[no-any-return]
+    *vector, sigma_deg = ROTATION_VECTOR.parse(text)
+    angle = math.radians(math.hypot(*vector))
+    scale = math.sin(angle / 2) / angle if angle else 0.5
+    return (math.cos(angle / 2), *(scale * math.radians(part) for part in vector), sigma_deg)
 
 
 class Between(click.FloatRange):
@@ -195,6 +144,11 @@ class Between(click.FloatRange):
         return number
 
 
+def inside(low: float, high: float) -> Between:
+    """A number between bounds that are refused themselves."""
+    return Between(low, high, min_open=True, max_open=True)
+
+
 def _is_direction(vector: Values) -> bool:
     return 0 < math.hypot(*vector) < math.inf
 
@@ -204,37 +158,41 @@ def _is_sigma(sigma_deg: float) -> bool:
 
 
 SIGMA_IS = "SIGMA must be > 0 and < 90 deg"
+VECTOR_IS = ("X,Y,Z", "0,0,-1", _is_direction, "the vector must not be zero")
+PAIRINGS = ("consecutive", "stride", "folders")  # or the path of a list of pairs, which ends in .csv
 
-WINDOW = CommaSeparated(
-    "X,Y,W,H", "100,100,200,150", int, lambda w: min(w[:2]) >= 0 < min(w[2:]), "X, Y must be 0 or more, W, H 1 or more"
+WINDOW = comma_separated(
+    "X,Y,W,H",
+    "100,100,200,150",
+    lambda w: min(w[:2]) >= 0 < min(w[2:]),
+    "X, Y must be 0 or more, W, H 1 or more",
+    number=int,
 )
-INTRINSICS = CommaSeparated("FX,FY,CX,CY", "800,800,511.5,383.5", float, lambda k: min(k[:2]) > 0, "FX, FY must be > 0")
-VECTOR = CommaSeparated("X,Y,Z", "0,0,-1", float, _is_direction, "the vector must not be zero")
-UP = Up("X,Y,Z", "0,0,-1", float, _is_direction, "the vector must not be zero")
-ROTATION_VECTOR = CommaSeparated(
+INTRINSICS = comma_separated("FX,FY,CX,CY", "800,800,511.5,383.5", lambda k: min(k[:2]) > 0, "FX, FY must be > 0")
+VECTOR = comma_separated(*VECTOR_IS)
+UP = comma_separated(*VECTOR_IS, words=("camera", "dominant-plane"))
+ROTATION_VECTOR = comma_separated(
     "RX,RY,RZ,SIGMA",
     "0,0,1.5,0.1",
-    float,
     lambda r: math.hypot(*r[:3]) <= 360 and _is_sigma(r[3]),
     f"the angle must be at most 360 deg and {SIGMA_IS}",
 )
-ROTATION_PRIOR = RotationPrior(
+QUATERNION = comma_separated(
     "QW,QX,QY,QZ,SIGMA",
     "1,0,0,0.01,0.1",
-    float,
     lambda q: _is_direction(q[:4]) and _is_sigma(q[4]),
     f"the quaternion must not be zero and {SIGMA_IS}",
 )
-DIRECTION_PRIOR = CommaSeparated(
+DIRECTION_PRIOR = comma_separated(
     "X,Y,Z,SIGMA",
     "0,0,1,0.5",
-    float,
     lambda d: _is_direction(d[:3]) and _is_sigma(d[3]),
     f"the direction must not be zero and {SIGMA_IS}",
 )
-GRID = Grid()
-SIZE = Size()
-PATH = PathText()
+ROTATION_PRIOR = Parsed(_rotation_prior)
+GRID = two_sides("COLUMNSxROWS with both at least 1", "3x3", most=9999)
+SIZE = two_sides("WIDTHxHEIGHT in px", "1024x768")
+PATH, PAIRING = Parsed(_path), Parsed(_pairing)
 POSITIVE = Between(min=0, min_open=True)
 SEED = click.IntRange(0, 2**31 - 1)
 

@@ -2,94 +2,65 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import fields
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import click
 
 from slopecli.cli import shared_options as shared
-from slopecli.cli.checks import CAMERA_FLAGS, at_most_one, given, refuse
-from slopecli.cli.groups import Command, Flag, Option
+from slopecli.cli.checks import CAMERA_FLAGS, WINDOW_FLAGS, at_most_one, given, refuse
 from slopecli.cli.parameter_types import PATH, POSITIVE, UP, VECTOR, Between
 from slopecli.cli.report_table import diagnostic_line
-from slopecli.cli.table import print_table
+from slopecli.cli.shared_options import Flag, Option
+from slopecli.cli.table import Table, print_table
 from slopecli.cli.talk import Talk, print_result
 from slopecli.plan.plan_options import PlanOptions
 
 if TYPE_CHECKING:
-    from slopecli.plan import Plan, Window
+    from slopecli.plan import Plan, PlannedWindow
     from slopecli.types import Camera
 
 FLIGHT, GROUND, MATCHES = "Flight", "Ground", "Matches"
+HEADER = ("id", "sigma", "parallax", "in image 2", "note")
+TRAJECTORY_HELP = "Instead: angle from the vertical; 0 descends, 90 flies level towards the image's right"
+SIGMA_HELP = "Instead: the shortest baseline for this 1-sigma of slopes; a share of the height without --height"
+POINTS_HELP = "Independent matches in a window: a quarter of those that estimate counts"
+_option = partial(Option, of=PlanOptions)
 
 flight_options = (
-    Option(FLIGHT, "--direction", "X,Y,Z", VECTOR, "From camera 1 to camera 2, in camera-1 axes"),
-    Option(
-        FLIGHT,
-        "--trajectory trajectory_deg",
-        "DEG",
-        Between(0, 180),
-        "Instead: angle from the vertical; 0 descends, 90 flies level towards the image's right",
-    ),
-    Option(FLIGHT, "--height", "M", POSITIVE, "Of camera 1 above ground, m or in baselines"),
-    Option(FLIGHT, "--baseline", "M", POSITIVE, "Distance between the cameras"),
-    Option(
-        FLIGHT,
-        "--sigma sigma_deg",
-        "DEG",
-        Between(0, 60, min_open=True),
-        "Instead: the shortest baseline for this 1-sigma of slopes; a share of the height without --height",
-    ),
-    Option(FLIGHT, "--of", None, click.Choice(["worst", "median"]), "Window that --sigma is for", "worst"),
+    _option(FLIGHT, "--direction", "X,Y,Z", VECTOR, "From camera 1 to camera 2, in camera-1 axes"),
+    _option(FLIGHT, "--trajectory trajectory_deg", "DEG", Between(0, 180), TRAJECTORY_HELP),
+    _option(FLIGHT, "--height", "M", POSITIVE, "Of camera 1 above ground, m or in baselines"),
+    _option(FLIGHT, "--baseline", "M", POSITIVE, "Distance between the cameras"),
+    _option(FLIGHT, "--sigma sigma_deg", "DEG", Between(0, 60, min_open=True), SIGMA_HELP),
+    _option(FLIGHT, "--of", None, click.Choice(["worst", "median"]), "Window that --sigma is for"),
 )
 ground_options = (
-    Option(GROUND, "--ground-slope slope_deg", "DEG", Between(0, 80), "Slope of the ground as a whole", 0.0),
-    Option(GROUND, "--aspect aspect_deg", "DEG", Between(0, 360), "Its way down, clockwise from north", 0.0),
-    Option(GROUND, "--uneven uneven_deg", "DEG", Between(0, 60), "Tilt of each window's plane against it", 0.0),
-    Option(
-        GROUND,
-        "--roughness",
-        "SHARE",
-        Between(0, 0.2),
-        "RMS height off a plane over its distance",
-        PlanOptions.roughness,
-    ),
+    _option(GROUND, "--ground-slope slope_deg", "DEG", Between(0, 80), "Slope of the ground as a whole"),
+    _option(GROUND, "--aspect aspect_deg", "DEG", Between(0, 360), "Its way down, clockwise from north"),
+    _option(GROUND, "--uneven uneven_deg", "DEG", Between(0, 60), "Tilt of each window's plane against it"),
+    _option(GROUND, "--roughness", "SHARE", Between(0, 0.2), "RMS height off a plane over its distance"),
 )
 match_options = (
-    Option(
-        MATCHES,
-        "--points",
-        "N",
-        click.IntRange(6, 1_000_000),
-        "Independent matches in a window: a quarter of those that estimate counts",
-        PlanOptions.points,
-    ),
-    Option(MATCHES, "--noise noise_px", "PX", POSITIVE, "1-sigma of a match in image 2", PlanOptions.noise_px),
+    _option(MATCHES, "--points", "N", click.IntRange(6, 1_000_000), POINTS_HELP),
+    _option(MATCHES, "--noise noise_px", "PX", POSITIVE, "1-sigma of a match in image 2"),
 )
 frame_options = (
-    Option(
-        shared.FRAME,
-        "--up",
-        "VERTICAL",
-        UP,
-        "What is up: camera (looks straight down), or a vector X,Y,Z",
-        "camera",
-    ),
+    _option(shared.FRAME, "--up", "VERTICAL", UP, "What is up: camera (looks straight down), or a vector X,Y,Z"),
     *shared.frame_options()[1:],
-)
-output_options = (
-    Option(shared.OUTPUT, "-o --output", "DIR", PATH, "Folder for plan.json and a map, plan.png"),
-    Flag(shared.OUTPUT, "--json as_json", "Print plan.json instead of the table"),
 )
 
 
 @click.command(
-    cls=Command,
+    cls=shared.Command,
     params=[
         shared.camera,
         *shared.intrinsics_options,
         shared.size,
-        *output_options,
+        Option(shared.OUTPUT, "-o --output", "DIR", PATH, "Folder for plan.json and a map, plan.png"),
+        Flag(shared.OUTPUT, "--json as_json", "Print plan.json instead of the table"),
         *flight_options,
         *shared.window_options,
         *ground_options,
@@ -119,44 +90,33 @@ def plan(ctx: click.Context, **parameters: Any) -> None:
         check_plan_directory(parameters["output"])
     with talk.timed("plan"):
         from slopecli.plan import make_plan
+        from slopecli.windows import check_windows, grid_windows
 
         camera = _camera(parameters, talk)
-        found = make_plan(camera, _windows(parameters, camera), _options(parameters))
+        columns, rows = parameters["grid"]
+        windows = list(parameters["windows"]) or grid_windows(columns, rows, camera.width, camera.height)
+        check_windows(windows, camera.width, camera.height)
+        options = PlanOptions(**{field.name: parameters[field.name] for field in fields(PlanOptions)})
+        found = make_plan(camera, windows, options)
     _deliver(found, parameters, talk)
 
 
 def _check_usage(ctx: click.Context) -> None:
-    for names in (CAMERA_FLAGS, ("direction", "trajectory_deg"), ("baseline", "sigma_deg"), ("grid", "windows")):
-        at_most_one(ctx, *names)
+    at_most_one(ctx, CAMERA_FLAGS, ("direction", "trajectory_deg"), ("baseline", "sigma_deg"), WINDOW_FLAGS)
+    no_camera = "No camera: give --camera FILE, or --fov DEG or --intrinsics with --size WxH."
+    no_size = "No image size: --fov and --intrinsics need --size WxH, for example --size 1024x768."
+    no_direction = "No direction of motion: give --direction X,Y,Z, or --trajectory DEG (0 descends, 90 flies level)."
+    no_height = "No height: give --height M with --baseline M, --height alone in baselines, or --sigma DEG."
+    no_images = "--up dominant-plane needs images: no plane is known before the flight; give camera or X,Y,Z."
     refuse(
         ctx,
-        [
-            (
-                not given(ctx, *CAMERA_FLAGS),
-                "No camera: give --camera FILE, or --fov DEG or --intrinsics with --size WxH.",
-            ),
-            (
-                given(ctx, "fov", "intrinsics") and not given(ctx, "size"),
-                "No image size: --fov and --intrinsics need --size WxH, for example --size 1024x768.",
-            ),
-            (
-                not given(ctx, "direction", "trajectory_deg"),
-                "No direction of motion: give --direction X,Y,Z, or --trajectory DEG (0 descends, 90 flies level).",
-            ),
-            (
-                not given(ctx, "height", "sigma_deg"),
-                "No height: give --height M with --baseline M, --height alone in baselines, or --sigma DEG.",
-            ),
-            (given(ctx, "of") and not given(ctx, "sigma_deg"), "--of is for --sigma DEG; leave it out."),
-            (
-                given(ctx, "aspect_deg") and not ctx.params["slope_deg"],
-                "--aspect is for --ground-slope DEG; give both.",
-            ),
-            (
-                ctx.params["up"] == "dominant-plane",
-                "--up dominant-plane needs images: no plane is known before the flight; give camera or X,Y,Z.",
-            ),
-        ],
+        (not given(ctx, *CAMERA_FLAGS), no_camera),
+        (given(ctx, "fov", "intrinsics") and not given(ctx, "size"), no_size),
+        (not given(ctx, "direction", "trajectory_deg"), no_direction),
+        (not given(ctx, "height", "sigma_deg"), no_height),
+        (given(ctx, "of") and not given(ctx, "sigma_deg"), "--of is for --sigma DEG; leave it out."),
+        (given(ctx, "aspect_deg") and not ctx.params["slope_deg"], "--aspect is for --ground-slope DEG; give both."),
+        (ctx.params["up"] == "dominant-plane", no_images),
     )
 
 
@@ -177,29 +137,51 @@ def _camera(parameters: dict[str, Any], talk: Talk) -> Camera:
     return camera
 
 
-def _windows(parameters: dict[str, Any], camera: Camera) -> list[Window]:
-    from slopecli.windows import check_windows, grid_windows
-
-    columns, rows = parameters["grid"]
-    windows = list(parameters["windows"]) or grid_windows(columns, rows, camera.width, camera.height)
-    check_windows(windows, camera.width, camera.height)
-    return windows
-
-
-def _options(parameters: dict[str, Any]) -> PlanOptions:
-    return PlanOptions(**{field.name: parameters[field.name] for field in fields(PlanOptions)})
-
-
 def _deliver(found: Plan, parameters: dict[str, Any], talk: Talk) -> None:
-    from slopecli.cli.plan_table import plan_summary, plan_table
     from slopecli.io.outputs import plan_to_json, write_plan
 
     written = write_plan(found, parameters["output"]) if parameters["output"] else []
     if parameters["as_json"]:
         print_result(plan_to_json(found))
     else:
-        print_table(plan_table(found), *plan_summary(found))
+        print_table(Table(HEADER, list(map(_cells, found.windows))), *_summary(found))
     for diagnostic in found.diagnostics:
         talk.say(diagnostic_line(diagnostic))
     if written:
         talk.say(f"wrote {', '.join(map(str, written))}")
+
+
+def _cells(one: PlannedWindow) -> tuple[str, ...]:
+    """A row for a window; angles in degrees."""
+    from slopecli.plan import sigma_text
+
+    sigma, parallax = sigma_text(one.slope_sigma_deg), "-" if one.parallax_px is None else f"{one.parallax_px:.1f} px"
+    notes = [f"{'no answer' if one.status == 'refused' else one.status}: {one.reason}"] if one.reason else []
+    notes += [f"± {sigma_text(one.unseen_deg)} for the rest of it"] if one.in_part else []
+    return str(one.id), sigma, parallax, f"{100 * one.share_in_image2:.0f} %", "; ".join(notes)
+
+
+def _summary(plan: Plan) -> Iterator[str]:
+    """Lines below the table: what holds for all windows."""
+    from slopecli.plan import sigma_text
+
+    yield f"baseline: {_baseline(plan)}"
+    worst, median = sigma_text(plan.worst_sigma_deg), sigma_text(plan.median_sigma_deg)
+    second = plan.second_answer
+    of_two = ", if it is known which of two answers is right" if second.share else ""
+    yield f"sigma: {worst} in the worst window, {median} in the median{of_two}"
+    yield f"parallax: {plan.parallax_px:.1f} px in the median"
+    said = "likely" if second.likely else "possible" if second.share else "unlikely"
+    alone = f"; the first by itself is off by {sigma_text(second.first_error_deg)}" if second.share else ""
+    yield f"two answers: {said} ({100 * second.share:.0f} % of simulated pairs){alone}"
+    if any(one.in_part for one in plan.windows):
+        yield "the rest: sigma is for the part of a window that image 2 shows; estimate adds uncertainty for the rest"
+
+
+def _baseline(plan: Plan) -> str:
+    share = f"{plan.baseline / plan.height:.3g} of the height"
+    if plan.unit == "height":
+        return share
+    if plan.unit == "baseline":
+        return f"{share}, which is {plan.height:.4g} baselines"
+    return f"{plan.baseline:.4g} m, {share} of {plan.height:.4g} m"

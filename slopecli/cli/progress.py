@@ -6,7 +6,7 @@ import math
 import os
 import sys
 import time
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Self
 
 from slopecli.cli.talk import Talk, is_terminal, stderr_may_be_gone
 
@@ -19,7 +19,7 @@ SILENCE_S, TENTH_S = 30.0, 2.0  # in a log: the longest silence, and the shortes
 
 
 class ProgressLine:
-    """A line on stderr that says how far the work is; nothing with -q."""
+    """A line on stderr that says how far the work is, gone at the end of a `with` block; nothing with -q."""
 
     def __init__(self, talk: Talk) -> None:
         self._talk = talk
@@ -53,7 +53,10 @@ class ProgressLine:
         else:
             self._talk.say(line)
 
-    def close(self) -> None:
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
         """Take the bar off the terminal."""
         if self._bar:
             with stderr_may_be_gone():
@@ -74,46 +77,35 @@ def _start_bar() -> Bar:
     return bar
 
 
-class BatchProgress:
+class BatchProgress(ProgressLine):
     """Progress of a batch: rate, time left, and a line for each pair that has no answer."""
 
-    def __init__(self, talk: Talk) -> None:
-        self._line, self._verbose = ProgressLine(talk), talk.verbose
-        self._latest: Progress | None = None
+    _latest: Progress | None = None
 
     def __call__(self, progress: Progress) -> None:
         self._latest = progress
         if progress.latest.exit_status:
-            self._line.say(f"warning: {failure_line(progress.latest)}")
-        elif self._verbose:
-            self._line.say(f"{progress.latest.name}: answered")
-        self._line.show(progress.n_done, progress.n_pairs, batch_line(progress, self._line.seconds))
+            self.say(f"warning: {failure_line(progress.latest)}")
+        elif self._talk.verbose:
+            self.say(f"{progress.latest.name}: answered")
+        self.show(progress.n_done, progress.n_pairs, batch_line(progress, self.seconds))
 
     def interrupted(self) -> None:
         """Say how many pairs are done and kept."""
         so_far = f"{self._latest.n_done} of {self._latest.n_pairs} pairs" if self._latest else "no pair"
-        self._line.say(f"{so_far} done and kept; the same command again goes on with the rest")
-
-    def close(self) -> None:
-        """Take the bar off the terminal."""
-        self._line.close()
+        self.say(f"{so_far} done and kept; the same command again goes on with the rest")
 
 
-class StageProgress:
-    """Progress of a stage of a study, with the time left; `what` names its parts. Ends with a `with` block."""
+class StageProgress(ProgressLine):
+    """Progress of a stage of a study, with the time left; `what` names its parts."""
 
     def __init__(self, talk: Talk, what: str) -> None:
-        self._line, self._what = ProgressLine(talk), what
-
-    def __enter__(self) -> StageProgress:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self._line.close()
+        super().__init__(talk)
+        self._what = what
 
     def __call__(self, done: int, total: int) -> None:
-        left_s = math.ceil(self._line.seconds * (total - done) / done)
-        self._line.show(done, total, f"{done} of {total} {self._what}, {left_s} s left")
+        left_s = math.ceil(self.seconds * (total - done) / done)
+        self.show(done, total, f"{done} of {total} {self._what}, {left_s} s left")
 
 
 def batch_line(progress: Progress, seconds: float) -> str:
@@ -126,7 +118,8 @@ def batch_line(progress: Progress, seconds: float) -> str:
     if answered and seconds > 0:
         rate = answered / seconds
         left = (progress.n_pairs - progress.n_done) / rate
-        parts += [_rate(rate), f"{_duration(left)} left" if progress.n_done < progress.n_pairs else "done"]
+        speed = f"{rate:.1f} pairs/s" if rate >= 1 else f"{60 * rate:.1f} pairs/min"
+        parts += [speed, f"{_duration(left)} left" if progress.n_done < progress.n_pairs else "done"]
     return ", ".join(parts)
 
 
@@ -134,12 +127,6 @@ def failure_line(outcome: Outcome) -> str:
     """The pair without an answer, the reason and the remedy, in one line."""
     reason = "; ".join(part for part in (outcome.message, outcome.remedy) if part)
     return " ".join(": ".join(part for part in (outcome.name, outcome.code, reason) if part).split())
-
-
-def _rate(pairs_per_second: float) -> str:
-    if pairs_per_second >= 1:
-        return f"{pairs_per_second:.1f} pairs/s"
-    return f"{60 * pairs_per_second:.1f} pairs/min"
 
 
 def _duration(seconds: float) -> str:

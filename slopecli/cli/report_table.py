@@ -12,7 +12,7 @@ from slopecli.cli.talk import Talk, print_result
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from slopecli.types import AlternativePlane, Diagnostic, Plane, Rejected, Report
+    from slopecli.types import AlternativePlane, Diagnostic, Plane, Report
 
 HEADER = ("id", "slope", "95 % interval", "aspect", "verdict", "P(safe)", "roughness", "points", "note")
 # for planes found in the image: also what they are and how large
@@ -35,73 +35,45 @@ def print_report(report: Report, written: list[Path], talk: Talk, *, as_json: bo
 
 def result_table(report: Report) -> Table:
     """A row for each window or plane in the order of ids, those without an answer included; angles in degrees."""
-    return _found_table(report) if report.found else _window_table(report)
+    rows = {plane.id: _plane_cells(plane, report) for plane in report.planes}
+    if report.found:
+        from slopecli.report.kinds import plane_kinds, plane_shares
+
+        kinds, shares = plane_kinds(report), plane_shares(report)
+        for number, cells in rows.items():
+            cells |= {"what": kinds[number] or "-", "image": f"{100 * shares[number]:.1f} %"}
+    rows |= {one.id: {"id": str(one.id), "note": f"no answer: {one.reason}"} for one in report.rejected}
+    header = FOUND_HEADER if report.found else HEADER
+    return Table(header, [tuple(rows[number].get(title, "-") for title in header) for number in sorted(rows)])
 
 
-def _window_table(report: Report) -> Table:
-    others = report.ambiguity.others
-    rows = [(plane.id, _plane_cells(plane, report.scale.unit, others.get(plane.id))) for plane in report.planes]
-    rows += [(window.id, _rejected_cells(window, len(HEADER))) for window in report.rejected]
-    return Table(HEADER, [cells for _, cells in sorted(rows)])
-
-
-def _found_table(report: Report) -> Table:
-    from slopecli.report.kinds import plane_kinds, plane_shares
-
-    kinds, shares, others = plane_kinds(report), plane_shares(report), report.ambiguity.others
-    rows = [
-        (plane.id, _found_cells(plane, kinds[plane.id] or "-", shares[plane.id], others.get(plane.id)))
-        for plane in report.planes
-    ]
-    rows += [(region.id, _rejected_cells(region, len(FOUND_HEADER))) for region in report.rejected]
-    return Table(FOUND_HEADER, [cells for _, cells in sorted(rows)])
-
-
-def _plane_cells(plane: Plane, unit: str, other: AlternativePlane | None) -> tuple[str, ...]:
-    return (
-        str(plane.id),
-        *_slope_cells(plane, other),
-        plane.verdict,
-        _number(plane.p_safe, 3),
-        _number(plane.roughness, 4) + (" m" if unit == "m" and math.isfinite(plane.roughness) else ""),
-        f"{plane.n_inliers}/{plane.n_correspondences}",
-        ": ".join(part for part in (plane.status, plane.reason) if part and part != "ok"),
-    )
-
-
-def _slope_cells(plane: Plane, other: AlternativePlane | None) -> tuple[str, str, str]:
-    """Slope (both slopes where two motions remain), interval and aspect; dashes for an unknown slope."""
-    slope = _slope(plane) if other is None else f"{_slope(plane)} or {_slope(other)}"
-    if not plane.slope_known:
-        return slope, "-", "-"
+def _plane_cells(plane: Plane, report: Report) -> dict[str, str]:
+    """Cells by the title of their column; both slopes where two motions remain, dashes for an unknown slope."""
+    other = report.ambiguity.others.get(plane.id)
     low, high = plane.slope_ci95_deg
-    aspect = "-" if plane.aspect_deg is None else f"{_number(plane.aspect_deg, 0)}°"
-    return slope, f"{_number(low, 2)} to {_number(high, 2)}°", aspect
+    known = {
+        "95 % interval": f"{_number(low, 2)} to {_number(high, 2)}°",
+        "aspect": "-" if plane.aspect_deg is None else f"{_number(plane.aspect_deg, 0)}°",
+    }
+    in_metres = report.scale.unit == "m" and math.isfinite(plane.roughness)
+    return {
+        "id": str(plane.id),
+        "slope": _slope(plane) if other is None else f"{_slope(plane)} or {_slope(other)}",
+        **(known if plane.slope_known else {}),
+        "verdict": plane.verdict,
+        "P(safe)": _number(plane.p_safe, 3),
+        "roughness": _number(plane.roughness, 4) + (" m" if in_metres else ""),
+        "points": f"{plane.n_inliers}/{plane.n_correspondences}",
+        "note": ": ".join(part for part in (plane.status, plane.reason) if part and part != "ok"),
+    }
 
 
 def _slope(plane: Plane | AlternativePlane) -> str:
-    if not plane.slope_known:
-        return f"unknown (± {_two_figures(plane.slope_sigma_deg)}°)"
-    return f"{_number(plane.slope_deg, 2)} ± {_sigma(plane.slope_sigma_deg)}°"
-
-
-def _sigma(sigma_deg: float) -> str:
-    """To 0.01 degrees; a smaller one is "<0.01", as "0.00" would read as certainty."""
-    return "<0.01" if 0 < sigma_deg < 0.005 else _number(sigma_deg, 2)
-
-
-def _two_figures(value: float) -> str:
-    """Whole numbers, but two figures of what is below ten."""
-    return f"{value:.2g}" if value < 10 else _number(value, 0)
-
-
-def _found_cells(plane: Plane, kind: str, share: float, other: AlternativePlane | None) -> tuple[str, ...]:
-    number, slope, interval, aspect, verdict, safe, _, points, note = _plane_cells(plane, "", other)
-    return number, kind, f"{100 * share:.1f} %", slope, interval, aspect, verdict, safe, points, note
-
-
-def _rejected_cells(rejected: Rejected, columns: int) -> tuple[str, ...]:
-    return (str(rejected.id), *"-" * (columns - 2), f"no answer: {rejected.reason}")
+    sigma_deg = plane.slope_sigma_deg
+    if not plane.slope_known:  # whole degrees, but two figures of what is below ten
+        return f"unknown (± {f'{sigma_deg:.2g}' if sigma_deg < 10 else _number(sigma_deg, 0)}°)"
+    sigma = "<0.01" if 0 < sigma_deg < 0.005 else _number(sigma_deg, 2)  # "0.00" would read as certainty
+    return f"{_number(plane.slope_deg, 2)} ± {sigma}°"
 
 
 def _number(value: float, decimals: int) -> str:

@@ -1,4 +1,4 @@
-"""Options that several commands have: one row an option, one tuple a group.
+"""Options under headings of `--help`, and those that several commands have: one row an option, one tuple a group.
 
 Names of parameters are those of `Options`, and so are the defaults. A command takes a group by naming it in its
 `params`; in a group the everyday options come first.
@@ -6,47 +6,100 @@ Names of parameters are those of `Options`, and so are the defaults. A command t
 
 from __future__ import annotations
 
+from functools import partial
+from typing import Any
+
 import click
 
-from slopecli.cli.groups import GENERAL, Flag, Option
-from slopecli.cli.parameter_types import (
-    DIRECTION_PRIOR,
-    GRID,
-    INTRINSICS,
-    PATH,
-    POSITIVE,
-    ROTATION_PRIOR,
-    SEED,
-    SIZE,
-    UP,
-    VECTOR,
-    WINDOW,
-    Between,
-    choices_of,
-)
+from slopecli.cli import parameter_types as kinds
+from slopecli.cli.parameter_types import PATH, POSITIVE, VECTOR, Between, choices_of, inside
 from slopecli.cli.talk import Talk
 from slopecli.options import MOST_SIGMA_DEG, Options
 from slopecli.patches import FINDERS, PLANE_FINDERS
 from slopecli.products import BY_DEFAULT, CHOICES, PRODUCTS
 
 INPUT, OUTPUT, PLANES, FRAME = "Input", "Output", "Windows and planes", "Frame and scale"
-PRIOR, DECISION, SOLVER = "Prior knowledge", "Decision", "Solver"
+PRIOR, DECISION, SOLVER, GENERAL = "Prior knowledge", "Decision", "Solver", "General"
+NAMES_WIDTH = 27  # characters, so that the lists of a help text line up
 
-ANGLE = Between(0, 90, min_open=True, max_open=True)
+
+class Option(click.Option):
+    """An option under a heading of `--help`. Its line there has the default; the range is said when a value is refused.
+
+    Parameters
+    ----------
+    heading : the list that it stands in.
+    names : its flags and, where it differs from them, the name of the parameter, separated by spaces.
+    metavar : what stands for its value; None to show the choices of `kind`.
+    kind : type of its value.
+    help : one plain sentence, without a full stop.
+    default : value where it is not given.  shown : what the help calls that, the value itself by default.
+    of : a class with a field of the parameter's name, whose default it takes.
+    """
+
+    def __init__(
+        self,
+        heading: str,
+        names: str,
+        metavar: str | None,
+        kind: Any,
+        help: str,
+        default: Any = None,
+        *,
+        shown: str | None = None,
+        of: type | None = None,
+        **attributes: Any,
+    ) -> None:
+        super().__init__(names.split(), metavar=metavar, type=kind, help=help, default=default, **attributes)
+        self.heading = heading
+        if of is not None:
+            self.default = default = getattr(of, str(self.name))
+        if isinstance(default, tuple):  # as a user would write it
+            separator = "x" if "x" in str(metavar) else ","
+            self.default = default = separator.join(part if isinstance(part, str) else f"{part:g}" for part in default)
+        shown = shown or (None if default is None else str(default))
+        self.line = help if shown is None else f"{help}  [{shown}]"
+
+    def get_help_record(self, ctx: click.Context) -> tuple[str, str] | None:
+        """What stands on the left, and on the right, of its line in the help."""
+        record = super().get_help_record(ctx)
+        return record and (record[0], self.line)
+
+
+class Flag(Option):
+    """An option without a value."""
+
+    def __init__(self, heading: str, names: str, help: str, **attributes: Any) -> None:
+        super().__init__(heading, names, None, None, help, is_flag=True, **attributes)
+
+
+class Command(click.Command):
+    """A command whose `--help` prints options under their headings; what has none stands under "General"."""
+
+    def format_options(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        """Write the lists, those of the options named first first."""
+        lists: dict[str, list[tuple[str, str]]] = {}
+        for parameter in self.get_params(ctx):
+            record = parameter.get_help_record(ctx) if isinstance(parameter, click.Option) else None
+            if record:
+                lines = lists.setdefault(getattr(parameter, "heading", GENERAL), [])
+                lines.append((record[0].ljust(NAMES_WIDTH), record[1].removesuffix(".")))
+        for heading, lines in lists.items():
+            with formatter.section(heading):
+                formatter.write_dl(lines, col_max=NAMES_WIDTH)
+        formatter.write_paragraph()
+        formatter.write("Values in [brackets] are defaults.\n")
+
+
+_option = partial(Option, of=Options)
 
 camera = Option(INPUT, "--camera", "FILE", PATH, "Camera file; FILE#NAME: one of several in it")
 camera2 = Option(INPUT, "--camera2", "FILE", PATH, "Camera file of image 2, if it has another")
 intrinsics_options = (
-    Option(INPUT, "--intrinsics", "FX,FY,CX,CY", INTRINSICS, "Instead of a file: px, no distortion"),
-    Option(
-        INPUT,
-        "--fov",
-        "DEG",
-        Between(0, 180, min_open=True, max_open=True),
-        "Instead of a file: horizontal field of view",
-    ),
+    Option(INPUT, "--intrinsics", "FX,FY,CX,CY", kinds.INTRINSICS, "Instead of a file: px, no distortion"),
+    Option(INPUT, "--fov", "DEG", inside(0, 180), "Instead of a file: horizontal field of view"),
 )
-size = Option(INPUT, "--size", "WxH", SIZE, "Image size, px, for --fov and --intrinsics")
+size = Option(INPUT, "--size", "WxH", kinds.SIZE, "Image size, px, for --fov and --intrinsics")
 camera_options = (camera, camera2, *intrinsics_options)
 
 json_flag = Flag(OUTPUT, "--json as_json", "Print slopes.json instead of the table")
@@ -67,154 +120,63 @@ output_options = (
     *file_options,
 )
 
+_WINDOWS_HELP = "A window, px; repeat for more, in order of id"
+_PLANES_HELP = "; ".join(finder.what for finder in FINDERS if finder.choice)
 window_options = (
-    Option(PLANES, "--grid", "COLSxROWS", GRID, "Equal windows that cover image 1", "{}x{}".format(*Options.grid)),
-    Option(
-        PLANES, "--window windows", "X,Y,W,H", WINDOW, "A window, px; repeat for more, in order of id", multiple=True
-    ),
+    _option(PLANES, "--grid", "COLSxROWS", kinds.GRID, "Equal windows that cover image 1"),
+    Option(PLANES, "--window windows", "X,Y,W,H", kinds.WINDOW, _WINDOWS_HELP, multiple=True),
 )
-finder_options = (
-    Option(
-        PLANES,
-        "--planes",
-        "NAME",
-        click.Choice(list(PLANE_FINDERS)),
-        "; ".join(finder.what for finder in FINDERS if finder.choice),
-        Options.planes,
-    ),
-)
+finder_options = (_option(PLANES, "--planes", "NAME", click.Choice(list(PLANE_FINDERS)), _PLANES_HELP),)
 region_options = (
-    Option(
+    _option(
         PLANES,
         "--min-region min_region_percent",
         "PERCENT",
         Between(0, 100, min_open=True),
         "Smallest plane found, % of image 1",
-        Options.min_region_percent,
     ),
-    Option(
-        PLANES,
-        "--gradient-threshold",
-        "GREY/PX",
-        POSITIVE,
-        "Largest gradient inside a region",
-        shown="60 % below",
+    _option(
+        PLANES, "--gradient-threshold", "GREY/PX", POSITIVE, "Largest gradient inside a region", shown="60 % below"
     ),
-    Option(
-        PLANES,
-        "--merge-px",
-        "PX",
-        POSITIVE,
-        "Merge regions whose planes agree to this",
-        Options.merge_px,
-    ),
+    _option(PLANES, "--merge-px", "PX", POSITIVE, "Merge regions whose planes agree to this"),
 )
 
 
 def frame_options(up: str = str(Options.up), shown: str | None = None) -> tuple[Option, ...]:
     """Options of the reference of slopes, with a command's own default for the vertical, shown as it says."""
+    what = "What is up: camera (looks straight down), dominant-plane (is level), or a vector X,Y,Z"
     return (
-        Option(
-            FRAME,
-            "--up",
-            "VERTICAL",
-            UP,
-            "What is up: camera (looks straight down), dominant-plane (is level), or a vector X,Y,Z",
-            up,
-            shown=shown,
-        ),
-        Option(
-            FRAME,
-            "--up-sigma up_sigma_deg",
-            "DEG",
-            Between(0, 90, max_open=True),
-            "1-sigma of the vertical",
-            Options.up_sigma_deg,
-        ),
-        Option(FRAME, "--north", "X,Y,Z", VECTOR, "Where aspect is 0, camera-1 axes", shown="image's up"),
+        Option(FRAME, "--up", "VERTICAL", kinds.UP, what, up, shown=shown),
+        _option(FRAME, "--up-sigma up_sigma_deg", "DEG", Between(0, 90, max_open=True), "1-sigma of the vertical"),
+        _option(FRAME, "--north", "X,Y,Z", VECTOR, "Where aspect is 0, camera-1 axes", shown="image's up"),
     )
 
 
-scale_options = (
-    Option(FRAME, "--baseline baseline_m", "M", POSITIVE, "Distance between the cameras, for metres"),
-    Option(FRAME, "--altitude altitude_m", "M", POSITIVE, "Height of camera 1 above ground, for metres"),
-)
-
-prior_options = (
-    Option(
-        PRIOR,
-        "--rotation-prior",
-        "R,SIGMA",
-        ROTATION_PRIOR,
-        "R = RX,RY,RZ (deg) or QW,QX,QY,QZ, camera 2 from camera 1; its 1-sigma, deg",
-    ),
-    Option(
-        PRIOR,
-        "--direction-prior",
-        "D,SIGMA",
-        DIRECTION_PRIOR,
-        "D = X,Y,Z to camera 2; its 1-sigma, deg",
-    ),
-    Option(
-        PRIOR,
-        "--pose pose_file",
-        "FILE",
-        PATH,
-        'Known motion, JSON: "R" (3x3), "T" (metres).',
-    ),
-    Option(
-        PRIOR,
-        "--pose-sigma pose_sigma_deg",
-        "DEG",
-        ANGLE,
-        "1-sigma of the pose",
-        shown="exact",
-    ),
-)
-
-decision_options = (
-    Option(
-        DECISION, "--tolerance tolerance_deg", "DEG", ANGLE, "The steepest slope that is safe", Options.tolerance_deg
-    ),
-    Option(
-        DECISION,
-        "--confidence",
-        "P",
-        Between(0.5, 1, min_open=True, max_open=True),
-        "Probability needed for a verdict",
-        Options.confidence,
-    ),
-    Option(
+_ROTATION_HELP = "R = RX,RY,RZ (deg) or QW,QX,QY,QZ, camera 2 from camera 1; its 1-sigma, deg"
+_DIRECTION_HELP = "D = X,Y,Z to camera 2; its 1-sigma, deg"
+_SOLVERS_HELP = "Joint least squares (mle), homography alignment (ha) or Longuet-Higgins (lh)"
+solving_options = (
+    _option(FRAME, "--baseline baseline_m", "M", POSITIVE, "Distance between the cameras, for metres"),
+    _option(FRAME, "--altitude altitude_m", "M", POSITIVE, "Height of camera 1 above ground, for metres"),
+    Option(PRIOR, "--rotation-prior", "R,SIGMA", kinds.ROTATION_PRIOR, _ROTATION_HELP),
+    Option(PRIOR, "--direction-prior", "D,SIGMA", kinds.DIRECTION_PRIOR, _DIRECTION_HELP),
+    Option(PRIOR, "--pose pose_file", "FILE", PATH, 'Known motion, JSON: "R" (3x3), "T" (metres).'),
+    Option(PRIOR, "--pose-sigma pose_sigma_deg", "DEG", inside(0, 90), "1-sigma of the pose", shown="exact"),
+    _option(DECISION, "--tolerance tolerance_deg", "DEG", inside(0, 90), "The steepest slope that is safe"),
+    _option(DECISION, "--confidence", "P", inside(0.5, 1), "Probability needed for a verdict"),
+    _option(
         DECISION,
         "--max-sigma max_sigma_deg",
         "DEG",
         Between(0, MOST_SIGMA_DEG, min_open=True),
         "Largest 1-sigma of a slope that is told",
-        Options.max_sigma_deg,
     ),
-)
-
-solver_options = (
-    Option(
-        SOLVER,
-        "--solver",
-        None,
-        choices_of("solver"),
-        "Joint least squares (mle), homography alignment (ha) or Longuet-Higgins (lh)",
-        Options.solver,
-    ),
+    _option(SOLVER, "--solver", None, choices_of("solver"), _SOLVERS_HELP),
     Flag(SOLVER, "--merge-coplanar", "Solve coplanar and parallel planes as such"),
 )
 matching_options = (
-    Option(
-        SOLVER,
-        "--features",
-        None,
-        choices_of("features"),
-        "Image features; foerstner: the paper's",
-        Options.features,
-    ),
-    Option(SOLVER, "--seed", "N", SEED, "Of random sampling; same seed, same bytes", Options.seed),
+    _option(SOLVER, "--features", None, choices_of("features"), "Image features; foerstner: the paper's"),
+    _option(SOLVER, "--seed", "N", kinds.SEED, "Of random sampling; same seed, same bytes"),
 )
 
 

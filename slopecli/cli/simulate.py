@@ -11,10 +11,9 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from slopecli.cli.checks import at_most_one
-from slopecli.cli.groups import Command, Option
-from slopecli.cli.parameter_types import GRID, PATH, POSITIVE, SEED, Between, NameList, NumberList, Size
+from slopecli.cli.parameter_types import GRID, PATH, POSITIVE, SEED, Between, name_list, number_list, two_sides
 from slopecli.cli.progress import StageProgress
-from slopecli.cli.shared_options import INPUT, OUTPUT, SOLVER, talk_options
+from slopecli.cli.shared_options import INPUT, OUTPUT, SOLVER, Command, Option, talk_options
 from slopecli.cli.table import Table, print_table
 from slopecli.cli.talk import Talk
 from slopecli.study.parameters import StudyOptions
@@ -24,34 +23,24 @@ if TYPE_CHECKING:
     from concurrent.futures import Executor
 
     from slopecli.study.claims import Claim
-    from slopecli.study.trials import Study
-    from slopecli.types import Camera
 
 STUDY, FLIGHT, GROUND, ERRORS = "Study", "Flight", "Ground", "Errors"
-
-
-def _option(heading: str, flag_and_name: str, metavar: str, kind: Any, help: str) -> Option:
-    """An option of a field of `StudyOptions`, with its default as a user would write it."""
-    flag, _, name = flag_and_name.partition(" ")
-    default = getattr(StudyOptions, name or flag.removeprefix("--").replace("-", "_"))
-    if isinstance(default, tuple):
-        comma = "x" if isinstance(kind, Size) or kind is GRID else ","
-        default = comma.join(part if isinstance(part, str) else f"{part:g}" for part in default)
-    return Option(heading, flag_and_name, metavar, kind, help, default)
+IMAGE_SIZE = two_sides("WIDTHxHEIGHT of at least 16 px each", "1024x768", 16)
+_option = partial(Option, of=StudyOptions)
 
 
 @click.command(
     cls=Command,
     params=[
         Option(OUTPUT, "-o --output", "DIR", PATH, "Folder for the results (required)", required=True),
-        _option(STUDY, "--trajectories trajectories_deg", "DEG,...", NumberList(0, 180), "0 descends, 90 flies level"),
-        _option(STUDY, "--noise noises_px", "PX,...", NumberList(0, 100), "1-sigma of a coordinate in image 2"),
+        _option(STUDY, "--trajectories trajectories_deg", "DEG,...", number_list(0, 180), "0 descends, 90 flies level"),
+        _option(STUDY, "--noise noises_px", "PX,...", number_list(0, 100), "1-sigma of a coordinate in image 2"),
         _option(STUDY, "--terrains", "N", click.IntRange(1, 100_000), "For every trajectory and noise"),
         _option(STUDY, "--seed", "N", SEED, "The same seed gives the same bytes"),
         Option(STUDY, "--jobs", "N", click.IntRange(1, 256), "Worker processes", shown="one per core"),
         Option(INPUT, "--camera", "FILE", PATH, "Camera file, with lens distortion if it has any"),
         _option(INPUT, "--fov fov_deg", "DEG", Between(1, 150), "Without --camera: horizontal field of view"),
-        _option(INPUT, "--size image_size", "WxH", Size(16), "Without --camera: image size, px"),
+        _option(INPUT, "--size image_size", "WxH", IMAGE_SIZE, "Without --camera: image size, px"),
         _option(GROUND, "--grid", "COLSxROWS", GRID, "Windows, each with a plane of its own"),
         _option(GROUND, "--points", "N", click.IntRange(3, 100_000), "Correspondences in every window"),
         _option(GROUND, "--max-slope max_slope_deg", "DEG", Between(0, 89), "Slopes are uniform from 0 to this"),
@@ -62,7 +51,7 @@ def _option(heading: str, flag_and_name: str, metavar: str, kind: Any, help: str
         _option(FLIGHT, "--heading heading_deg", "DEG", Between(-360, 360), "Direction, from image x towards image y"),
         _option(ERRORS, "--noise1 noise1_px", "PX", Between(0, 100), "1-sigma of a coordinate in image 1"),
         _option(ERRORS, "--outliers", "SHARE", Between(0, 0.9), "Share of points that are matched wrongly"),
-        _option(SOLVER, "--solvers", "NAME,...", NameList(StudyOptions.solvers), "Which to run"),
+        _option(SOLVER, "--solvers", "NAME,...", name_list(StudyOptions.solvers), "Which to run"),
         _option(SOLVER, "--most-windows", "N", click.IntRange(0, 4**8), "Windows timed at most; 0: none are timed"),
         *talk_options(),
     ],
@@ -80,21 +69,23 @@ def simulate(ctx: click.Context, output: str, camera: str | None, jobs: int | No
     Example:
       slopemap simulate -o study
     """
-    at_most_one(ctx, "camera", "fov_deg")
-    at_most_one(ctx, "camera", "image_size")
+    at_most_one(ctx, ("camera", "fov_deg"), ("camera", "image_size"))
     options = StudyOptions(**{field.name: parameters[field.name] for field in fields(StudyOptions)})
     _run(options, camera, jobs, output, ctx.ensure_object(Talk))
 
 
 def _run(options: StudyOptions, camera_file: str | None, jobs: int | None, output: str, talk: Talk) -> None:
+    from slopecli.io.cameras.reading import load_camera
     from slopecli.io.study_files import check_study_directory, write_study
     from slopecli.study.claims import judge_spread, judge_study, judge_times
     from slopecli.study.timing import measure_times
-    from slopecli.study.trials import alignment_spread
+    from slopecli.study.trials import alignment_spread, camera_of, run_study
 
     check_study_directory(output)
-    camera = _camera(options, camera_file)
-    study = _run_trials(options, camera, jobs, talk)
+    camera = load_camera(camera_file) if camera_file else camera_of(options)
+    with talk.timed("trials"), ExitStack() as stack:
+        progress = stack.enter_context(StageProgress(talk, "trials"))
+        study = run_study(options, camera, _workers(jobs, stack), progress)
     with talk.timed("alignment"):
         spread = alignment_spread(options, camera)
     with talk.timed("timing"), StageProgress(talk, "sizes timed") as progress:
@@ -104,21 +95,6 @@ def _run(options: StudyOptions, camera_file: str | None, jobs: int | None, outpu
         written = write_study(study, spread, claims, timings, timed, output)
     print_table(_claim_table([*claims, *timed]))
     talk.say(f"wrote {', '.join(map(str, written))}")
-
-
-def _camera(options: StudyOptions, file: str | None) -> Camera:
-    from slopecli.io.cameras.reading import load_camera
-    from slopecli.study.trials import camera_of
-
-    return load_camera(file) if file else camera_of(options)
-
-
-def _run_trials(options: StudyOptions, camera: Camera, jobs: int | None, talk: Talk) -> Study:
-    from slopecli.study.trials import run_study
-
-    with talk.timed("trials"), ExitStack() as stack:
-        progress = stack.enter_context(StageProgress(talk, "trials"))
-        return run_study(options, camera, _workers(jobs, stack), progress)
 
 
 def _workers(jobs: int | None, stack: ExitStack) -> list[Executor]:
@@ -135,12 +111,9 @@ def _workers(jobs: int | None, stack: ExitStack) -> list[Executor]:
 
 def _claim_table(claims: Iterable[Claim]) -> Table:
     """A row for each claim of the paper."""
-    rows = [(_verdict(claim), claim.statement, _measured(claim), claim.limit, claim.source) for claim in claims]
+    held = {None: "-", True: "yes", False: "no"}
+    rows = [(held[claim.held], claim.statement, _measured(claim), claim.limit, claim.source) for claim in claims]
     return Table(("held", "claim", "measured", "limit", "source"), rows)
-
-
-def _verdict(claim: Claim) -> str:
-    return "-" if claim.held is None else "yes" if claim.held else "no"
 
 
 def _measured(claim: Claim) -> str:

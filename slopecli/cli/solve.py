@@ -8,8 +8,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from slopecli.cli import shared_options as shared
-from slopecli.cli.checks import CAMERA_FLAGS, at_most_one, check_known_motion, given, options_from, refuse
-from slopecli.cli.groups import Command, Option
+from slopecli.cli.checks import CAMERA_FLAGS, check_estimate, given, options_from, refuse
 from slopecli.cli.parameter_types import PATH, POSITIVE
 from slopecli.cli.report_table import print_report
 from slopecli.cli.talk import Talk
@@ -17,27 +16,19 @@ from slopecli.cli.talk import Talk
 if TYPE_CHECKING:
     from slopecli.types import Camera, Report
 
+NOISE_HELP = "1-sigma in image 2, mrad without a camera"
+
 
 @click.command(
-    cls=Command,
+    cls=shared.Command,
     params=[
         *shared.camera_options,
         shared.size,
-        Option(
-            shared.INPUT,
-            "--noise",
-            "PX",
-            POSITIVE,
-            "1-sigma in image 2, mrad without a camera",
-            shown="from the residuals",
-        ),
-        Option(shared.OUTPUT, "-o --output", "DIR", PATH, "Folder for slopes.json"),
+        shared.Option(shared.INPUT, "--noise", "PX", POSITIVE, NOISE_HELP, shown="from the residuals"),
+        shared.Option(shared.OUTPUT, "-o --output", "DIR", PATH, "Folder for slopes.json"),
         shared.json_flag,
         *shared.frame_options(),
-        *shared.scale_options,
-        *shared.prior_options,
-        *shared.decision_options,
-        *shared.solver_options,
+        *shared.solving_options,
         *shared.talk_options(),
     ],
 )
@@ -59,7 +50,13 @@ def solve(ctx: click.Context, matches: str, **parameters: Any) -> None:
     from slopecli.io.correspondences import read_correspondences
     from slopecli.pipeline import solve as solve_given
 
-    _check_usage(ctx)
+    check_estimate(ctx)
+    fov_alone = bool(given(ctx, "fov")) != bool(given(ctx, "size"))
+    refuse(
+        ctx,
+        (given(ctx, "camera2") and not given(ctx, *CAMERA_FLAGS), "--camera2 is without --camera; give both."),
+        (fov_alone, "--fov and --size belong together, for example --fov 60 --size 1024x768; give both."),
+    )
     talk = ctx.ensure_object(Talk)
     if parameters["output"]:
         from slopecli.io.outputs import check_directory
@@ -68,29 +65,11 @@ def solve(ctx: click.Context, matches: str, **parameters: Any) -> None:
     with talk.timed("load"):
         correspondences = read_correspondences(matches)
     two_noises = correspondences.sigma is not None and parameters["noise"] is not None
-    refuse(ctx, [(two_noises, f"--noise contradicts the column sigma of {matches}; leave one out.")])
+    refuse(ctx, (two_noises, f"--noise contradicts the column sigma of {matches}; leave one out."))
     cameras, options = _cameras(parameters), options_from(parameters)
     with talk.timed("solve"):
         report = solve_given(correspondences, cameras, options, parameters["noise"])
     print_report(report, _write(report, parameters["output"]), talk, as_json=parameters["as_json"])
-
-
-def _check_usage(ctx: click.Context) -> None:
-    at_most_one(ctx, *CAMERA_FLAGS)
-    check_known_motion(ctx)
-    refuse(
-        ctx,
-        [
-            (
-                given(ctx, "camera2") and not given(ctx, *CAMERA_FLAGS),
-                "--camera2 is without --camera; give both.",
-            ),
-            (
-                bool(given(ctx, "fov")) != bool(given(ctx, "size")),
-                "--fov and --size belong together, for example --fov 60 --size 1024x768; give both.",
-            ),
-        ],
-    )
 
 
 def _cameras(parameters: dict[str, Any]) -> tuple[Camera, Camera] | None:

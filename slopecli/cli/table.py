@@ -5,7 +5,7 @@ from __future__ import annotations
 import sys
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from slopecli.cli.talk import is_terminal, print_result
 
@@ -58,15 +58,10 @@ def draw_table(table: Table, below: Sequence[str], console: Console) -> None:
     narrowest = []
     for title, *cells in zip(table.header, *table.rows, strict=True):
         words, width = title in WORD_COLUMNS, max(map(len, [title, *cells]))
-        narrowest.append(min(width, 20) if words else width)
-        wraps = width > narrowest[-1]
-        drawn.add_column(
-            title,
-            justify="left" if words else "right",
-            no_wrap=not wraps,
-            overflow="fold",
-            min_width=narrowest[-1],
-        )
+        least = min(width, 20) if words else width
+        narrowest.append(least)
+        justify: Any = "left" if words else "right"
+        drawn.add_column(title, justify=justify, no_wrap=width == least, overflow="fold", min_width=least)
     for row in table.rows:
         drawn.add_row(*(Text(cell, COLOURS.get(cell, "")) for cell in row))
     console.width = max(console.width, sum(narrowest) + 2 * (len(narrowest) - 1))
