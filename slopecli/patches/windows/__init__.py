@@ -5,10 +5,8 @@ from slopecli.face import lazy_names
 __getattr__, __dir__ = lazy_names(
     __name__,
     {
-        "contradiction": "contradict",
-        "coverage": "gaps_of",
         "matching": "match_window",
-        "unmatched_parts": "bend_rad beside_rad stepped_rad unseen_rad",
+        "unmatched_parts": "bend_rad beside_rad contradict gaps_of stepped_rad unseen_rad",
         "window_finder": "window_patch",
     },
 )

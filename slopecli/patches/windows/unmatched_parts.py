@@ -1,24 +1,25 @@
-"""Slope uncertainty due to the unmatched part of a window."""
+"""Slope uncertainty due to the unmatched part of a window: where it is, and what the images tell of its height."""
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import lru_cache
-from typing import NamedTuple
 
 import numpy as np
 
 from slopecli.geometry.epipolar import homogeneous
 from slopecli.geometry.motion import inverse_depth
 from slopecli.geometry.plane_fit import plane_products, planes_of_sums
+from slopecli.geometry.statistics import median
 from slopecli.geometry.unmatched_tilt import BEND_RAD, lever
 from slopecli.look.evidence import MIN_ON_PLANE, ON_PLANE_PX, Evidence
+from slopecli.look.noise import NOISE_GREY
 from slopecli.look.scene import Scene
+from slopecli.look.warp import FloatImage, covered, plane_transfer, sample_layer
 from slopecli.patches.patch import Patch
-from slopecli.patches.windows.contradiction import contradict
-from slopecli.patches.windows.coverage import Gaps, gaps_of
 from slopecli.patches.windows.tunables import TUNE
-from slopecli.types import FloatArray
+from slopecli.types import BoolArray, FloatArray, IntArray
+from slopecli.windows import Window
 
 
 def with_unmatched_parts(patch: Patch, measured: Patch, scene: Scene) -> Patch:
@@ -29,29 +30,95 @@ def with_unmatched_parts(patch: Patch, measured: Patch, scene: Scene) -> Patch:
     """
     if patch.origin != "own":
         return patch
-    plane = _Plane.through(patch, scene)
+    x1, focal_px = patch.matches.x1, scene.camera1.focal_px
+    w, _ = inverse_depth(scene.R, scene.T, x1, patch.matches.x2)
+    normal = np.asarray(np.linalg.lstsq(homogeneous(x1), w, rcond=None)[0])
     gaps = gaps_of(patch.window, measured.matches.uv1, measured.share)
     against = max(
-        beside_rad(gaps, plane.normal, scene.evidence, scene.camera1.focal_px),
-        contradicted_rad(gaps, plane.normal, scene),
-        stepped_rad(gaps, plane.normal, scene.evidence),
+        beside_rad(gaps, normal, scene.evidence, focal_px),
+        contradicted_rad(gaps, normal, scene),
+        stepped_rad(gaps, normal, scene.evidence),
     )
-    height_px = _height_px(patch.matches.x1, plane.inverse, scene.camera1.focal_px)
-    unseen = max(against, unseen_rad(gaps, height_px, scene.evidence))
+    unseen = max(against, unseen_rad(gaps, _height_px(x1, w, focal_px), scene.evidence))
     total = patch.tilt_sigma_rad + unseen
     return replace(patch, tilt_sigma_rad=total, unmatched_sigma_rad=unseen, off_plane_sigma_rad=against)
 
 
-class _Plane(NamedTuple):
-    """Plane through a window's matches: scaled normal (3,), and the matches' inverse depths (n,), 1/baseline."""
+@dataclass(frozen=True, eq=False)
+class Gaps:
+    """A window divided into cells, and which of them hold a match.
 
-    normal: FloatArray
-    inverse: FloatArray
+    at, uv1 (k, 2): centres of the cells, px from the window's middle, and px of image 1; seen (k,): holds a match;
+    shape: rows and columns of cells; cell_px: side of one; matched (n, 2): px of the matches; per_px: how many of them
+    there are to a square px where there are no gaps.
+    """
 
-    @classmethod
-    def through(cls, patch: Patch, scene: Scene) -> _Plane:
-        w, _ = inverse_depth(scene.R, scene.T, patch.matches.x1, patch.matches.x2)
-        return cls(np.asarray(np.linalg.lstsq(homogeneous(patch.matches.x1), w, rcond=None)[0]), w)
+    window: Window
+    at: FloatArray
+    uv1: FloatArray
+    seen: BoolArray
+    shape: tuple[int, int]
+    cell_px: float
+    matched: FloatArray
+    per_px: float
+
+    @property
+    def unseen(self) -> FloatArray:
+        """(g, 2) px of image 1: centres of the cells without a match."""
+        return self.uv1[~self.seen]
+
+    def tilt_rad(self, height_px: FloatArray | float) -> float:
+        """Tilt of the least-squares plane of the whole window if its unmatched cells stand off the plane, rad.
+
+        height_px : (g,) of the cells without a match, or one for all, px of image 1 at their distance.
+        """
+        at = self.at[~self.seen]
+        height = np.broadcast_to(height_px, len(at))
+        return float(np.arctan(np.linalg.norm(np.linalg.lstsq(self.at.T @ self.at, at.T @ height, rcond=None)[0])))
+
+    def holds(self, uv1: FloatArray) -> BoolArray:
+        """(k,) whether points (k, 2) px of image 1 lie in a cell with a match."""
+        column, row, inside = _cell(self.window, self.shape, uv1)
+        return np.asarray(inside & self.seen[row * self.shape[1] + column])
+
+    def filled(self, uv1: FloatArray) -> FloatArray:
+        """(k,) density of matches around points (k, 2) px of image 1, relative to that of the matched part.
+
+        Outside the window the density counts as zero.
+        """
+        reach = 1.5 * self.cell_px
+        u, v = (uv1[:, k, None] - self.matched[None, :, k] for k in (0, 1))
+        around = (u * u + v * v < reach**2).sum(axis=1)
+        return np.asarray(around / (self.per_px * np.pi * reach**2))
+
+
+def gaps_of(window: Window, uv1: FloatArray, share: float) -> Gaps:
+    """The gaps between matches (n, 2) px of image 1 that cover this share of a window."""
+    x, y, w, h = window
+    # cells so large that none is empty where the window is matched: 3 px or more, and 1.5 times the matches' spacing
+    side = max(max(w, h) / TUNE.cells_across, 3.0, 1.5 * float(np.sqrt(w * h / max(len(uv1), 1))))
+    columns, rows = max(round(w / side), 1), max(round(h / side), 1)
+    column, row, _ = _cell(window, (rows, columns), uv1)
+    seen = np.zeros((rows, columns), bool)
+    seen[row, column] = True
+    v, u = np.mgrid[:rows, :columns]
+    at = np.stack([(u + 0.5) / columns * w - 0.5 * w, (v + 0.5) / rows * h - 0.5 * h], axis=-1).reshape(-1, 2)
+    middle = np.array([x + 0.5 * w - 0.5, y + 0.5 * h - 0.5])
+    per_px = len(uv1) / max(share, 0.01) / (w * h)
+    return Gaps(window, at, at + middle, seen.ravel(), (rows, columns), side, uv1, per_px)
+
+
+def _cell(window: Window, shape: tuple[int, int], uv1: FloatArray) -> tuple[IntArray, IntArray, BoolArray]:
+    """Column and row (k,) of the cell of points (k, 2), the nearest for those outside, and which are inside."""
+    x, y, w, h = window
+    rows, columns = shape
+    column = np.floor((uv1[:, 0] + 0.5 - x) * columns / w).astype(int)
+    row = np.floor((uv1[:, 1] + 0.5 - y) * rows / h).astype(int)
+    inside = (column >= 0) & (column < columns) & (row >= 0) & (row < rows)
+    return np.clip(column, 0, columns - 1), np.clip(row, 0, rows - 1), inside
+
+
+# ---- what stands off the plane: matches of the overview, and texture that differs ----
 
 
 def beside_rad(gaps: Gaps, normal: FloatArray, evidence: Evidence, focal1_px: float) -> float:
@@ -66,30 +133,19 @@ def beside_rad(gaps: Gaps, normal: FloatArray, evidence: Evidence, focal1_px: fl
         return 0.0
     near = np.flatnonzero(evidence.near(gaps.window, TUNE.beside))
     near = near[~gaps.holds(evidence.uv1[near])]
-    if len(near) < 3:
+    if len(near) < 3:  # one or two may be mismatches
         return 0.0
     off = np.abs(homogeneous(evidence.x1[near]) @ normal - evidence.w[near])
     height = off / np.linalg.norm(normal) * focal1_px
     height = np.where(off * evidence.leverage[near] * evidence.focal_px > ON_PLANE_PX, height, 0.0)
     distance = np.sqrt(((gaps.unseen[:, None] - evidence.uv1[near][None]) ** 2).sum(2))
-    nearest = np.argsort(distance, axis=1, kind="stable")[:, :8]
+    nearest = np.argsort(distance, axis=1, kind="stable")[:, :8]  # 8: to average out their noise
     distance = np.take_along_axis(distance, nearest, 1)
     within = distance < TUNE.beside * max(gaps.window[2:])
     # ground that bends is off the plane, too, increasingly with distance
     step = np.maximum(height[nearest] - distance, 0.0)
     square = (step**2 * within).sum(1) / np.maximum(within.sum(1), 1)
     return min(gaps.tilt_rad(np.sqrt(square)), TUNE.most_rad)
-
-
-def contradicted_rad(gaps: Gaps, normal: FloatArray, scene: Scene) -> float:
-    """1-sigma of the tilt due to textured unmatched cells that contradict the plane: an object, or something moving.
-
-    normal : (3,) scaled, of the plane of the window's matches.
-    """
-    if gaps.seen.all():
-        return 0.0
-    off = contradict(gaps.unseen, gaps.cell_px, normal, scene)
-    return min(gaps.tilt_rad(TUNE.off_plane * max(gaps.window[2:]), off), TUNE.most_rad)
 
 
 def stepped_rad(gaps: Gaps, normal: FloatArray, evidence: Evidence) -> float:
@@ -103,17 +159,74 @@ def stepped_rad(gaps: Gaps, normal: FloatArray, evidence: Evidence) -> float:
     inside = evidence.near(gaps.window, 0.0)
     if inside.sum() < MIN_ON_PLANE:
         return 0.0
-    rays, w = homogeneous(evidence.x1[inside]), evidence.w[inside]
-    off = np.abs(rays @ normal - w) * evidence.leverage[inside] * evidence.focal_px > ON_PLANE_PX
-    kept = ~off
-    kept[off] = gaps.filled(evidence.uv1[inside][off]) < 0.5
-    rays, w, off = rays[kept], w[kept], off[kept]
-    if np.count_nonzero(off) < max(MIN_ON_PLANE, 0.05 * len(w)):
+    off = inside & (evidence.misfit_px(normal) > ON_PLANE_PX)
+    kept = inside & ~off
+    off[off] = gaps.filled(evidence.uv1[off]) < 0.5  # half as dense as elsewhere: unmatched
+    kept |= off
+    if np.count_nonzero(off) < max(MIN_ON_PLANE, 0.05 * np.count_nonzero(kept)):  # 5 %: mismatches of the overview
         return 0.0
-    points = rays / w[:, None]
+    points = homogeneous(evidence.x1[kept]) / evidence.w[kept, None]
     points -= points.mean(axis=0)
     whole = np.linalg.svd(points, full_matrices=False)[2][2]
     return min(float(np.arccos(min(abs(whole @ normal) / float(np.linalg.norm(normal)), 1.0))), TUNE.most_rad)
+
+
+def contradicted_rad(gaps: Gaps, normal: FloatArray, scene: Scene) -> float:
+    """1-sigma of the tilt due to textured unmatched cells that contradict the plane: an object, or something moving.
+
+    normal : (3,) scaled, of the plane of the window's matches.
+    """
+    off = contradict(gaps.unseen, gaps.cell_px, normal, scene)
+    height_px = np.where(off, TUNE.off_plane * max(gaps.window[2:]), 0.0)
+    return min(gaps.tilt_rad(height_px), TUNE.most_rad)
+
+
+def contradict(uv1: FloatArray, side_px: float, normal: FloatArray, scene: Scene) -> BoolArray:
+    """(k,) cells of image 1 that are textured and in view of image 2, but do not correlate with it under a plane.
+
+    Such a part stands off the plane, moves, or is hidden. A missing match alone does not show that: flow also fails
+    on ground that is on the plane.
+
+    uv1 : (k, 2) px of image 1, centres of the cells.  side_px : of a cell.  normal : (3,) scaled.
+    """
+    found = np.zeros(len(uv1), bool)
+    asked = np.flatnonzero(covered(_imaged(uv1, normal, scene), scene.shape2))
+    if not len(asked):
+        return found
+    spacing = side_px / TUNE.samples
+    steps = (np.arange(TUNE.samples) - 0.5 * (TUNE.samples - 1)) * spacing
+    points = uv1[asked, None] + np.stack(np.meshgrid(steps, steps), axis=-1).reshape(-1, 2)
+    ours = sample_layer(scene.pyramid1.at(spacing), points.astype(np.float32))
+    near = _imaged(points, normal, scene)
+    kept = covered(near, scene.shape2).all(1) & (ours.std(axis=1) > 2 * NOISE_GREY)
+    if kept.any():
+        drifted = _imaged(points[kept], 0.99 * normal, scene)  # 1 % farther: any small step along the epipolar line
+        found[asked[kept]] = _differ(ours[kept], near[kept], drifted - near[kept], scene)
+    return found
+
+
+def _differ(ours: FloatImage, near: FloatArray, along: FloatArray, scene: Scene) -> BoolArray:
+    """(k,) cells of grey values (k, n) without correlation in image 2, at px near (k, n, 2) and displaced `along`."""
+    apart = median(np.linalg.norm(np.diff(near, axis=1)[:, : TUNE.samples - 1], axis=2))
+    along = along * (apart / np.maximum(np.linalg.norm(along, axis=2, keepdims=True), 1e-9))
+    layer = scene.pyramid2.at(apart)
+    seen, best = np.ones(len(near), bool), np.full(len(near), -1.0)
+    for drift in range(-2, 3):  # spacings of the points by which ground of some relief may miss the plane
+        mapping = (near + drift * along).astype(np.float32)
+        seen &= covered(mapping, scene.shape2).all(1)
+        a, b = (grey - grey.mean(axis=1, keepdims=True) for grey in (ours, sample_layer(layer, mapping)))
+        length = np.sqrt((a * a).sum(axis=1) * (b * b).sum(axis=1))
+        best = np.maximum(best, (a * b).sum(axis=1) / np.maximum(length, 1e-9))
+    return np.asarray(seen & (best < TUNE.same_ground_score))
+
+
+def _imaged(uv1: FloatArray, normal: FloatArray, scene: Scene) -> FloatArray:
+    """Pixels (..., 2) of image 2 of points (..., 2) of image 1 on a plane; far outside it where there are none."""
+    rays = homogeneous(scene.rays1(uv1.reshape(-1, 2)))
+    return plane_transfer(rays @ scene.R.T, rays @ normal, scene.R @ scene.T, scene.pixels2).reshape(uv1.shape)
+
+
+# ---- ground as it is elsewhere: its relief, and how much it bends ----
 
 
 def _height_px(x1: FloatArray, w: FloatArray, focal_px: float) -> float:
@@ -131,8 +244,6 @@ def unseen_rad(gaps: Gaps, height_px: float, evidence: Evidence) -> float:
     as between neighbouring blocks of the image. The effect of both on the least-squares plane of the whole window
     depends on where the unmatched cells are.
 
-    Parameters
-    ----------
     height_px : RMS height of the ground off the plane, in pixels of image 1 at its distance.
     """
     if gaps.seen.all():
@@ -146,8 +257,10 @@ def bend_rad(evidence: Evidence, side_px: float) -> float:
     """RMS change of tilt per axis, rad, between neighbouring blocks of ground, `side_px` wide in image 1."""
     extent = np.ptp(evidence.uv1, axis=0) if len(evidence) else np.zeros(2)
     spacing = float(np.sqrt(extent.prod() / max(len(evidence), 1)))
-    normals = _block_normals(evidence, max(side_px, 4 * spacing))
-    angles = np.concatenate([_change(normals[1:], normals[:-1]), _change(normals[:, 1:], normals[:, :-1])])
+    normals = _block_normals(evidence, max(side_px, 4 * spacing))  # some 16 matches a block
+    steps = (normals[1:] - normals[:-1], normals[:, 1:] - normals[:, :-1])
+    half = 0.5 * np.linalg.norm(np.concatenate([step.reshape(-1, 3) for step in steps]), axis=1)
+    angles = 2.0 * np.arcsin(np.clip(half[np.isfinite(half)], 0.0, 1.0))
     squares = TUNE.bend_count * BEND_RAD**2 + 0.5 * float((angles**2).sum())
     return float(np.sqrt(squares / (TUNE.bend_count + len(angles))))
 
@@ -166,9 +279,3 @@ def _block_normals(evidence: Evidence, side_px: float) -> FloatArray:
     normals = np.full((rows * columns, 3), np.nan)
     normals[enough] = planes_of_sums(sums[enough])
     return np.asarray(normals / np.linalg.norm(normals, axis=1, keepdims=True)).reshape(rows, columns, 3)
-
-
-def _change(one: FloatArray, other: FloatArray) -> FloatArray:
-    """(k,) angles between unit normals of neighbouring blocks, where both are known."""
-    half = 0.5 * np.linalg.norm(one - other, axis=-1).ravel()
-    return 2.0 * np.arcsin(np.clip(half[np.isfinite(half)], 0.0, 1.0))
