@@ -1,4 +1,4 @@
-"""The house holds: which way imports point, who opens files, what a help text may load, what is declared."""
+"""The house holds: which way imports point, who opens files, what a help text may load, how long things are."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ import re
 import subprocess
 import sys
 import tomllib
+from collections import Counter
 from collections.abc import Iterator
 from functools import cache
 from pathlib import Path
@@ -37,6 +38,9 @@ FLOORS = (
 FLOOR_OF = {room: floor for floor, rooms in enumerate(FLOORS) for room in rooms.split()}
 FILE_CALLS = {"open", "imread", "imwrite", "imreadmulti", "read_text", "read_bytes", "write_text", "write_bytes"}
 SLOW_TO_IMPORT = {"scipy", "skimage", "matplotlib", "trimesh", "rich", "distributed", "threadpoolctl"}
+CALLERS = sorted(path for folder in ("tests", "benchmarks") for path in (ROOT / folder).rglob("*.py"))
+# rooms publish their public names; one of the same name as its module can be had from the module alone
+FROM_THE_MODULE = {"slopecli.batch.answer"}
 DISTRIBUTION_OF = {
     "cv2": "opencv-contrib-python-headless",
     "PIL": "pillow",
@@ -125,6 +129,20 @@ def test_only_io_opens_files_and_nobody_prints_or_asserts(path: Path) -> None:
 @pytest.mark.parametrize("path", MODULES, ids=name_of)
 def test_modules_stay_short(path: Path) -> None:
     assert len(path.read_text(encoding="utf-8").splitlines()) <= 350
+
+
+def test_no_module_name_stands_in_two_rooms() -> None:
+    """The modules of the command line are named after its commands."""
+    names = [path.stem for path in MODULES if not path.stem.startswith("__") and room_of(path) != "cli"]
+    assert [name for name, times in Counter(names).items() if times > 1] == []
+
+
+@pytest.mark.parametrize("path", CALLERS, ids=lambda path: path.name)
+def test_tests_and_benchmarks_import_from_rooms(path: Path) -> None:
+    rooms = {".".join(module.relative_to(ROOT).parts[:-1]) for module in MODULES}
+    for line, name in imports_of(parse(path)):
+        inside = name.startswith("slopecli.") and name.count(".") > 1 and name not in rooms
+        assert not inside or name in FROM_THE_MODULE, f"line {line} imports {name}; import from its room"
 
 
 def test_dependencies_are_those_imported() -> None:
