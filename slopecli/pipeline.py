@@ -9,10 +9,10 @@ from functools import partial
 
 from slopecli.findings.checks import check_pair
 from slopecli.findings.facts import PairFacts
-from slopecli.findings.flat_scene import merged_groups
 from slopecli.findings.given_checks import alike, refuse_unrelated, review
 from slopecli.findings.known_motion import contradiction, motion_prior
 from slopecli.findings.pair_checks import refuse_identical, refuse_mirrored, refuse_unmatched
+from slopecli.findings.solution_checks import merged_groups
 from slopecli.geometry.motion import MotionEstimate
 from slopecli.geometry.solver.priors import MotionPrior
 from slopecli.geometry.statistics import median

@@ -1,35 +1,34 @@
 """The checks, in the order in which their diagnostics are reported.
 
-To add a diagnostic: a function in the file of its subject, its name here, a row in `codes.CODES`, a test.
+To add a diagnostic: a function in the file of its subject, its name here, a row in `codes`, a test.
 """
 
 from __future__ import annotations
 
-from slopecli.findings.changed_areas import changed_areas, on_no_plane
+from slopecli.findings import pair_checks, parallax, plane_checks, solution_checks
 from slopecli.findings.facts import AnswerFacts, PairFacts
-from slopecli.findings.fit_checks import large_residuals, not_converged
-from slopecli.findings.flat_scene import one_plane, second_root, straight_descent
-from slopecli.findings.pair_checks import contradicting_matches, image_notes, lens_distortion, mirrored
-from slopecli.findings.parallax import low_parallax, parallax_for_tolerance
-from slopecli.findings.partly_matched import hidden_parts, steps_and_objects
-from slopecli.findings.plane_checks import focus_of_expansion_in_plane, not_planar, upside_down
 from slopecli.types import Diagnostic
 
-PAIR_CHECKS = (mirrored, image_notes, contradicting_matches, low_parallax, lens_distortion)
+PAIR_CHECKS = (
+    pair_checks.mirrored,
+    pair_checks.image_notes,
+    pair_checks.contradicting_matches,
+    parallax.low_parallax,
+    pair_checks.lens_distortion,
+)
 ANSWER_CHECKS = (
-    on_no_plane,
-    changed_areas,
-    one_plane,
-    straight_descent,
-    upside_down,
-    steps_and_objects,
-    hidden_parts,
-    parallax_for_tolerance,
-    focus_of_expansion_in_plane,
-    not_planar,
-    second_root,
-    large_residuals,
-    not_converged,
+    plane_checks.on_no_plane,
+    plane_checks.changed_areas,
+    solution_checks.one_plane,
+    solution_checks.straight_descent,
+    plane_checks.upside_down,
+    plane_checks.partly_matched,
+    parallax.parallax_for_tolerance,
+    plane_checks.focus_of_expansion_in_plane,
+    plane_checks.not_planar,
+    solution_checks.second_root,
+    solution_checks.large_residuals,
+    solution_checks.not_converged,
 )
 
 

@@ -9,253 +9,204 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal
 
+# "refusal" of a `NoAnswer` (exit status 3), "warning" and "info" of a diagnostic, "rejection" of a patch without an
+# answer, whose reason the code is
+Severity = Literal["refusal", "warning", "info", "rejection"]
+
 
 @dataclass(frozen=True)
 class Code:
     """One code at one severity.
 
-    severity : "refusal" of a `NoAnswer` (exit status 3), "warning" and "info" of a diagnostic, "rejection" of the
-        reason of a patch without an answer.
     meaning : what was found and why it matters, a paragraph of Markdown.
     remedy : what to do, as messages say it; "" where there is nothing to do.
     value : what the number `value` is, with its unit; "" where there is none.
     """
 
     code: str
-    severity: Literal["refusal", "warning", "info", "rejection"]
+    severity: Severity
     meaning: str
     remedy: str = ""
     value: str = ""
 
 
-CODES = (
-    Code(
-        "pure-rotation",
-        "refusal",
-        "A rotation of the camera alone explains all matches, or both images are the same: without parallax there is "
-        "no depth.",
-        "take the second image from another place, 5 to 20 % of the distance to the scene away",
-        "px that a rotation leaves of the matches, or its angle in degrees",
-    ),
-    Code(
-        "no-overlap",
-        "refusal",
-        "Fewer matches agree on one motion than by chance: other ground, more than a factor of two in scale, another "
-        "camera.",
-        "give two images of the same ground",
-        "matches that agree on one motion, or the share that contradicts it",
-    ),
-    Code(
-        "no-overlap",
-        "warning",
-        "[`slopemap plan`](plan.md): one image would show the ground so much larger than the other that matching may "
-        "fail.",
-        "shorten the baseline",
-        "ratio of the two scales",
-    ),
-    Code(
-        "low-texture",
-        "refusal",
-        "An image, or every window, has too little texture to be matched.",
-        "use sharper, larger, better exposed or closer images, or larger windows",
-        "distinctive points in the poorer image",
-    ),
-    Code(
-        "up-unknown",
-        "refusal",
-        "No slope is known because up is not: nearly all of their sigmas is that of `--up-sigma`.",
-        "give up with a smaller --up-sigma",
-    ),
-    Code(
-        "slope-open",
-        "refusal",
-        "Every slope is known worse than `--max-sigma`; or [correspondences of your own](solve.md) determine none of "
-        "them, or put the planes behind the camera.",
-        "raise --max-sigma, take the images farther apart, or give more rows, spread wider or known better",
-    ),
-    Code(
-        "low-parallax",
-        "refusal",
-        "[`slopemap plan`](plan.md): no baseline gives the sigma wanted.",
-        "lengthen the baseline, give larger windows, or fly in another direction",
-        "largest parallax, px",
-    ),
-    Code(
-        "low-parallax",
-        "warning",
-        "Below 3 px of parallax, errors of the slopes are mostly the noise of matching.",
-        "move as much farther between the images as the message says, in shares of the distance, or in metres where "
-        "--baseline or --pose gives them",
-        "median parallax, px",
-    ),
-    Code(
-        "low-parallax",
-        "info",
-        "Windows are undecided, or their slope is unknown to `--max-sigma`, and a longer move, up to a quarter of the "
-        "distance, would settle it.",
-        "move as much farther between the images as the message says",
-        "times as far as now",
-    ),
-    Code(
-        "partly-seen",
-        "info",
-        "Their sigmas are mostly due to ground without matches: outside image 2, hidden, or bare. It may have another "
-        "slope than the matched part; a longer move does not help.",
-        "choose windows in what both images show, or give the image that shows less of the ground first (the later "
-        "one of a descent)",
-        "how many windows",
-    ),
-    Code(
-        "step-or-object",
-        "info",
-        "Their sigmas are mostly due to parts that are not on their planes: across a step, or something that stands "
-        "on the ground or moves (a box, a vehicle, a tree). The slope is that of the larger part.",
-        "choose windows clear of it, or smaller ones",
-        "how many windows",
-    ),
-    Code(
-        "upside-down",
-        "warning",
-        "Every window faces away from up, as if the ground hung over the camera: `--up` points down.",
-        "turn the sign of --up: it points against gravity, in camera-1 axes (x right, y down, z forward)",
-        "how many windows",
-    ),
-    Code(
-        "single-plane",
-        "refusal",
-        "[`slopemap plan`](plan.md): straight towards ground that is one plane, no baseline tells the two possible "
-        "motions apart.",
-        "move sideways as well, or give --uneven DEG if the windows are not one plane",
-    ),
-    Code(
-        "single-plane",
-        "warning",
-        "All that is seen lies on one plane, and two motions explain it: both slopes are shown.",
-        "use a third image, --direction-prior, --rotation-prior, --pose, or ground with more relief",
-        "chi-square by which the second answer fits worse",
-    ),
-    Code(
-        "single-plane",
-        "info",
-        "All that is seen lies on one plane, and only one motion is left; it is estimated from that plane alone.",
-        "choose ground with more relief, or give what else is known of the motion, to know it better",
-        "px, or mrad without a camera, within which nine tenths of the matches lie of it",
-    ),
-    Code(
-        "weak-geometry",
-        "info",
-        "A straight descent over level ground (motion within 15°, slopes alike to 5°): of all motions this one "
-        "determines slopes least.",
-        "move sideways as well; or give --rotation-prior, or --merge-coplanar where windows lie on one plane",
-        "degrees between the motion and the normal of the ground",
-    ),
-    Code(
-        "foe-in-window",
-        "info",
-        "The camera moves along a line of sight through it, where there is no parallax.",
-        "move sideways as well, or choose another window",
-        "id of the window",
-    ),
-    Code(
-        "non-planar-patch",
-        "warning",
-        "It is not one plane: relief, or a step. Its status is poor, and it is never called safe.",
-        "use smaller windows",
-        "id of the window",
-    ),
-    Code(
-        "dense-shadow-or-motion",
-        "warning",
-        "A connected area of at least 1 % became brighter or darker, as where a shadow moves, or moves differently "
-        "from the rest, as vehicles do; or, all over the image, 15 % of the matches contradict the motion. The windows "
-        "touched are named with the share of each.",
-        "distrust windows that are touched, or take both images in quick succession",
-        "share of image 1",
-    ),
-    Code(
-        "suspect-distortion",
-        "warning",
-        "Residuals grow from the image centre as another lens distortion than that of the camera file makes them. Its "
-        "k1 is named; a lens distortion that was taken out of the images already shows in the same way.",
-        "calibrate the lens, and give its distortion in the camera file; or leave it out",
-        "px at the corner of image 1",
-    ),
-    Code(
-        "poor-fit",
-        "refusal",
-        "Image 2 is mirrored.",
-        "flip it back, left to right or top to bottom",
-        "determinant, negative",
-    ),
-    Code(
-        "poor-fit",
-        "warning",
-        "Matches miss their epipolar lines by more than 0.5 px, or the joint solution did not converge. Blur, a "
-        "rolling shutter and moving things do the same as a wrong camera file; so does `--solver lh`, or `ha` that did "
-        "not converge: use `mle`.",
-        "check the camera file and its distortion, and that nothing in view moved",
-        "noise of the matches, px",
-    ),
-    Code(
-        "noise-exceeded",
-        "info",
-        "Residuals of correspondences of your own exceed `--noise` by more than chance, and sigmas are based on the "
-        "residuals.",
-        "give the noise they have with --noise",
-        "residuals, px or mrad",
-    ),
-    Code(
-        "relief",
-        "info",
-        "Rows of planes of your own are off along their epipolar lines by more than their noise: they were solved as "
-        "rough ground, and its relief is in the sigmas.",
-        "use smaller patches",
-        "how many planes",
-    ),
-    Code(
-        "prior-contradicted",
-        "warning",
-        "The images contradict `--rotation-prior`, `--direction-prior` or `--pose`, which was left out.",
-        "check its axes and its direction (camera 2 from camera 1), or give it a larger sigma",
-        "chi-square",
-    ),
-    Code(
-        "prior-contradicted",
-        "info",
-        "They differ by more than chance, though by no more than errors of calibration and interpolation: both were "
-        "used, with larger sigmas of matches.",
-        "check the camera file, or give it a larger sigma",
-        "chi-square",
-    ),
-    Code(
-        "coplanar",
-        "info",
-        "With `--merge-coplanar`: these windows lie on one plane, or face one way, and were solved so.",
-        "leave out --merge-coplanar to have each by itself",
-        "by how much the sigma went down",
-    ),
-    Code(
-        "unexplained",
-        "info",
-        "Where planes are sought in all of the image: how much lies on none.",
-        value="share of image 1",
-    ),
-    Code(
-        "image-note",
-        "info",
-        "How a file was read: a rotation mark left alone, 16 bits mapped to 8.",
-        value="number of the image",
-    ),
-    # reasons of patches without an answer
-    Code("no-overlap", "rejection", "image 2 does not show it"),
-    Code("low-texture", "rejection", "too little texture, or its matches do not determine the slope"),
-    Code("poor-fit", "rejection", "it has texture, and yet no match: something else may be there in image 2"),
-    Code("up-unknown", "rejection", "nearly all of its sigma is that of up"),
-    Code(
-        "slope-open",
-        "rejection",
-        "its slope is known worse than `--max-sigma`; or [correspondences of your own](solve.md): its rows do not "
-        "determine the slope, or put it behind the camera",
-    ),
-    Code("too-few-points", "rejection", "[correspondences of your own](solve.md): fewer than three, or on one line"),
+# severity -> code -> meaning, remedy, value
+_ROWS: dict[Severity, dict[str, tuple[str, ...]]] = {
+    "refusal": {
+        "pure-rotation": (
+            "A rotation of the camera alone explains all matches, or both images are the same: without parallax there "
+            "is no depth.",
+            "take the second image from another place, 5 to 20 % of the distance to the scene away",
+            "px that a rotation leaves of the matches, or its angle in degrees",
+        ),
+        "no-overlap": (
+            "Fewer matches agree on one motion than by chance: other ground, more than a factor of two in scale, "
+            "another camera.",
+            "give two images of the same ground",
+            "matches that agree on one motion, or the share that contradicts it",
+        ),
+        "low-texture": (
+            "An image, or every window, has too little texture to be matched.",
+            "use sharper, larger, better exposed or closer images, or larger windows",
+            "distinctive points in the poorer image",
+        ),
+        "up-unknown": (
+            "No slope is known because up is not: nearly all of their sigmas is that of `--up-sigma`.",
+            "give up with a smaller --up-sigma",
+        ),
+        "slope-open": (
+            "Every slope is known worse than `--max-sigma`; or [correspondences of your own](solve.md) determine none "
+            "of them, or put the planes behind the camera.",
+            "raise --max-sigma, take the images farther apart, or give more rows, spread wider or known better",
+        ),
+        "low-parallax": (
+            "[`slopemap plan`](plan.md): no baseline gives the sigma wanted.",
+            "lengthen the baseline, give larger windows, or fly in another direction",
+            "largest parallax, px",
+        ),
+        "single-plane": (
+            "[`slopemap plan`](plan.md): straight towards ground that is one plane, no baseline tells the two "
+            "possible motions apart.",
+            "move sideways as well, or give --uneven DEG if the windows are not one plane",
+        ),
+        "poor-fit": ("Image 2 is mirrored.", "flip it back, left to right or top to bottom", "determinant, negative"),
+    },
+    "warning": {
+        "no-overlap": (
+            "[`slopemap plan`](plan.md): one image would show the ground so much larger than the other that matching "
+            "may fail.",
+            "shorten the baseline",
+            "ratio of the two scales",
+        ),
+        "low-parallax": (
+            "Below 3 px of parallax, errors of the slopes are mostly the noise of matching.",
+            "move as much farther between the images as the message says, in shares of the distance, or in metres "
+            "where --baseline or --pose gives them",
+            "median parallax, px",
+        ),
+        "upside-down": (
+            "Every window faces away from up, as if the ground hung over the camera: `--up` points down.",
+            "turn the sign of --up: it points against gravity, in camera-1 axes (x right, y down, z forward)",
+            "how many windows",
+        ),
+        "single-plane": (
+            "All that is seen lies on one plane, and two motions explain it: both slopes are shown.",
+            "use a third image, --direction-prior, --rotation-prior, --pose, or ground with more relief",
+            "chi-square by which the second answer fits worse",
+        ),
+        "non-planar-patch": (
+            "It is not one plane: relief, or a step. Its status is poor, and it is never called safe.",
+            "use smaller windows",
+            "id of the window",
+        ),
+        "dense-shadow-or-motion": (
+            "A connected area of at least 1 % became brighter or darker, as where a shadow moves, or moves "
+            "differently from the rest, as vehicles do; or, all over the image, 15 % of the matches contradict the "
+            "motion. The windows touched are named with the share of each.",
+            "distrust windows that are touched, or take both images in quick succession",
+            "share of image 1",
+        ),
+        "suspect-distortion": (
+            "Residuals grow from the image centre as another lens distortion than that of the camera file makes them. "
+            "Its k1 is named; a lens distortion that was taken out of the images already shows in the same way.",
+            "calibrate the lens, and give its distortion in the camera file; or leave it out",
+            "px at the corner of image 1",
+        ),
+        "poor-fit": (
+            "Matches miss their epipolar lines by more than 0.5 px, or the joint solution did not converge. Blur, a "
+            "rolling shutter and moving things do the same as a wrong camera file; so does `--solver lh`, or `ha` "
+            "that did not converge: use `mle`.",
+            "check the camera file and its distortion, and that nothing in view moved",
+            "noise of the matches, px",
+        ),
+        "prior-contradicted": (
+            "The images contradict `--rotation-prior`, `--direction-prior` or `--pose`, which was left out.",
+            "check its axes and its direction (camera 2 from camera 1), or give it a larger sigma",
+            "chi-square",
+        ),
+    },
+    "info": {
+        "low-parallax": (
+            "Windows are undecided, or their slope is unknown to `--max-sigma`, and a longer move, up to a quarter of "
+            "the distance, would settle it.",
+            "move as much farther between the images as the message says",
+            "times as far as now",
+        ),
+        "partly-seen": (
+            "Their sigmas are mostly due to ground without matches: outside image 2, hidden, or bare. It may have "
+            "another slope than the matched part; a longer move does not help.",
+            "choose windows in what both images show, or give the image that shows less of the ground first (the "
+            "later one of a descent)",
+            "how many windows",
+        ),
+        "step-or-object": (
+            "Their sigmas are mostly due to parts that are not on their planes: across a step, or something that "
+            "stands on the ground or moves (a box, a vehicle, a tree). The slope is that of the larger part.",
+            "choose windows clear of it, or smaller ones",
+            "how many windows",
+        ),
+        "single-plane": (
+            "All that is seen lies on one plane, and only one motion is left; it is estimated from that plane alone.",
+            "choose ground with more relief, or give what else is known of the motion, to know it better",
+            "px, or mrad without a camera, within which nine tenths of the matches lie of it",
+        ),
+        "weak-geometry": (
+            "A straight descent over level ground (motion within 15°, slopes alike to 5°): of all motions this one "
+            "determines slopes least.",
+            "move sideways as well; or give --rotation-prior, or --merge-coplanar where windows lie on one plane",
+            "degrees between the motion and the normal of the ground",
+        ),
+        "foe-in-window": (
+            "The camera moves along a line of sight through it, where there is no parallax.",
+            "move sideways as well, or choose another window",
+            "id of the window",
+        ),
+        "noise-exceeded": (
+            "Residuals of correspondences of your own exceed `--noise` by more than chance, and sigmas are based on "
+            "the residuals.",
+            "give the noise they have with --noise",
+            "residuals, px or mrad",
+        ),
+        "relief": (
+            "Rows of planes of your own are off along their epipolar lines by more than their noise: they were solved "
+            "as rough ground, and its relief is in the sigmas.",
+            "use smaller patches",
+            "how many planes",
+        ),
+        "prior-contradicted": (
+            "They differ by more than chance, though by no more than errors of calibration and interpolation: both "
+            "were used, with larger sigmas of matches.",
+            "check the camera file, or give it a larger sigma",
+            "chi-square",
+        ),
+        "coplanar": (
+            "With `--merge-coplanar`: these windows lie on one plane, or face one way, and were solved so.",
+            "leave out --merge-coplanar to have each by itself",
+            "by how much the sigma went down",
+        ),
+        "unexplained": ("Where planes are sought in all of the image: how much lies on none.", "", "share of image 1"),
+        "image-note": (
+            "How a file was read: a rotation mark left alone, 16 bits mapped to 8.",
+            "",
+            "number of the image",
+        ),
+    },
+    "rejection": {
+        "no-overlap": ("image 2 does not show it",),
+        "low-texture": ("too little texture, or its matches do not determine the slope",),
+        "poor-fit": ("it has texture, and yet no match: something else may be there in image 2",),
+        "up-unknown": ("nearly all of its sigma is that of up",),
+        "slope-open": (
+            "its slope is known worse than `--max-sigma`; or [correspondences of your own](solve.md): its rows do not "
+            "determine the slope, or put it behind the camera",
+        ),
+        "too-few-points": ("[correspondences of your own](solve.md): fewer than three, or on one line",),
+    },
+}
+
+CODES = tuple(
+    sorted(
+        (Code(code, severity, *texts) for severity, rows in _ROWS.items() for code, texts in rows.items()),
+        key=lambda row: row.code,
+    )
 )

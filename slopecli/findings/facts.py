@@ -9,7 +9,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from slopecli.findings.separation import Separation
+from slopecli.findings.wording import Separation
 from slopecli.geometry.camera import pixels_from_rays
 from slopecli.geometry.epipolar import focus_of_expansion, homogeneous
 from slopecli.geometry.statistics import median
@@ -19,7 +19,7 @@ from slopecli.options import Options
 from slopecli.patches.given.rows import RAYS
 from slopecli.patches.join import Joined
 from slopecli.patches.patch import Patch
-from slopecli.types import BoolArray, Camera, FloatArray, Image, IntArray, Plane, Solution
+from slopecli.types import BoolArray, Camera, FloatArray, Image, Plane, Solution
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,9 +62,13 @@ class AnswerFacts:
 
     @cached_property
     def noise(self) -> float:
-        """1-sigma of a match of weight one, normalised coordinates; of given correspondences by their residuals."""
-        given = self.joined.patches[0].source == "given"
-        return measured_noise(self.solution, self.joined.plane) if given else self.solution.noise
+        """1-sigma of a match of weight one, normalised; of given correspondences by residuals, at most as given."""
+        solution, joined = self.solution, self.joined
+        if joined.patches[0].source != "given":
+            return solution.noise
+        residuals = 2 * int(solution.inlier.sum()) - int((joined.plane[solution.inlier] < 0).sum())
+        freedom = residuals - 5 - 3 * len(solution.scaled_normals)
+        return float(solution.noise * min(np.sqrt(solution.chi2 / max(freedom, 1)), 1.0))
 
     @property
     def noise_px(self) -> float:
@@ -108,14 +112,3 @@ def epipole1_px(solution: Solution, camera1: Camera) -> tuple[float, float] | No
     u, v = pixels_from_rays(camera1, focus[None])[0]
     inside = -0.5 <= u < camera1.width - 0.5 and -0.5 <= v < camera1.height - 0.5  # False for NaN, too
     return (float(u), float(v)) if inside else None
-
-
-def measured_noise(solution: Solution, plane: IntArray) -> float:
-    """1-sigma of a match of weight one by its residuals, normalised, at most the noise that the solution was given.
-
-    plane : (n,) index of the plane of each match, -1 for none.
-    """
-    on_none = int((plane[solution.inlier] < 0).sum())
-    residuals = 2 * int(solution.inlier.sum()) - on_none
-    freedom = residuals - 5 - 3 * len(solution.scaled_normals)
-    return float(solution.noise * min(np.sqrt(solution.chi2 / max(freedom, 1)), 1.0))

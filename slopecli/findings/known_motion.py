@@ -10,6 +10,7 @@ import numpy as np
 
 from slopecli.errors import InputError
 from slopecli.findings.wording import finding
+from slopecli.geometry.epipolar import skew
 from slopecli.geometry.solver.priors import MotionPrior
 from slopecli.look.noise import SYSTEMATIC_PX
 from slopecli.options import Options
@@ -63,14 +64,8 @@ def rotation_of_quaternion(q: FloatArray) -> FloatArray:
     length = math.hypot(*q)
     if not 0.0 < length < math.inf:
         raise InputError(f"the quaternion {q.tolist()} has no direction; it must be four finite numbers, not all zero")
-    w, x, y, z = q / length
-    return np.array(
-        [
-            [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
-            [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
-            [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
-        ]
-    )
+    w, S = q[0] / length, skew(q[1:] / length)
+    return np.asarray(np.eye(3) + 2.0 * w * S + 2.0 * S @ S)
 
 
 @dataclass(frozen=True)
@@ -94,10 +89,11 @@ def contradiction(
     own, whose noise is given and which have no systematic errors to allow for.
     """
     fixed = 3 * (prior.rotation is not None) + 2 * (prior.direction is not None)
-    chi2, limit = solution.prior_chi2 or 0.0, {2: 13.8, 3: 16.3, 5: 20.5}[fixed]  # quantile 0.999
+    # limit: quantile 0.999
+    what, limit = {2: ("direction", 13.8), 3: ("rotation", 16.3), 5: ("motion", 20.5)}[fixed]
+    chi2 = solution.prior_chi2 or 0.0
     if chi2 <= limit:
         return None
-    what = {2: "direction", 3: "rotation", 5: "motion"}[fixed]
     by = f"chi-square {chi2:.3g}, by chance it is below {limit:g}"
     if focal_px is not None and _is_systematic(prior, alone(), focal_px):
         # the errors that matches share with the calibration are the larger ones then, by about this ratio
@@ -107,14 +103,11 @@ def contradiction(
             f"calibration and interpolation: both were used, with sigmas of matches {factor:.1f} times larger"
         )
         return Contradiction(factor, finding("prior-contradicted", message, chi2, severity="info"))
-    if options.pose is None:
-        message = f"the images contradict the {what} given, so it was left out: {by}"
-        return Contradiction(None, finding("prior-contradicted", message, chi2, severity="warning"))
-    message = (
-        f"the images contradict the pose given, so it was left out: {by}; lengths still rest on its distance, which "
-        "nothing has checked"
-    )
-    remedy = "check its axes and its direction (camera 2 from camera 1), or give it its own sigma by --pose-sigma"
+    message = f"the images contradict the {what if options.pose is None else 'pose'} given, so it was left out: {by}"
+    remedy = None
+    if options.pose is not None:
+        message += "; lengths still rest on its distance, which nothing has checked"
+        remedy = "check its axes and its direction (camera 2 from camera 1), or give it its own sigma by --pose-sigma"
     return Contradiction(None, finding("prior-contradicted", message, chi2, remedy, severity="warning"))
 
 

@@ -20,38 +20,27 @@ DISTORTED_PX = 1.0  # at the corner: a lens that is this close to its model is n
 
 def refuse_identical(image1: Image, image2: Image) -> None:
     """Raise NoAnswer when both images hold the same pixels."""
-    if image1.grey.shape == image2.grey.shape and np.array_equal(image1.grey, image2.grey):
-        raise NoAnswer(
-            "pure-rotation",
-            "the two images are identical, so there is no parallax",
-            "take the second image from another place, or check that two different files were given",
-            value=0.0,
-        )
+    if np.array_equal(image1.grey, image2.grey):
+        remedy = "take the second image from another place, or check that two different files were given"
+        raise NoAnswer("pure-rotation", "the two images are identical, so there is no parallax", remedy, value=0.0)
 
 
 def refuse_unmatched(n_features: tuple[int, int], n_matches: int, n_inliers: int) -> None:
     """Raise NoAnswer when an image has too few features, or no more matches agree on one motion than by chance."""
-    if min(n_features) < FEW_FEATURES:
-        which, few = 1 + int(np.argmin(n_features)), min(n_features)
-        raise NoAnswer(
-            "low-texture",
-            f"image {which} has only {few} distinctive point{'' if few == 1 else 's'}, {FEW_FEATURES} are needed",
-            "use sharper, larger, better exposed or closer images",
-            value=float(few),
-        )
+    few = min(n_features)
+    if few < FEW_FEATURES:
+        found = f"image {1 + n_features.index(few)} has only {few} distinctive point{'' if few == 1 else 's'}"
+        remedy = "use sharper, larger, better exposed or closer images"
+        raise NoAnswer("low-texture", f"{found}, {FEW_FEATURES} are needed", remedy, value=float(few))
     if n_inliers < MIN_INLIERS or n_inliers < INLIER_SHARE * n_matches:
-        raise NoAnswer(
-            "no-overlap",
-            f"of {n_matches} tentative matches only {n_inliers} agree on one motion (at least {MIN_INLIERS} needed)",
-            "give two images that show the same ground, at most a factor of two apart in scale",
-            value=float(n_inliers),
-        )
+        found = f"of {n_matches} tentative matches only {n_inliers} agree on one motion"
+        remedy = "give two images that show the same ground, at most a factor of two apart in scale"
+        raise NoAnswer("no-overlap", f"{found} (at least {MIN_INLIERS} needed)", remedy, value=float(n_inliers))
 
 
 def refuse_mirrored(x1: FloatArray, x2: FloatArray) -> None:
     """Raise NoAnswer when image 2 shows the scene with left and right exchanged, which no motion of a camera does."""
-    linear = np.linalg.lstsq(homogeneous(x1), x2, rcond=None)[0][:2]
-    determinant = float(np.linalg.det(linear))
+    determinant = float(np.linalg.det(np.linalg.lstsq(homogeneous(x1), x2, rcond=None)[0][:2]))
     if determinant < 0:
         remedy = "flip it back, left to right or top to bottom"
         raise NoAnswer("poor-fit", "image 2 is mirrored", remedy, value=determinant)
@@ -73,18 +62,13 @@ def contradicting_matches(pair: PairFacts) -> list[Diagnostic]:
     """Raise NoAnswer when most of the dense matches contradict the motion of the camera; warn when many do."""
     evidence = pair.scene.evidence
     share = 1 - len(evidence) / max(evidence.n_given, 1)
+    found = f"{100 * share:.0f} % of the dense matches contradict the"
     if share > MOST_CONTRADICT:
-        raise NoAnswer(
-            "no-overlap",
-            f"{100 * share:.0f} % of the dense matches contradict the best motion of the camera",
-            "give two images of the same ground, neither mirrored, and the camera they were taken with",
-            value=share,
-        )
+        remedy = "give two images of the same ground, neither mirrored, and the camera they were taken with"
+        raise NoAnswer("no-overlap", f"{found} best motion of the camera", remedy, value=share)
     if share < MANY_CONTRADICT:
         return []
-    message = (
-        f"{100 * share:.0f} % of the dense matches contradict the motion of the camera: shadows, vehicles or mismatches"
-    )
+    message = f"{found} motion of the camera: shadows, vehicles or mismatches"
     remedy = "distrust windows where something moved, or take both images in quick succession"
     return [finding("dense-shadow-or-motion", message, share, remedy)]
 
@@ -102,27 +86,19 @@ def check_lens(misfit: LensMisfit | None, camera: Camera) -> list[Diagnostic]:
     """
     if misfit is None:
         return []
-    corner_px = abs(misfit.term) * _corner_radius(camera) ** 3 * camera.focal_px
+    # normalised distance of the farthest corner from the principal point, before distortion
+    x = max(camera.cx, camera.width - 1 - camera.cx) / camera.fx
+    y = max(camera.cy, camera.height - 1 - camera.cy) / camera.fy
+    corner_px = abs(misfit.term) * float(np.hypot(x, y)) ** 3 * camera.focal_px
     if corner_px < DISTORTED_PX:
         return []
     given = camera.distortion[0] if camera.distortion else 0.0
-    removed = abs(given) > 0.0 and abs(given - misfit.term) < 0.4 * abs(given)  # what is left of it is small
     own = "besides that of the camera file" if camera.distortion else "which the camera file does not have,"
-    return [
-        finding(
-            "suspect-distortion",
-            "residuals grow with the distance from the image centre as a lens distortion of k1 = "
-            f"{-misfit.term:.2g} {own} would make them ({corner_px:.1f} px at the corner)",
-            corner_px,
-            "leave the distortion out of the camera file: it seems to be taken out of the images already"
-            if removed
-            else "calibrate the lens, and give its distortion in the camera file",
-        )
-    ]
-
-
-def _corner_radius(camera: Camera) -> float:
-    """Normalised distance of the farthest corner from the principal point, before distortion."""
-    x = max(camera.cx, camera.width - 1 - camera.cx) / camera.fx
-    y = max(camera.cy, camera.height - 1 - camera.cy) / camera.fy
-    return float(np.hypot(x, y))
+    message = (
+        "residuals grow with the distance from the image centre as a lens distortion of k1 = "
+        f"{-misfit.term:.2g} {own} would make them ({corner_px:.1f} px at the corner)"
+    )
+    remedy = "calibrate the lens, and give its distortion in the camera file"
+    if abs(given - misfit.term) < 0.4 * abs(given):  # what is left of it is small
+        remedy = "leave the distortion out of the camera file: it seems to be taken out of the images already"
+    return [finding("suspect-distortion", message, corner_px, remedy)]

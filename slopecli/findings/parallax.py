@@ -9,8 +9,7 @@ import numpy as np
 from slopecli.errors import NoAnswer
 from slopecli.findings.facts import AnswerFacts, PairFacts
 from slopecli.findings.known_motion import known_length_m
-from slopecli.findings.separation import Separation
-from slopecli.findings.wording import finding, listed
+from slopecli.findings.wording import Separation, finding, listed
 from slopecli.geometry.epipolar import fit_rotation, homogeneous
 from slopecli.geometry.statistics import median
 from slopecli.options import Options
@@ -27,14 +26,10 @@ def parallax_px(x1: FloatArray, x2: FloatArray, focal_px: float) -> FloatArray:
     weight = np.ones(len(x1))
     residual = weight
     for _ in range(4):  # again without the tenth that fits worst: mismatches
-        residual = _rotation_residual(fit_rotation(p, q, weight), p, q)
+        y = fit_rotation(p, q, weight) @ p
+        residual = np.asarray(np.linalg.norm(y[:2] / y[2] - q, axis=0))
         weight = (residual <= np.quantile(residual, 0.9)).astype(float)
     return residual * focal_px
-
-
-def _rotation_residual(R: FloatArray, p: FloatArray, x2: FloatArray) -> FloatArray:
-    y = R @ p
-    return np.asarray(np.linalg.norm(y[:2] / y[2] - x2, axis=0))
 
 
 def check_parallax(parallax: FloatArray, noise_px: float, separation: Separation | None = None) -> list[Diagnostic]:
@@ -45,12 +40,9 @@ def check_parallax(parallax: FloatArray, noise_px: float, separation: Separation
     """
     typical, largest = median(parallax), float(np.quantile(parallax, 0.98))
     if largest < 2.0 * max(4 * noise_px, 0.1):
-        raise NoAnswer(
-            "pure-rotation",
-            f"a rotation of the camera explains all matches to {largest:.2f} px, so there is no parallax",
-            "move the camera between the images, by 5 to 20 % of the distance to the scene",
-            value=largest,
-        )
+        reason = f"a rotation of the camera explains all matches to {largest:.2f} px, so there is no parallax"
+        remedy = "move the camera between the images, by 5 to 20 % of the distance to the scene"
+        raise NoAnswer("pure-rotation", reason, remedy, value=largest)
     if typical >= LOW_PARALLAX_PX:
         return []
     factor = max(LOW_PARALLAX_PX / max(typical, 1e-3), 1.5)
@@ -75,18 +67,18 @@ def parallax_for_tolerance(facts: AnswerFacts) -> list[Diagnostic]:
     if facts.solution.ambiguity.status == "unresolved":
         return []
     options, separation = facts.options, facts.separation
-    wanted = {plane.id: _wanted_sigma(plane, options) for plane in facts.planes}
-    factors = {plane.id: _times_as_far(plane, wanted[plane.id], facts) for plane in facts.planes}
-    helped = [p for p in facts.planes if LEAST_FACTOR < factors[p.id] <= MOST_APART / separation.share]
+    helped = []
+    for plane in facts.planes:
+        wanted = _wanted_sigma(plane, options)
+        factor = _times_as_far(plane, wanted, facts)
+        if LEAST_FACTOR < factor <= MOST_APART / separation.share:
+            has = f"{plane.noun} {plane.id} has a sigma of {plane.slope_sigma_deg:.2g}°"
+            helped.append((factor, f"{has}, and {wanted:.2g}° would decide"))
     if not helped:
         return []
-    helped.sort(key=lambda plane: factors[plane.id])
-    described = [
-        f"{plane.noun} {plane.id} has a sigma of {plane.slope_sigma_deg:.2g}°, and {wanted[plane.id]:.2g}° would decide"
-        for plane in helped
-    ]
-    factor = factors[helped[-1].id]
-    message = f"too little parallax for the tolerance: {listed(described)}"
+    helped.sort(key=lambda pair: pair[0])
+    factor = helped[-1][0]
+    message = f"too little parallax for the tolerance: {listed([described for _, described in helped])}"
     return [finding("low-parallax", message, factor, separation.farther(factor), severity="info")]
 
 

@@ -1,8 +1,9 @@
-"""Wording of diagnostics: severity and remedy from the row of their code, and numbers in sentences."""
+"""Wording of diagnostics: severity and remedy from the row of their code, numbers in sentences, and how far to move."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Literal
 
 from slopecli.findings.codes import CODES
@@ -32,19 +33,41 @@ def finding(
 
 def listed(parts: Sequence[str]) -> str:
     """The first five parts with commas between them, and how many more there are."""
-    more = [f"and {len(parts) - 5} more"] if len(parts) > 5 else []
-    return ", ".join([*parts[:5], *more])
+    return ", ".join([*parts[:5], *([f"and {len(parts) - 5} more"] if len(parts) > 5 else [])])
 
 
 def beside(value: float, limit: float) -> str:
     """A number with as few decimals as show on which side of a limit it is: "49.8" below 50, "24" above 10."""
-    texts = (f"{value:.{digits}f}" for digits in range(9))
-    return next(
-        (text for text in texts if (float(text) > limit, float(text) < limit) == (value > limit, value < limit)),
-        f"{value:g}",
-    )
+    for text in (f"{value:.{digits}f}" for digits in range(9)):
+        if (float(text) > limit, float(text) < limit) == (value > limit, value < limit):
+            return text
+    return f"{value:g}"
 
 
 def figures(value: float) -> str:
     """A number with four digits, and two decimals at most below 1: "412", "1.3", "0"."""
     return f"{round(value, 2) + 0.0 if abs(value) < 1.0 else value:.4g}"
+
+
+@dataclass(frozen=True)
+class Separation:
+    """How far apart the images were taken: `share` of the distance to the scene, and metres where they are known."""
+
+    share: float
+    length_m: float | None = None
+
+    def sideways(self) -> str:
+        """Remedy for a move straight ahead: as far to the side."""
+        if self.length_m is not None:
+            return f"move {self.length_m:.2g} m sideways as well"
+        return f"move sideways as well, by {100 * self.share:.2g} % of the distance: {self._example(1.0)}"
+
+    def farther(self, factor: float) -> str:
+        """Remedy for so many times the parallax."""
+        if self.length_m is not None:
+            return f"move {factor * self.length_m:.2g} m between the images instead of {self.length_m:.2g} m"
+        by = f"{100 * factor * self.share:.2g} % of the distance to the scene (now {100 * self.share:.2g} %)"
+        return f"move by {by} between the images: {self._example(factor)}"
+
+    def _example(self, factor: float) -> str:
+        return f"{20 * factor * self.share:.2g} m at 20 m height"

@@ -6,17 +6,15 @@ import numpy as np
 
 from slopecli.findings.plane_checks import NON_PLANAR, ROUGH
 from slopecli.findings.wording import beside
-from slopecli.geometry.epipolar import homogeneous
-from slopecli.geometry.homography import homography_in_pixels, homography_of_plane
+from slopecli.geometry.homography import apply_homography, homography_in_pixels, homography_of_plane
 from slopecli.geometry.slope import surface_normals
-from slopecli.look.matches import Matches
 from slopecli.measure import Measured, judge, signed_distance
 from slopecli.options import Options
 from slopecli.patches.given.given_solution import MOST_LEFT_OUT
 from slopecli.patches.join import Joined
 from slopecli.patches.patch import Patch
-from slopecli.report.fit import residual_mrad, residual_px
-from slopecli.types import Camera, FloatArray, Plane, Solution
+from slopecli.report.units import residual_in_unit
+from slopecli.types import Camera, Plane, Solution
 
 LEAST_MATCHED = 0.5  # share of a window that must be matched to tell its slope
 LEAST_WHOLE = 0.5  # share of a plane found that its largest piece must have: less is no surface
@@ -48,7 +46,9 @@ def _plane(
     p_safe, p_second = float(root.p_safe[k]), None if second is None else float(second.p_safe[k])
     both_known = known and (second is None or np.degrees(second.slopes.sigma_rad[k]) <= options.max_sigma_deg)
     H = homography_of_plane(solution.R, solution.T, solution.scaled_normals[k])
-    rms = _rms(H, joined.matches.take(kept))
+    matches = joined.matches.take(kept)
+    squares = (apply_homography(H, matches.x1) - matches.x2) ** 2
+    rms_px, rms_mrad = residual_in_unit(float(np.sqrt(squares.mean())) if kept.any() else float("nan"), cameras[1])
     return Plane(
         id=patch.id,
         source=patch.source,
@@ -58,8 +58,8 @@ def _plane(
         **slope,
         n_correspondences=int(member.sum()),
         n_inliers=int(kept.sum()),
-        rms_px=residual_px(rms, cameras[1]),
-        rms_mrad=residual_mrad(rms, cameras[1]),
+        rms_px=rms_px,
+        rms_mrad=rms_mrad,
         roughness=_roughness(solution, k, patch.source, options),
         homography_px=homography_in_pixels(H, cameras[0].K, cameras[1].K),
         verdict=judge(p_safe, p_second, both_known and not reasons, options.confidence),
@@ -74,23 +74,19 @@ def _plane(
 
 def _reasons(k: int, patch: Patch, solution: Solution, inlier_share: float) -> list[str]:
     """Why a plane is poor, its sigma apart; empty when nothing is against it."""
-    reasons = _of_patch(patch, float(solution.relief[k]), inlier_share)
-    whole = patch.footprint.largest_share
-    if not reasons and whole < LEAST_WHOLE:
+    reasons, whole = [], patch.footprint.largest_share
+    if patch.reason:  # borrowed, or of a user's own and contradicted by their residuals
+        reasons = [patch.reason]
+    elif patch.share < LEAST_MATCHED:
+        share = beside(100 * patch.share, 100 * LEAST_MATCHED)
+        reasons = [f"only {share} % of the {patch.finder.noun} could be matched"]
+    elif solution.relief[k] > ROUGH or patch.left_out > MOST_LEFT_OUT or inlier_share < 1 - MOST_LEFT_OUT:
+        reasons = [NON_PLANAR]
+    elif whole < LEAST_WHOLE:
         reasons = [f"scattered: its largest piece is {beside(100 * whole, 100 * LEAST_WHOLE)} % of it"]
     if not solution.converged:  # planes share its motion, so none of them is better than it
         reasons.append("the joint solution did not converge")
     return reasons
-
-
-def _of_patch(patch: Patch, roughness: float, inlier_share: float) -> list[str]:
-    if patch.reason:  # borrowed, or of a user's own and contradicted by their residuals
-        return [patch.reason]
-    if patch.share < LEAST_MATCHED:
-        return [f"only {beside(100 * patch.share, 100 * LEAST_MATCHED)} % of the {patch.finder.noun} could be matched"]
-    if roughness > ROUGH or patch.left_out > MOST_LEFT_OUT or inlier_share < 1 - MOST_LEFT_OUT:
-        return [NON_PLANAR]
-    return []
 
 
 def _roughness(solution: Solution, k: int, source: str, options: Options) -> float:
@@ -100,12 +96,3 @@ def _roughness(solution: Solution, k: int, source: str, options: Options) -> flo
     """
     estimated = options.solver == "mle" and (source != "given" or bool(solution.relief.any()))
     return float(solution.relief[k]) if estimated else float("nan")
-
-
-def _rms(H: FloatArray, matches: Matches) -> float:
-    """RMS residual per coordinate of a plane's matches, normalised coordinates of image 2; NaN without matches."""
-    if not len(matches):
-        return float("nan")
-    y = homogeneous(matches.x1) @ H.T
-    residual = y[:, :2] / y[:, 2:] - matches.x2
-    return float(np.sqrt((residual**2).mean()))

@@ -18,9 +18,8 @@ from slopecli.patches import FINDERS
 from slopecli.patches.footprint import paint_labels
 from slopecli.patches.join import Joined
 from slopecli.report.answered_planes import planes_of
-from slopecli.report.fit import fit_of, motion_of
-from slopecli.report.scale import in_unit, scale_of
 from slopecli.report.second_root import ambiguity_report
+from slopecli.report.units import fit_of, in_unit, motion_of, scale_of
 from slopecli.types import Camera, Diagnostic, Image, ImageInfo, Plane, Report, Solution
 
 # options of how images are matched and planes found

@@ -34,21 +34,19 @@ def plane_kinds(report: Report) -> dict[int, Kind | None]:
     The ground is the lowest of the large level planes, extended. Without a level plane there is no height that tells
     ground from roof, and the kind is None.
     """
-    upright: dict[int, Kind | None] = {plane.id: _upright_kind(plane) for plane in report.planes}
     outlines = {plane.id: _outline(plane, report) for plane in report.planes}
     ground = _ground(report, outlines)
+    return {plane.id: _kind(plane, outlines[plane.id], ground) for plane in report.planes}
+
+
+def _kind(plane: Plane, outline: FloatArray, ground: Plane | None) -> Kind | None:
+    if plane.slope_deg > WALL_DEG:
+        return "ceiling" if plane.slope_deg > 180.0 - WALL_DEG else "wall"
     if ground is None:
-        return upright
-    lying: dict[int, Kind] = {
-        i: "ground" if _low_end(points, ground) < AT_GROUND else "roof" for i, points in outlines.items()
-    }
-    return {i: kind or lying[i] for i, kind in upright.items()}
-
-
-def _upright_kind(plane: Plane) -> Kind | None:
-    if plane.slope_deg > 180.0 - WALL_DEG:
-        return "ceiling"
-    return "wall" if plane.slope_deg > WALL_DEG else None
+        return None
+    # height of its lower end (10 % of its outline) above the ground, over its distance to the camera
+    height = (outline @ ground.normal_cam1 + ground.distance) / np.linalg.norm(outline, axis=1)
+    return "roof" if len(height) and np.quantile(height, 0.1) >= AT_GROUND else "ground"
 
 
 def _outline(plane: Plane, report: Report) -> FloatArray:
@@ -59,20 +57,9 @@ def _outline(plane: Plane, report: Report) -> FloatArray:
 
 def _ground(report: Report, outlines: dict[int, FloatArray]) -> Plane | None:
     """The lowest of the large level planes along up, None where no plane is level."""
-    shares = plane_shares(report)
-    level = [plane for plane in report.planes if _is_level(plane) and len(outlines[plane.id])]
-    if not level:
-        return None
-    least = LARGE * max(shares[plane.id] for plane in level)
-    up = np.array(report.up.vector_cam1)
-    return min((p for p in level if shares[p.id] >= least), key=lambda p: median(outlines[p.id] @ up))
-
-
-def _is_level(plane: Plane) -> bool:
-    return plane.slope_deg < LEVEL_DEG and plane.slope_sigma_deg < KNOWN_DEG
-
-
-def _low_end(points: FloatArray, ground: Plane) -> float:
-    """Height of a plane's lower end (10 % of its outline) above the ground, over its distance to the camera."""
-    height = points @ ground.normal_cam1 + ground.distance
-    return float(np.quantile(height / np.linalg.norm(points, axis=1), 0.1)) if len(points) else 0.0
+    flat = [plane for plane in report.planes if plane.slope_deg < LEVEL_DEG and plane.slope_sigma_deg < KNOWN_DEG]
+    level = [plane for plane in flat if len(outlines[plane.id])]
+    shares, up = plane_shares(report), np.array(report.up.vector_cam1)
+    least = LARGE * max((shares[plane.id] for plane in level), default=0.0)
+    large = [plane for plane in level if shares[plane.id] >= least]
+    return min(large, key=lambda plane: median(outlines[plane.id] @ up), default=None)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from contextlib import suppress
 
 import numpy as np
 
@@ -14,20 +15,14 @@ from slopecli.geometry.solver.ambiguity import by_chance
 from slopecli.measure import Measured, judge, signed_distance
 from slopecli.options import Options
 from slopecli.patches.join import Joined
-from slopecli.report.fit import motion_of
-from slopecli.report.scale import scale_of
+from slopecli.report.units import motion_of, scale_of
 from slopecli.types import Alternative, AlternativePlane, AmbiguityReport, FloatArray, Plane, Solution
 
 LEAST_DIFFERENCE_DEG = 0.1  # of two motions, below which no sensor is recommended to decide between them
 
 
 def ambiguity_report(
-    main: Measured,
-    second: Measured | None,
-    joined: Joined,
-    planes: tuple[Plane, ...],
-    length: float,
-    options: Options,
+    main: Measured, second: Measured | None, joined: Joined, planes: tuple[Plane, ...], length: float, options: Options
 ) -> AmbiguityReport:
     """Status of the second root, with its planes, and what would decide between the two.
 
@@ -36,27 +31,16 @@ def ambiguity_report(
     found = main.solution.ambiguity
     if second is None:
         return AmbiguityReport(found.status)
-    length = _second_length(second, joined, length, options)
+    with suppress(InputError):  # an altitude gives another length of the baseline here, or none
+        length = scale_of(second, joined, options)[1]
     by_id = {plane.id: plane for plane in planes}
     kept = [(k, by_id[patch.id]) for k, patch in enumerate(joined.patches) if patch.id in by_id]
     seconds = [_second_plane(k, plane, second, joined.patches[k].matches.x1, length, options) for k, plane in kept]
     firsts = np.array([plane.slope_deg for _, plane in kept])
     ways = what_decides(main.solution, firsts, np.array([plane.slope_deg for plane in seconds]))
-    return AmbiguityReport(
-        found.status,
-        found.delta_chi2,
-        found.delta_chi2_prior,
-        ways if found.status == "unresolved" else None,
-        Alternative(motion_of(second.solution, length), tuple(seconds)),
-    )
-
-
-def _second_length(second: Measured, joined: Joined, length: float, options: Options) -> float:
-    """Length of the baseline in the second root: an altitude gives another there, or none."""
-    try:
-        return scale_of(second, joined, options)[1]
-    except InputError:
-        return length
+    alternative = Alternative(motion_of(second.solution, length), tuple(seconds))
+    resolve_with = ways if found.status == "unresolved" else None
+    return AmbiguityReport(found.status, found.delta_chi2, found.delta_chi2_prior, resolve_with, alternative)
 
 
 def _second_plane(
@@ -84,10 +68,8 @@ def margin(ambiguity: AmbiguityReport, n_matches: int) -> str:
     total, known = ambiguity.delta_chi2, ambiguity.delta_chi2_prior
     if total is None:
         return ""
-    shares = (
-        "" if known is None else f", {figures(total - known)} by the images and {figures(known)} by the motion given"
-    )
-    return f" (chi-square larger by {figures(total)}{shares}, of {n_matches} matches)"
+    by = "" if known is None else f", {figures(total - known)} by the images and {figures(known)} by the motion given"
+    return f" (chi-square larger by {figures(total)}{by}, of {n_matches} matches)"
 
 
 def what_decides(solution: Solution, slopes_deg: FloatArray, other_slopes_deg: FloatArray) -> str:
@@ -102,11 +84,15 @@ def what_decides(solution: Solution, slopes_deg: FloatArray, other_slopes_deg: F
     ways = ["a third image", "a wider baseline"]
     if other is not None:
         needed = by_chance(0.0) + (solution.ambiguity.delta_chi2 or 0.0)
-        ways += _sensor("direction of motion", "--direction-prior", *_between_directions(solution, other), needed)
-        ways += _sensor("rotation", "--rotation-prior", *_between_rotations(solution, other), needed)
-    apart = float(np.abs(slopes_deg - other_slopes_deg).max(initial=0.0))
-    if apart >= 1.0:
-        ways.append(f"gravity (slopes differ by up to {apart:.0f} deg: how steep is one of them, roughly?)")
+        move, turn = other.T - solution.T, rotation_vector(other.R @ solution.R.T)
+        apart = 2.0 * math.asin(min(float(np.linalg.norm(move)) / 2.0, 1.0))
+        own_sigma = _sigma_along(move, solution.direction_covariance, other.direction_covariance)
+        ways += _sensor("direction of motion", "--direction-prior", apart, own_sigma, needed)
+        own_sigma = _sigma_along(turn, solution.motion_covariance[:3, :3], other.motion_covariance[:3, :3])
+        ways += _sensor("rotation", "--rotation-prior", float(np.linalg.norm(turn)), own_sigma, needed)
+    steeper = float(np.abs(slopes_deg - other_slopes_deg).max(initial=0.0))
+    if steeper >= 1.0:
+        ways.append(f"gravity (slopes differ by up to {steeper:.0f} deg: how steep is one of them, roughly?)")
     return f"{', '.join(ways[:-1])} or {ways[-1]}"
 
 
@@ -115,7 +101,8 @@ def _sensor(what: str, option: str, apart: float, own_sigma: float, needed: floa
     sigma_deg = math.degrees(deciding_sigma(apart, own_sigma, needed))
     if math.degrees(apart) < LEAST_DIFFERENCE_DEG or sigma_deg <= 0.0:
         return []
-    how_well = f"{option} with a sigma below {_rounded_down(sigma_deg)} deg decides"
+    step = 10.0 ** (math.floor(math.log10(sigma_deg)) - 1)  # two digits, rounded down
+    how_well = f"{option} with a sigma below {math.floor(sigma_deg / step) * step:.2g} deg decides"
     return [f"the {what} (the two differ by {math.degrees(apart):.3g} deg: {how_well})"]
 
 
@@ -135,24 +122,7 @@ def deciding_sigma(apart: float, own_sigma: float, needed: float) -> float:
     return max((math.sqrt(square) - half) / needed, 0.0) if square > 0.0 else 0.0
 
 
-def _between_directions(a: Solution, b: Solution) -> tuple[float, float]:
-    """Angle between the directions of two motions, and the larger 1-sigma of either along it, rad."""
-    way = b.T - a.T
-    apart = 2.0 * math.asin(min(float(np.linalg.norm(way)) / 2.0, 1.0))
-    return apart, _along(way, a.direction_covariance, b.direction_covariance)
-
-
-def _between_rotations(a: Solution, b: Solution) -> tuple[float, float]:
-    way = rotation_vector(b.R @ a.R.T)
-    return float(np.linalg.norm(way)), _along(way, a.motion_covariance[:3, :3], b.motion_covariance[:3, :3])
-
-
-def _along(way: FloatArray, *covariances: FloatArray) -> float:
+def _sigma_along(way: FloatArray, *covariances: FloatArray) -> float:
+    """The larger 1-sigma of two motions along the line between them."""
     unit = way / max(float(np.linalg.norm(way)), np.finfo(float).tiny)
-    return math.sqrt(max(max(float(unit @ C @ unit) for C in covariances), 0.0))
-
-
-def _rounded_down(value: float) -> str:
-    """A number in two digits, never larger than itself."""
-    step = 10.0 ** (math.floor(math.log10(value)) - 1)
-    return f"{math.floor(value / step) * step:.2g}"
+    return math.sqrt(max(0.0, *(float(unit @ C @ unit) for C in covariances)))

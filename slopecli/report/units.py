@@ -1,4 +1,4 @@
-"""The unit of lengths in a report, and planes with their lengths in it."""
+"""Units of a report: lengths in baselines or metres, residuals in px or mrad; its motion, fit and planes in them."""
 
 from __future__ import annotations
 
@@ -7,12 +7,15 @@ from dataclasses import replace
 import numpy as np
 
 from slopecli.errors import InputError
+from slopecli.findings.known_motion import known_length_m
 from slopecli.geometry.epipolar import homogeneous
+from slopecli.geometry.metrics import rotation_angle
 from slopecli.geometry.statistics import median
 from slopecli.measure import Measured
 from slopecli.options import Options
+from slopecli.patches.given.rows import RAYS
 from slopecli.patches.join import Joined
-from slopecli.types import Plane, Scale
+from slopecli.types import Camera, Fit, Motion, Plane, Scale, Solution
 
 LEVEL_LOOK = 0.05  # mean drop to the ground over its distance below which an altitude gives no scale
 
@@ -24,10 +27,9 @@ def scale_of(root: Measured, joined: Joined, options: Options) -> tuple[Scale, f
     ------
     InputError : an altitude is given for a camera that looks along the horizon, or up.
     """
-    if options.pose is not None:
-        return Scale("m", "pose"), float(np.linalg.norm(options.pose.baseline_m))
-    if options.baseline_m is not None:
-        return Scale("m", "baseline"), options.baseline_m
+    known = known_length_m(options)
+    if known is not None:
+        return Scale("m", "pose" if options.pose else "baseline"), known
     if options.altitude_m is None:
         return Scale(), 1.0
     return Scale("m", "altitude"), options.altitude_m / _mean_drop(root, joined, options.altitude_m)
@@ -56,3 +58,33 @@ def in_unit(plane: Plane, scale: Scale, length: float) -> Plane:
     distance = plane.distance * length
     roughness = plane.roughness * distance if scale.unit == "m" else plane.roughness
     return replace(plane, distance=distance, roughness=roughness)
+
+
+def motion_of(solution: Solution, length: float) -> Motion:
+    """The motion with its sigmas.  length : of the baseline, in the unit of the report."""
+    rotation, direction = solution.motion_covariance[:3, :3], solution.direction_covariance
+    sigmas_deg = [float(np.degrees(np.sqrt(np.linalg.eigvalsh(part)[-1]))) for part in (rotation, direction)]
+    return Motion(solution.R, solution.T * length, float(np.degrees(rotation_angle(solution.R))), *sigmas_deg)
+
+
+def fit_of(solution: Solution, joined: Joined, camera2: Camera) -> Fit:
+    """Residuals and counts of the solution; the noise is that of the median match, not of one of weight one."""
+    rms_px, rms_mrad = residual_in_unit(solution.rms, camera2)
+    noise_px, noise_mrad = residual_in_unit(solution.noise / float(np.sqrt(median(joined.weight))), camera2)
+    return Fit(
+        solver=solution.solver,
+        refine="points",
+        rms_px=rms_px,
+        noise_px=noise_px,
+        iterations=solution.iterations,
+        converged=solution.converged,
+        n_correspondences=len(solution.inlier),
+        n_inliers=int(solution.inlier.sum()),
+        rms_mrad=rms_mrad,
+        noise_mrad=noise_mrad,
+    )
+
+
+def residual_in_unit(residual: float, camera2: Camera) -> tuple[float, float | None]:
+    """A residual in px, and None; without a camera to give it in px, NaN and milliradians."""
+    return (float("nan"), 1e3 * residual) if camera2 is RAYS else (residual * camera2.focal_px, None)

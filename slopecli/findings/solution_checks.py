@@ -1,4 +1,4 @@
-"""Checks of the whole scene: all of it on one plane, with one motion or two, and a straight descent to level ground."""
+"""Checks of the joint solution: residuals, convergence, all of the scene on one plane, and a straight descent."""
 
 from __future__ import annotations
 
@@ -7,7 +7,6 @@ from collections.abc import Sequence
 import numpy as np
 
 from slopecli.findings.facts import AnswerFacts
-from slopecli.findings.fit_checks import solver_remedy
 from slopecli.findings.wording import finding
 from slopecli.geometry.epipolar import homogeneous
 from slopecli.geometry.motion import inverse_depth
@@ -15,8 +14,36 @@ from slopecli.geometry.statistics import median
 from slopecli.patches.merge_coplanar import MergedGroup
 from slopecli.types import Diagnostic, FloatArray, Solution
 
+POOR_FIT_PX = 0.5  # noise of matches beyond which the cameras or the images are suspect
 ALONG_DEG, FLAT_DEG = 15.0, 5.0  # motion off the normal of the ground, and RMS of its slopes, of a straight descent
 FLAT_PX = 0.2  # distance of matches from one plane within which relief does not help to determine the motion
+
+
+def solver_remedy(solution: Solution) -> str:
+    """What to do about large residuals that are due to the solver; "" where they are those of the matches."""
+    if solution.solver == "lh" or (solution.solver == "ha" and not solution.converged):
+        return f"--solver {solution.solver} does not minimise residuals; use mle"
+    return ""
+
+
+def large_residuals(facts: AnswerFacts) -> list[Diagnostic]:
+    """Residuals larger than matching noise."""
+    noise_px = facts.noise_px
+    if not noise_px > POOR_FIT_PX:  # NaN without a camera
+        return []
+    if remedy := solver_remedy(facts.solution):
+        message = f"residuals of the matches are {noise_px:.2f} px, due to the solver or to the matches"
+    else:
+        message = f"matches miss their epipolar lines by {noise_px:.2f} px, good pairs by less than {POOR_FIT_PX:g} px"
+        remedy = "check the camera file and its distortion; blur, a rolling shutter and moving things do the same"
+    return [finding("poor-fit", message, noise_px, remedy)]
+
+
+def not_converged(facts: AnswerFacts) -> list[Diagnostic]:
+    """A joint solution that did not converge."""
+    if facts.solution.converged:
+        return []
+    return [finding("poor-fit", "the joint solution did not converge", remedy=solver_remedy(facts.solution))]
 
 
 def one_plane(facts: AnswerFacts) -> list[Diagnostic]:
@@ -56,20 +83,6 @@ def second_root(facts: AnswerFacts) -> list[Diagnostic]:
     return [finding("single-plane", message, ambiguity.delta_chi2, severity="warning")]
 
 
-def merged_groups(groups: Sequence[MergedGroup]) -> list[Diagnostic]:
-    """Patches that `--merge-coplanar` solved as one plane, or with one normal."""
-    return [_merged(group) for group in groups]
-
-
-def _merged(group: MergedGroup) -> Diagnostic:
-    what = "lie on one plane" if group.shares == "plane" else "face one way"
-    message = (
-        f"{', '.join(map(str, group.ids))} {what}, and are solved so (chi-square {group.chi2:.1f} over {group.dof}): "
-        f"1-sigma of the tilt {group.before_deg:.2g} -> {group.after_deg:.2g} deg"
-    )
-    return finding("coplanar", message, group.before_deg / max(group.after_deg, 1e-9))
-
-
 def straight_descent(facts: AnswerFacts) -> list[Diagnostic]:
     """Motion along the one normal that all planes share, which determines slopes least of all motions."""
     normals = np.array([plane.normal_cam1 for plane in facts.planes])
@@ -82,7 +95,19 @@ def straight_descent(facts: AnswerFacts) -> list[Diagnostic]:
         f"the camera moved {off:.1f}° off the normal of flat ground, whose slopes differ by {spread:.1f}° (RMS): "
         "of all motions this one determines slopes least"
     )
-    remedy = (
-        f"{facts.separation.sideways()}; or give --rotation-prior, or --merge-coplanar where windows lie on one plane"
-    )
+    sideways = facts.separation.sideways()
+    remedy = f"{sideways}; or give --rotation-prior, or --merge-coplanar where windows lie on one plane"
     return [finding("weak-geometry", message, off, remedy)]
+
+
+def merged_groups(groups: Sequence[MergedGroup]) -> list[Diagnostic]:
+    """Patches that `--merge-coplanar` solved as one plane, or with one normal."""
+    found = []
+    for group in groups:
+        what = "lie on one plane" if group.shares == "plane" else "face one way"
+        message = (
+            f"{', '.join(map(str, group.ids))} {what}, and are solved so (chi-square {group.chi2:.1f} over "
+            f"{group.dof}): 1-sigma of the tilt {group.before_deg:.2g} -> {group.after_deg:.2g} deg"
+        )
+        found.append(finding("coplanar", message, group.before_deg / max(group.after_deg, 1e-9)))
+    return found
