@@ -13,7 +13,7 @@ import numpy as np
 from slopecli.geometry.epipolar import homogeneous
 from slopecli.geometry.statistics import geman_mcclure
 from slopecli.look.noise import DIFFERENCE_GREY
-from slopecli.look.photometric import MAX_STEP_PX, MIN_SEEN, SETTLED_PX, detrend, grid_rays
+from slopecli.look.photometric import MAX_STEP_PX, MIN_SEEN, detrend, grid_rays
 from slopecli.look.warp import (
     NODE_STEP,
     FloatImage,
@@ -165,7 +165,7 @@ class Comparison:
             if not np.isfinite(reach):
                 break
             normal = normal + step * min(1.0, MAX_STEP_PX / max(reach, 1e-12))
-            if reach < SETTLED_PX:
+            if reach < 0.02:  # working px
                 break
         return normal
 
