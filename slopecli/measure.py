@@ -10,7 +10,7 @@ from typing import Literal, TypedDict
 import numpy as np
 
 from slopecli.errors import InputError
-from slopecli.geometry.epipolar import homogeneous, unit_vector
+from slopecli.geometry.epipolar import checked_direction, homogeneous
 from slopecli.geometry.slope import ASPECT_SIGMAS, CAMERA_UP, measure_slopes, surface_normals
 from slopecli.geometry.statistics import median
 from slopecli.geometry.tilt_distribution import probability_below, slope_interval
@@ -75,11 +75,7 @@ def _source(options: Options) -> Literal["camera", "given", "dominant-plane"]:
 def _up_vector(options: Options) -> FloatArray:
     if isinstance(options.up, str) and options.up != "camera":
         raise InputError(f"up is {options.up!r}; it must be camera, dominant-plane or three numbers X,Y,Z")
-    vector = np.array(CAMERA_UP if isinstance(options.up, str) else options.up, float)
-    unit = unit_vector(vector) if vector.shape == (3,) else np.zeros(3)
-    if not unit.any():
-        raise InputError(f"up is {options.up}; it must be three finite numbers, not all zero")
-    return unit
+    return CAMERA_UP if isinstance(options.up, str) else checked_direction("up", options.up)
 
 
 def dominant_plane(joined: Joined) -> int:

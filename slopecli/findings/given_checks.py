@@ -11,7 +11,7 @@ from slopecli.findings.plane_checks import NON_PLANAR
 from slopecli.findings.solution_checks import solver_remedy
 from slopecli.findings.wording import finding, listed
 from slopecli.geometry.epipolar import homogeneous
-from slopecli.geometry.tilt_error import tilt_growth
+from slopecli.geometry.slope import tilt_growth
 from slopecli.patches.given.given_solution import GivenSolution
 from slopecli.patches.given.rows import FEWEST, RAYS
 from slopecli.patches.join import Joined

@@ -8,7 +8,7 @@ from slopecli.errors import NoAnswer
 from slopecli.findings.facts import PairFacts
 from slopecli.findings.wording import finding
 from slopecli.geometry.epipolar import homogeneous
-from slopecli.geometry.lens_misfit import LensMisfit
+from slopecli.geometry.motion import LensMisfit
 from slopecli.look.lens import lens_misfit
 from slopecli.types import Camera, Diagnostic, FloatArray, Image
 

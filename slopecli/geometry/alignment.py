@@ -7,10 +7,8 @@ from typing import Literal, NamedTuple
 import numpy as np
 
 from slopecli.errors import DegenerateConfiguration
-from slopecli.geometry.decomposition import PlaneMotion, decompose_homography, is_visible
-from slopecli.geometry.epipolar import nearest_rotation
-from slopecli.geometry.homography import fit_homography, homography_rows
-from slopecli.geometry.metrics import direction_angle, rotation_angle
+from slopecli.geometry.epipolar import direction_angle, nearest_rotation, rotation_angle
+from slopecli.geometry.homography import PlaneMotion, decompose_homography, fit_homography, homography_rows, is_visible
 from slopecli.geometry.solver.joint import Fit, ranked
 from slopecli.geometry.solver.observations import (
     Observations,
@@ -22,7 +20,7 @@ from slopecli.geometry.solver.observations import (
 )
 from slopecli.geometry.solver.refinement import Refined, State, optimal_normals
 from slopecli.geometry.solver.uncertainty import information_system
-from slopecli.types import FloatArray, IntArray
+from slopecli.types import FloatArray, IntArray, Solution
 
 
 class Alignment(NamedTuple):
@@ -98,22 +96,10 @@ def _align_root(
 def solve_delta_normals(
     observations: Observations, base: int, base_homography: FloatArray, epipole2: FloatArray
 ) -> FloatArray:
-    """Fit every patch's normal offset with the base homography and the epipole held fixed.
+    """Fit every patch's normal offset (m, 3), the paper's s1 (N1 - N_i), for a given base homography and epipole K.
 
-    Source: Cheng, eqs. (12)-(13). Minimises ||V dN - b|| patch by patch.
-
-    Parameters
-    ----------
-    base : the patch whose offset is zero by definition.
-    base_homography : (3, 3); epipole2 : (3,), the paper's K.
-
-    Returns
-    -------
-    delta_normals : (m, 3), the paper's s1 (N1 - N_i).
-
-    Raises
-    ------
-    DegenerateConfiguration : all points of a patch lie at the epipole, where no plane can be seen.
+    Source: Cheng, eqs. (12)-(13). Minimises ||V dN - b|| patch by patch; the offset of the base is 0 by definition.
+    DegenerateConfiguration if all points of a patch lie at the epipole, where no plane can be seen.
     """
     y = base_homography @ observations.p
     a = epipole2[:2, None] - epipole2[2] * observations.x2  # eq. (12): V1 = a1 P, V2 = a2 P
@@ -133,17 +119,9 @@ def solve_delta_normals(
 def solve_base_homography(
     observations: Observations, delta_normals: FloatArray, epipole2: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Update the base homography and the epipole together, every patch's normal offset held fixed.
+    """The base homography, last entry 1, and the epipole K that fit given normal offsets (m, 3) best.
 
-    Source: Cheng, eqs. (14)-(17): 11 unknowns, linear.
-
-    Parameters
-    ----------
-    delta_normals : (m, 3); epipole2 : (3,), returned as it is when all offsets vanish and leave it undetermined.
-
-    Returns
-    -------
-    base_homography : (3, 3) with last entry 1; epipole2 : (3,).
+    Source: Cheng, eqs. (14)-(17): 11 unknowns, linear. If all offsets are 0, K is undetermined and left as it is.
     """
     rows = homography_rows(observations.p.T, observations.x2.T)  # eq. (14), eq. (15): the part of H1
     M, B = rows[:, :8], -rows[:, 8]  # eq. (16)
@@ -151,10 +129,8 @@ def solve_base_homography(
     if np.abs(offset).max() > 1e-12:
         u, v = observations.x2
         zero = np.zeros_like(offset)
-        of_K = np.block(
-            [[offset, zero], [zero, offset], [-u * offset, -v * offset]]
-        ).T  # eq. (14), eq. (15): the part of K
-        M = np.hstack([M, of_K])
+        # eq. (14), eq. (15): the part of K
+        M = np.hstack([M, np.block([[offset, zero], [zero, offset], [-u * offset, -v * offset]]).T])
     G = np.linalg.lstsq(M, B, rcond=None)[0]  # eq. (17)
     H1 = np.append(G[:8], 1.0).reshape(3, 3)
     return np.asarray(H1), np.asarray(G[8:] if len(G) == 11 else epipole2)
@@ -173,10 +149,11 @@ def _nearest_root(H1: FloatArray, root: PlaneMotion, x1: FloatArray) -> PlaneMot
     """The decomposition of the aligned base homography nearest to the root it started from, visible if any is."""
     candidates = decompose_homography(H1)
     candidates = [c for c in candidates if is_visible(c, x1)] or candidates
-    return min(candidates, key=lambda c: _motion_distance(c, root))
+    return min(candidates, key=lambda c: motion_distance(c, root))
 
 
-def _motion_distance(a: PlaneMotion, b: PlaneMotion) -> float:
+def motion_distance(a: PlaneMotion | Solution, b: PlaneMotion | Solution) -> float:
+    """Angle between two motions, rotation and direction added up, rad."""
     return float(rotation_angle(a.R, b.R) + direction_angle(a.T, b.T))
 
 
@@ -197,7 +174,7 @@ def average_motion(observations: Observations) -> State:
     if not any(roots_of):
         raise DegenerateConfiguration("no patch by itself has a plane in front of both cameras; use solver mle")
     agreed = _agreed(roots_of)
-    chosen = [min(roots, key=lambda c: _motion_distance(c, agreed)) if roots else None for roots in roots_of]
+    chosen = [min(roots, key=lambda c: motion_distance(c, agreed)) if roots else None for roots in roots_of]
     R = nearest_rotation(np.sum([c.R for c in chosen if c], axis=0))
     T = np.sum([c.T for c in chosen if c], axis=0)
     state = _best_normals(observations, R, T / np.linalg.norm(T))

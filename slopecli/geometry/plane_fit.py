@@ -1,4 +1,4 @@
-"""Robust plane fit to inverse depths of a window: outliers, relief, and a second surface across a step."""
+"""Robust plane fit to inverse depths of a window: outliers, relief, a second surface across a step, unmatched parts."""
 
 from __future__ import annotations
 
@@ -6,8 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from slopecli.geometry.epipolar import homogeneous
-from slopecli.geometry.metrics import normal_angle
+from slopecli.geometry.epipolar import homogeneous, normal_angle
 from slopecli.geometry.statistics import MAD_FACTOR, median, robust_sigma
 from slopecli.types import BoolArray, FloatArray, IntArray
 
@@ -16,6 +15,7 @@ CORE_SHARE = 0.35  # of the points belong to one surface even beside a step; the
 CORE_SIGMA = 0.4538  # quantile of |residual| at CORE_SHARE over the sigma of a Gaussian
 STEP_GATE = 3.0  # robust sigmas of the core beyond which points may lie across a step
 STEP_SIGMAS = 7.0  # distance of the surface across a step, in RMS residuals of the others
+BEND_RAD = np.radians(10.0)  # 1-sigma by which unmatched ground is assumed to tilt against matched ground, either axis
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,8 +47,6 @@ def robust_plane(x1: FloatArray, w: FloatArray, leverage: FloatArray, floor: flo
     the window lies on a second surface across a step (a projecting bay, ground behind a ledge), the plane is that of
     the larger part; relief without a step is averaged.
 
-    Parameters
-    ----------
     x1 : (n, 2) normalised points of image 1, n >= 3.  w : (n,) inverse depths, 1/baseline.
     leverage : (n,) image-2 motion per unit of inverse depth.
     floor : smallest sigma believed, normalised coordinates of image 2.
@@ -190,3 +188,17 @@ def _reweighted(rows: FloatArray, target: FloatArray, normal: FloatArray, floor:
 
 def _least_squares(rows: FloatArray, target: FloatArray) -> FloatArray:
     return np.asarray(planes_of_sums(plane_products(rows, target).sum(axis=0))[0])
+
+
+def lever(at: FloatArray, seen: BoolArray) -> float:
+    """Tilt of the plane fitted to the whole window per unit of tilt of its unmatched part, in the worst direction.
+
+    at : (n, 2) places all over the window, px from its middle.  seen : (n,) which of them have matches: all give 0,
+    none 1.
+    """
+    if seen.all() or not seen.any():
+        return 0.0 if seen.all() else 1.0
+    gap, known = at[~seen], at[seen]
+    nearest = known[((gap[:, None] - known[None]) ** 2).sum(axis=2).argmin(axis=1)]
+    gain = np.linalg.lstsq(at.T @ at, gap.T @ (gap - nearest), rcond=None)[0]
+    return min(float(np.linalg.norm(gain, 2)), 1.0)

@@ -1,14 +1,13 @@
-"""Slope and aspect of planes, and the covariance of their tilt against the up direction."""
+"""Slope and aspect of planes, and the covariance of their tilt against up, larger where normals are poorly known."""
 
 from __future__ import annotations
 
-from functools import cache
+from functools import cache, reduce
 
 import numpy as np
 
 from slopecli.errors import InputError
-from slopecli.geometry.epipolar import tangent_basis, unit_vector
-from slopecli.geometry.tilt_error import tilt_growth
+from slopecli.geometry.epipolar import checked_direction, tangent_basis
 from slopecli.types import FloatArray, Slopes, Solution
 
 CAMERA_UP = np.array([0.0, 0.0, -1.0])  # up if the camera looks straight down
@@ -69,19 +68,11 @@ def measure_slopes(
     return Slopes(slope, sigma, np.where(defined, aspect, np.nan), np.where(defined, spread, np.nan), covariance)
 
 
-def _direction(name: str, vector: FloatArray) -> FloatArray:
-    vector = np.asarray(vector, dtype=float)
-    unit = unit_vector(vector) if vector.shape == (3,) else np.zeros(3)
-    if not unit.any():
-        raise InputError(f"{name} is {vector.tolist()}; it must be three finite numbers, not all zero")
-    return unit
-
-
 def _up_direction(normals: FloatArray, up_cam1: FloatArray | None, up_plane: int | None) -> FloatArray:
-    if (up_cam1 is None) == (up_plane is None):
+    if up_cam1 is not None and up_plane is None:
+        return checked_direction("up", up_cam1)
+    if up_cam1 is not None or up_plane is None:
         raise InputError("give either the up direction or the plane whose normal is up, not both or neither")
-    if up_plane is None:
-        return _direction("up", up_cam1)  # type: ignore[arg-type]
     if not 0 <= up_plane < len(normals):
         raise InputError(f"up_plane is {up_plane}, the solution has planes 0..{len(normals) - 1}")
     return np.asarray(normals[up_plane])
@@ -98,12 +89,7 @@ def _tilt_axes(normals: FloatArray, up: FloatArray) -> tuple[FloatArray, FloatAr
 
 
 def _tilt_covariance(
-    solution: Solution,
-    normals: FloatArray,
-    along: FloatArray,
-    across: FloatArray,
-    up: FloatArray,
-    up_plane: int | None,
+    solution: Solution, normals: FloatArray, along: FloatArray, across: FloatArray, up: FloatArray, up_plane: int | None
 ) -> FloatArray:
     """(m, 2, 2) covariance of the tilt between each normal and up, first order in the scaled normals."""
     # d n = -(I - n n^T) dN / |N|, and the axes are perpendicular to n already
@@ -131,7 +117,7 @@ def _positive(covariance: FloatArray) -> FloatArray:
 def _root_mean_square_error(slope: FloatArray, covariance: FloatArray) -> FloatArray:
     """(m,) RMS of |tilt + error| - |tilt| over the error, by Gauss-Hermite quadrature in two dimensions."""
     factor = _square_root(covariance)
-    z, weight = _hermite()
+    z, weight = _hermite(16, 2)
     error = z @ factor.swapaxes(1, 2)
     # |t + e| - |t| without cancellation
     change = error[:, :, 0] * (2.0 * slope[:, None] + error[:, :, 0]) + error[:, :, 1] ** 2
@@ -141,10 +127,11 @@ def _root_mean_square_error(slope: FloatArray, covariance: FloatArray) -> FloatA
 
 
 @cache
-def _hermite() -> tuple[FloatArray, FloatArray]:
-    """Gauss-Hermite nodes (256, 2) and weights (256,) in two dimensions."""
-    nodes, weights = np.polynomial.hermite_e.hermegauss(16)
-    return np.stack(np.meshgrid(nodes, nodes), axis=-1).reshape(-1, 2), np.outer(weights, weights).ravel() / (2 * np.pi)
+def _hermite(n: int, k: int) -> tuple[FloatArray, FloatArray]:
+    """Gauss-Hermite nodes (n^k, k) and weights (n^k,) in k dimensions; 9 a dimension reach 4.5 sigma."""
+    nodes, weights = np.polynomial.hermite_e.hermegauss(n)
+    grid = np.stack(np.meshgrid(*[nodes] * k), axis=-1).reshape(-1, k)
+    return grid, reduce(np.multiply.outer, [weights] * k).ravel() / (2.0 * np.pi) ** (0.5 * k)
 
 
 def _square_root(covariance: FloatArray) -> FloatArray:
@@ -155,7 +142,7 @@ def _square_root(covariance: FloatArray) -> FloatArray:
 
 def _north_direction(up: FloatArray, north: FloatArray | None) -> FloatArray:
     """Horizontal unit vector (3,) that aspects are counted from."""
-    given = _direction("north", north) if north is not None else np.array([0.0, -1.0, 0.0])
+    given = checked_direction("north", north) if north is not None else np.array([0.0, -1.0, 0.0])
     level = given - (given @ up) * up
     if np.linalg.norm(level) < 1e-6:
         if north is not None:
@@ -168,3 +155,35 @@ def _aspects(normals: FloatArray, up: FloatArray, north: FloatArray) -> FloatArr
     """(m,) azimuth of the downhill direction, the horizontal part of the outward normal; 0..2 pi."""
     east = np.cross(north, up)
     return np.asarray(np.arctan2(normals @ east, normals @ north) % (2.0 * np.pi))
+
+
+def tilt_growth(normals: FloatArray, covariance: FloatArray) -> FloatArray:
+    """Ratio (m,) of the RMS tilt error of each plane to its first-order value; exactly 1 where that is good to 5 %.
+
+    The error of a scaled normal is Gaussian, the tilt depends on its direction alone. With nearly collinear points the
+    normal's sigma in one direction exceeds its length, and linear error propagation fails. The RMS tilt is therefore
+    integrated over the Gaussian error.
+
+    normals : (m, 3) scaled.  covariance : (m, 3, 3) of them.
+    """
+    factor = _square_root(covariance)
+    growth = np.ones(len(normals))
+    # below a relative sigma of 0.05 the growth is far below 5 %
+    vague = np.linalg.norm(factor[:, :, 2], axis=1) > 0.05 * np.linalg.norm(normals, axis=1)
+    if vague.any():
+        growth[vague] = _mean_growth(normals[vague], factor[vague])
+    return np.where(growth > 1.05, growth, 1.0)
+
+
+def _mean_growth(normals: FloatArray, factor: FloatArray) -> FloatArray:
+    """(m,) RMS tilt over its first-order value; factor @ factor^T (m, 3, 3) is the covariance of the normals (m, 3)."""
+    z, weight = _hermite(9, 3)
+    length = np.linalg.norm(normals, axis=1)[:, None]
+    unit = normals / length
+    possible = (normals[:, None] + z @ factor.swapaxes(1, 2)) / length[:, None]
+    ahead = (possible * unit[:, None]).sum(axis=2)
+    aside = np.linalg.norm(possible - ahead[:, :, None] * unit[:, None], axis=2)
+    turned = np.arctan2(aside, ahead) ** 2 @ weight
+    across = factor - unit[:, :, None] * (unit[:, None] @ factor)
+    linear = (across**2).sum(axis=(1, 2)) / length[:, 0] ** 2
+    return np.asarray(np.sqrt(turned / np.maximum(linear, np.finfo(float).tiny)))

@@ -34,18 +34,10 @@ def robust_sigma(residual: FloatArray, least: float = 0.0, most: float = math.in
 
 
 def geman_mcclure(residual: FloatArray, scale: float | FloatArray) -> FloatArray:
-    """Weights of reweighted least squares under the Geman-McClure loss: 1 / (1 + (residual / scale)^2)^2.
+    """Weights, 0..1, of reweighted least squares under the Geman-McClure loss, in the residual's shape and type.
 
+    scale : residual at which the weight is 1/4, usually GATE_SIGMAS robust sigmas; broadcasts against the residual.
     Source: Geman and McClure, "Statistical methods for tomographic image reconstruction", 1987.
-
-    Parameters
-    ----------
-    residual : array of any shape.  scale : residual at which the weight is 1/4, usually GATE_SIGMAS robust sigmas;
-        broadcasts against the residual.
-
-    Returns
-    -------
-    weight : array of the residual's shape and type, 0..1.
     """
     return 1 / (1 + (residual / scale) ** 2) ** 2
 
@@ -53,20 +45,12 @@ def geman_mcclure(residual: FloatArray, scale: float | FloatArray) -> FloatArray
 def robust_least_squares(
     rows: FloatArray, target: FloatArray, solution: FloatArray, bounds: tuple[float, float], rounds: int
 ) -> tuple[FloatArray, FloatArray]:
-    """Solve `rows @ solution = target` by least squares with Geman-McClure weights, k systems at once.
+    """Solve `rows @ solution = target` with Geman-McClure weights: (..., p), and (...) sigma of the last weights.
 
     The scale of the weights follows the residuals: GATE_SIGMAS times their robust sigma in each system.
 
-    Parameters
-    ----------
-    rows : (..., n, p) float array.  target : (..., n).
-    solution : (..., p) to start from.
+    rows : (..., n, p).  target : (..., n).  solution : (..., p) to start from.  rounds : number of reweightings.
     bounds : smallest and largest sigma believed, in the unit of the target; equal for a known sigma.
-    rounds : number of reweightings.
-
-    Returns
-    -------
-    solution : (..., p).  sigma : (...) robust sigma that the last weights refer to.
     """
     columns = np.swapaxes(rows, -1, -2)
     sigma = np.zeros(target.shape[:-1])

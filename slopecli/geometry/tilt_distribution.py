@@ -7,6 +7,7 @@ too large on average, and has no derivative at zero. Intervals and probabilities
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from functools import cache, lru_cache
 from statistics import NormalDist
 from typing import NamedTuple
@@ -16,6 +17,7 @@ import numpy as np
 from slopecli.errors import InputError
 from slopecli.types import BoolArray, FloatArray, Slopes
 
+_gauss_legendre = cache(np.polynomial.legendre.leggauss)  # nodes and weights on [-1, 1]
 REACH_SIGMAS = 9.0  # a Gaussian holds less than 1e-18 beyond
 
 
@@ -75,12 +77,19 @@ class _Tilt(NamedTuple):
 
 def _farthest_agreeing(tilt: _Tilt, inside: FloatArray, outside: FloatArray, level: float) -> FloatArray:
     """(k,) the slope nearest to `outside` that agrees with the tilt, by bisection from `inside`, which does."""
-    agrees = _agrees(tilt, outside, level)
+    farthest, _ = _bisected(lambda slope: _agrees(tilt, slope, level), inside, outside)
+    return np.where(_agrees(tilt, outside, level), outside, farthest)
+
+
+def _bisected(
+    holds: Callable[[FloatArray], BoolArray], inside: FloatArray, outside: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """The last places (k,) where a condition holds and the first where it does not, between `inside` and `outside`."""
     for _ in range(30):
         middle = 0.5 * (inside + outside)
-        good = _agrees(tilt, middle, level)
-        inside, outside = np.where(good, middle, inside), np.where(good | agrees, outside, middle)
-    return np.where(agrees, outside, inside)
+        good = holds(middle)
+        inside, outside = np.where(good, middle, inside), np.where(good, outside, middle)
+    return inside, outside
 
 
 def _agrees(tilt: _Tilt, slope: FloatArray, level: float) -> BoolArray:
@@ -105,12 +114,10 @@ def _agrees(tilt: _Tilt, slope: FloatArray, level: float) -> BoolArray:
 
 def _disc_holding(estimate: FloatArray, covariance: FloatArray, reach: FloatArray, level: float) -> FloatArray:
     """(k,) radius of the disc of tilts about 0 that holds the probability `level`, at most the slope plus `reach`."""
-    inside, outside = np.zeros_like(estimate), estimate + reach
-    for _ in range(30):
-        middle = 0.5 * (inside + outside)
-        small = disc_probability(estimate, covariance, middle) < level
-        inside, outside = np.where(small, middle, inside), np.where(small, outside, middle)
-    return outside
+    _, radius = _bisected(
+        lambda radius: disc_probability(estimate, covariance, radius) < level, np.zeros_like(estimate), estimate + reach
+    )
+    return radius
 
 
 @lru_cache(maxsize=8)
@@ -151,17 +158,12 @@ def probability_below(slopes: Slopes, tolerance_rad: float) -> FloatArray:
 
 
 def disc_probability(distance: FloatArray, covariance: FloatArray, radius: FloatArray) -> FloatArray:
-    """Probability that a two-dimensional Gaussian point falls into a disc about the origin.
+    """Probability (k,) that a two-dimensional Gaussian point falls into a disc of radius (k,) about the origin.
 
-    Parameters
-    ----------
-    distance : (k,) distance of the mean from the origin; the mean lies on the first axis.
-    covariance : (k, 2, 2); radius : (k,).
+    Accurate to about 1e-9: Gauss-Legendre quadrature along the narrower principal axis, the integral along the wider
+    one in closed form.
 
-    Returns
-    -------
-    probability : (k,), accurate to about 1e-9: Gauss-Legendre quadrature along the narrower principal axis, the
-    integral along the wider one in closed form.
+    distance : (k,) of the mean from the origin, along the first axis.  covariance : (k, 2, 2).
     """
     values, axes = np.linalg.eigh(covariance)
     # a point without noise is a very small Gaussian
@@ -171,21 +173,13 @@ def disc_probability(distance: FloatArray, covariance: FloatArray, radius: Float
     ends = np.clip((mean[:, :1] + REACH_SIGMAS * sigma[:, :1] * [-1.0, 1.0]) / safe[:, None], -1.0, 1.0)
     # x = radius sin(angle) keeps the integrand smooth where the disc ends
     first, last = np.arcsin(ends).T[:, :, None]
-    nodes, weights = _gauss_legendre()
+    nodes, weights = _gauss_legendre(48)
     angle = 0.5 * (last - first) * nodes + 0.5 * (last + first)
     x, half_chord = safe[:, None] * np.sin(angle), safe[:, None] * np.cos(angle)
     density = np.exp(-0.5 * ((x - mean[:, :1]) / sigma[:, :1]) ** 2) / (np.sqrt(2.0 * np.pi) * sigma[:, :1])
-    chord = _normal_cdf((half_chord - mean[:, 1:]) / sigma[:, 1:]) - _normal_cdf(
-        (-half_chord - mean[:, 1:]) / sigma[:, 1:]
-    )
-    integral = (density * chord * half_chord * (0.5 * (last - first))) @ weights
+    upper, lower = (_normal_cdf((end - mean[:, 1:]) / sigma[:, 1:]) for end in (half_chord, -half_chord))
+    integral = (density * (upper - lower) * half_chord * (0.5 * (last - first))) @ weights
     return np.clip(integral, 0.0, 1.0)
-
-
-@cache
-def _gauss_legendre() -> tuple[FloatArray, FloatArray]:
-    """48 nodes and weights on [-1, 1]."""
-    return np.polynomial.legendre.leggauss(48)
 
 
 def _normal_cdf(x: FloatArray) -> FloatArray:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from slopecli.geometry.lens_misfit import LensMisfit, find_lens_misfit
+from slopecli.geometry.motion import LensMisfit, find_lens_misfit
 from slopecli.look.matches import pair_rays, thin
 from slopecli.look.noise import SYSTEMATIC_PX
 from slopecli.look.scene import Scene

@@ -10,9 +10,9 @@ import numpy as np
 
 from slopecli.errors import NoAnswer
 from slopecli.geometry.motion import MotionEstimate, epipolar_residual
-from slopecli.geometry.solver.ambiguity import rules_out
 from slopecli.geometry.solver.priors import MotionPrior
 from slopecli.geometry.solver.solve import solve_planes
+from slopecli.geometry.solver.uncertainty import rules_out
 from slopecli.look.matches import Matches, thin
 from slopecli.look.noise import OVERVIEW_CELL_PX, SYSTEMATIC_PX, correlation_gain
 from slopecli.look.scene import Scene

@@ -9,7 +9,7 @@ import numpy as np
 
 from slopecli.errors import NoAnswer, SlopemapError
 from slopecli.findings.parallax import check_parallax, parallax_px
-from slopecli.geometry.metrics import normal_angle
+from slopecli.geometry.epipolar import normal_angle
 from slopecli.geometry.slope import measure_slopes
 from slopecli.geometry.solver.observations import linearise, observe
 from slopecli.geometry.solver.refinement import State, normal_equations

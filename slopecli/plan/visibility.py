@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from slopecli.geometry.unmatched_tilt import BEND_RAD, lever
+from slopecli.geometry.plane_fit import BEND_RAD, lever
 from slopecli.plan.flight import Flight, in_image2
 from slopecli.types import FloatArray
 

@@ -11,7 +11,7 @@ from slopecli.errors import InputError
 from slopecli.findings.wording import figures
 from slopecli.geometry.epipolar import rotation_vector
 from slopecli.geometry.slope import surface_normals
-from slopecli.geometry.solver.ambiguity import by_chance
+from slopecli.geometry.solver.uncertainty import by_chance
 from slopecli.measure import Measured, judge, signed_distance
 from slopecli.options import Options
 from slopecli.patches.join import Joined

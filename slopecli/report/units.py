@@ -8,8 +8,7 @@ import numpy as np
 
 from slopecli.errors import InputError
 from slopecli.findings.known_motion import known_length_m
-from slopecli.geometry.epipolar import homogeneous
-from slopecli.geometry.metrics import rotation_angle
+from slopecli.geometry.epipolar import homogeneous, rotation_angle
 from slopecli.geometry.statistics import median
 from slopecli.measure import Measured
 from slopecli.options import Options

@@ -16,8 +16,7 @@ import numpy as np
 
 from slopecli.errors import InputError
 from slopecli.geometry.camera import pixels_from_rays, rays_from_pixels
-from slopecli.geometry.epipolar import homogeneous, rotation_from_vector
-from slopecli.geometry.metrics import normal_angle
+from slopecli.geometry.epipolar import homogeneous, normal_angle, rotation_from_vector
 from slopecli.geometry.slope import CAMERA_UP
 from slopecli.types import BoolArray, Camera, FloatArray, IntArray
 

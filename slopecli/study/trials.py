@@ -10,8 +10,8 @@ from typing import NamedTuple
 import numpy as np
 
 from slopecli.errors import SlopemapError
+from slopecli.geometry.epipolar import direction_angle, normal_angle, rotation_angle
 from slopecli.geometry.homography import apply_homography, fit_homography, homography_of_plane
-from slopecli.geometry.metrics import direction_angle, normal_angle, rotation_angle
 from slopecli.geometry.solver.solve import solve_planes
 from slopecli.geometry.solver.uncertainty import cramer_rao_bound
 from slopecli.study.parameters import FEWEST_ALONE, StudyOptions

@@ -99,10 +99,7 @@ def with_prior(fit: Fit, prior: MotionPrior, noise: float) -> Fit:
 
 
 def _refit(
-    observations: Observations,
-    state: State,
-    relief: tuple[Relief, ...] = (),
-    prior: WeighedPrior | None = None,
+    observations: Observations, state: State, relief: tuple[Relief, ...] = (), prior: WeighedPrior | None = None
 ) -> Fit:
     """Least squares on the points from given states, under the weights of their relief."""
     W = np.stack([r.W for r in relief]) if relief else None
@@ -242,7 +239,7 @@ def _with_relief(fit: Fit, noise: float | None, robust: bool) -> Fit:
     for _ in range(8):
         prediction = fit.prediction
         best = estimate_relief(matched, prediction, 0, noise, robust)
-        observations = Kept(best.keep, best.keep_free).applied_to(matched)
+        observations = best.kept.applied_to(matched)
         # roots are compared on the same points and the same noise
         others = [
             estimate_relief(observations, prediction, i, best.noise, False, settled=True)

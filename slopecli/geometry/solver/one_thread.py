@@ -44,8 +44,4 @@ def _blas() -> Any:
     return ThreadpoolController().select(user_api="blas")
 
 
-def _limit_blas() -> Callable[[], object]:
-    return _blas().limit(limits=1).restore_original_limits
-
-
-one_blas_thread = SharedLimit(_limit_blas)
+one_blas_thread = SharedLimit(lambda: _blas().limit(limits=1).restore_original_limits)

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from slopecli.errors import InputError
-from slopecli.geometry.epipolar import rotation_vector, skew, unit_vector
+from slopecli.geometry.epipolar import checked_direction, rotation_vector, skew
 from slopecli.types import FloatArray, Solution
 
 
@@ -32,12 +32,7 @@ class MotionPrior:
         direction: FloatArray | None = None,
         direction_sigma: float = np.inf,
     ) -> MotionPrior:
-        """The prior, its direction scaled to length 1.
-
-        Raises
-        ------
-        InputError : no rotation or no direction where one is given, or a sigma that is not positive.
-        """
+        """The prior, its direction scaled to length 1. InputError if a part is none or its sigma is not positive."""
         if rotation is not None:
             rotation = np.asarray(rotation, float)
             if rotation.shape != (3, 3) or not np.abs(rotation @ rotation.T - np.eye(3)).max() < 1e-6:
@@ -45,10 +40,7 @@ class MotionPrior:
             if np.linalg.det(rotation) < 0:
                 raise InputError("the rotation known beforehand mirrors the scene; a rotation has determinant 1")
         if direction is not None:
-            direction = np.asarray(direction, float)
-            direction = unit_vector(direction) if direction.shape == (3,) else np.zeros(3)
-            if not direction.any():
-                raise InputError("the direction known beforehand must be three finite numbers, not all zero")
+            direction = checked_direction("the direction known beforehand", direction)
         for name, known, sigma in (("rotation", rotation, rotation_sigma), ("direction", direction, direction_sigma)):
             if known is not None and not sigma > 0:
                 raise InputError(f"the sigma of the {name} known beforehand is {sigma}; it must be positive, in rad")

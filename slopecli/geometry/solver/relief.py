@@ -1,8 +1,9 @@
-"""Relief of terrain patches, whose points lie near their plane, not on it: noise, relief and weights of points.
+"""Relief of terrain patches, whose points lie near their plane, not on it: noise, relief, weights, test of flatness.
 
 A point off its plane is displaced along its epipolar line only. So the residual across the line is image noise, and
 the residual along it is noise plus relief. Each patch has its own relative relief r: the RMS height off the plane over
-the distance of the plane. With r = 0 this is the exact-plane model.
+the distance of the plane. With r = 0 this is the exact-plane model. On rough ground the displacement varies from point
+to point; on bent or broken ground, or several planes, neighbouring points are displaced alike.
 """
 
 from __future__ import annotations
@@ -11,22 +12,21 @@ from typing import NamedTuple
 
 import numpy as np
 
-from slopecli.geometry.solver.mismatches import gate_squared, noise_at_least, residual_scale
-from slopecli.geometry.solver.observations import Observations, Prediction
+from slopecli.geometry.solver.mismatches import Kept, gate_squared, noise_at_least, residual_scale
+from slopecli.geometry.solver.observations import FINEST_RESIDUAL, Observations, Prediction, observe, predict
 from slopecli.geometry.statistics import median, robust_sigma
-from slopecli.types import BoolArray, FloatArray
+from slopecli.types import BoolArray, FloatArray, IntArray, Solution
 
 
 class Relief(NamedTuple):
     """noise: 1-sigma in image 2; relative (m,): r of each patch; W (3, n): packed 2x2 weights relative to noise^2;
-    log_determinant: sum of log covariance determinants over noise^2 I; keep (n,), keep_free (k,): points in the fit."""
+    log_determinant: sum of log covariance determinants over noise^2 I; kept: points in the fit."""
 
     noise: float
     relative: FloatArray
     W: FloatArray
     log_determinant: float
-    keep: BoolArray
-    keep_free: BoolArray
+    kept: Kept
 
 
 def estimate_relief(
@@ -44,14 +44,10 @@ def estimate_relief(
     settled : do not estimate the noise again, as for a second root that is compared under the noise of the first.
     robust : leave out mismatches, and minorities far off their plane.
     """
-    residual, slide = prediction.residual[index], prediction.slide[index]
-    gain = np.hypot(slide[0], slide[1])
-    direction = slide / np.maximum(gain, np.finfo(float).tiny)
-    weight = observations.weight
-    across = np.sqrt(weight) * (direction[0] * residual[1] - direction[1] * residual[0])
-    along = direction[0] * residual[0] + direction[1] * residual[1]
+    along, across, gain = _components(prediction.residual[index], prediction.slide[index])
+    across = np.sqrt(observations.weight) * across
     free = np.sqrt(observations.free_weight) * prediction.distance[index]
-    keep, keep_free = weight > 0.0, observations.free_weight > 0.0
+    keep, keep_free = observations.weight > 0.0, observations.free_weight > 0.0
     if robust:
         keep, keep_free = _match_gate(across, free, keep, keep_free)
     total = float((across[keep] ** 2).sum() + (free[keep_free] ** 2).sum())
@@ -66,13 +62,14 @@ def estimate_relief(
     if robust:
         keep &= ~_standing_off(observations, along, lever, noise, keep)
     relative = _relative_relief(observations, along, lever, noise, keep)
-    return _weights(observations, slide, prediction.inverse_depth[index], noise, relative, keep, keep_free)
+    return _weights(observations, prediction, index, noise, relative, Kept(keep, keep_free))
 
 
-def _small_sample(observations: Observations, keep: BoolArray) -> FloatArray:
-    """(m,) factor on relief for the variance of Student's t: a patch's relief is estimated from n - 3 residuals."""
-    freedom = observations.sum_patches(keep.astype(float)) - 3.0
-    return np.sqrt(np.where(freedom > 2.0, freedom / np.maximum(freedom - 2.0, 1.0), 1.0))
+def _components(residual: FloatArray, slide: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Residuals (n,) along and across the epipolar lines, and the length (n,) of the slide (2, n)."""
+    gain = np.hypot(slide[0], slide[1])
+    x, y = slide / np.maximum(gain, np.finfo(float).tiny)
+    return x * residual[0] + y * residual[1], x * residual[1] - y * residual[0], gain
 
 
 def _match_gate(
@@ -126,19 +123,91 @@ def _relative_relief(
 
 
 def _weights(
-    observations: Observations,
-    slide: FloatArray,
-    inverse_depth: FloatArray,
-    noise: float,
-    relative: FloatArray,
-    keep: BoolArray,
-    keep_free: BoolArray,
+    observations: Observations, prediction: Prediction, index: int, noise: float, relative: FloatArray, kept: Kept
 ) -> Relief:
     """Inverse of noise^2 / weight I + (w r)^2 d d^T by Sherman and Morrison, d the slide, w the inverse depth."""
-    weight = observations.weight * keep
-    spread = (inverse_depth * observations.per_point(relative * _small_sample(observations, keep)) / noise) ** 2
+    slide, inverse_depth = prediction.slide[index], prediction.inverse_depth[index]
+    weight = observations.weight * kept.planes
+    # a patch's relief is estimated from n - 3 residuals: the variance of Student's t is larger
+    freedom = observations.sum_patches(kept.planes.astype(float)) - 3.0
+    widening = np.sqrt(np.where(freedom > 2.0, freedom / np.maximum(freedom - 2.0, 1.0), 1.0))
+    spread = (inverse_depth * observations.per_point(relative * widening) / noise) ** 2
     squared = (slide * slide).sum(axis=0)
     factor = weight**2 * spread / (1.0 + weight * spread * squared)
     W = np.stack([weight - factor * slide[0] ** 2, -factor * slide[0] * slide[1], weight - factor * slide[1] ** 2])
     log_determinant = float(np.log1p(weight * spread * squared).sum())
-    return Relief(noise, relative, W, log_determinant, keep, keep_free)
+    return Relief(noise, relative, W, log_determinant, kept)
+
+
+class Flatness(NamedTuple):
+    """Residuals of the points kept against their planes: 1-sigma of a coordinate of weight 1, normalised.
+
+    across : of all points, across their epipolar lines.  along (m,) : of each patch along them.  both (m,) : of each
+    patch, both components.  off (m,) : whether along is significantly larger than across.
+    shaped (m,) : whether, besides, neighbouring points are displaced alike.
+    """
+
+    across: float
+    along: FloatArray
+    both: FloatArray
+    off: BoolArray
+    shaped: BoolArray
+
+
+def flatness(solution: Solution, x1: FloatArray, x2: FloatArray, patch: IntArray, weights: FloatArray) -> Flatness:
+    """Judge every patch of a solution of these correspondences; arguments as of `solve_planes`."""
+    seen = observe(x1, x2, patch, weights)
+    prediction = predict(seen, solution.R[None], solution.T[None], solution.scaled_normals[None])
+    root = np.sqrt(seen.weight)
+    along, across = (root * part for part in _components(prediction.residual[0], prediction.slide[0])[:2])
+    kept = solution.inlier[seen.order][seen.n_free :]
+    count = seen.sum_patches(kept.astype(float))
+    alongs, acrosses = (seen.sum_patches(kept * part**2) for part in (along, across))
+    spare = np.maximum(count - 3.0, 0.0)  # a plane takes three residuals, all of them along
+
+    freedom = max(float(count.sum()) - 5.0, 1.0)
+    noise = float(np.sqrt(acrosses.sum() / freedom))
+    sigma = np.sqrt(alongs / np.maximum(spare, 1.0))
+    off = (spare > 0.0) & (sigma > FINEST_RESIDUAL) & _larger(sigma**2, spare, noise**2, freedom)
+
+    places, chosen = seen.p[:2].T, kept & np.repeat(off, seen.count)
+    # rows with the wrong patch label are displaced like neighbours in other patches
+    shaped = off & _shared_by_neighbours(places[chosen], along[chosen])
+    for k in np.flatnonzero(off & ~shaped):
+        own = slice(seen.first[k], seen.first[k] + seen.count[k])
+        shaped[k] = _shared_by_neighbours(places[own][kept[own]], along[own][kept[own]])
+    both = np.sqrt((alongs + acrosses) / np.maximum(2.0 * count - 3.0, 1.0))
+    return Flatness(noise, sigma, both, off, shaped)
+
+
+def _larger(variance: FloatArray, freedom: FloatArray, other: float, other_freedom: float) -> BoolArray:
+    """Whether variances (m,) are significantly larger than another (by chance 3 in 100 000, as all patches are tested).
+
+    Source: Paulson, "An approximate normalization of the analysis of variance distribution", 1942.
+    """
+    ratio = np.cbrt(variance / max(other, np.finfo(float).tiny))
+    a, b = 2.0 / (9.0 * np.maximum(freedom, 1.0)), 2.0 / (9.0 * other_freedom)
+    return np.asarray((1.0 - b) * ratio - (1.0 - a) > 4.0 * np.sqrt(b * ratio**2 + a))
+
+
+def _shared_by_neighbours(places: FloatArray, values: FloatArray) -> bool:
+    """Whether values (n,) at places (n, 2) vary significantly more between neighbourhoods than within.
+
+    Source: analysis of variance (Fisher 1925) over a grid of cells with about three points each.
+    """
+    n = len(values)
+    side = int(np.sqrt(n / 3))
+    if side < 2:
+        return False
+    strip = np.empty(n, np.int64)
+    strip[np.argsort(places[:, 0], kind="stable")] = np.arange(n) * side // n
+    order = np.lexsort((places[:, 1], strip))
+    within_strip = np.arange(n) - np.searchsorted(strip[order], strip[order])
+    cell = np.empty(n, np.int64)
+    cell[order] = strip[order] * side + within_strip * side // np.bincount(strip)[strip[order]]
+    count = np.bincount(cell)
+    mean = np.bincount(cell, values) / count
+    cells = len(count)
+    within = float(((values - mean[cell]) ** 2).sum()) / (n - cells)
+    between = np.array([count @ (mean - values.mean()) ** 2 / (cells - 1)])
+    return bool(_larger(between, np.array([cells - 1.0]), within, n - cells)[0])

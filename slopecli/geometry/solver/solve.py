@@ -5,8 +5,8 @@ distance to the epipolar line for a point on none. "ha" is homography alignment 
 the averaged Longuet-Higgins motion it is compared with.
 
 Standard errors from few residuals are widened as by Student's t (`uncertainty.small_sample`). A second root is
-"resolved" if its chi-square, with that of a prior, is significantly larger (`ambiguity.by_chance`), else "unresolved".
-If only one root is left with a sharp prior, the second root is that without it.
+"resolved" if its chi-square, with that of a prior, is significantly larger (`uncertainty.by_chance`), else
+"unresolved". If only one root is left with a sharp prior, the second root is that without it.
 """
 
 from __future__ import annotations
@@ -17,16 +17,22 @@ from typing import Literal, NamedTuple
 import numpy as np
 
 from slopecli.errors import DegenerateConfiguration, InputError, NoAnswer
-from slopecli.geometry.alignment import closed_form
-from slopecli.geometry.epipolar import fit_rotation
-from slopecli.geometry.metrics import direction_angle, rotation_angle
-from slopecli.geometry.solver.ambiguity import by_chance, reaching_across, roots_are_joined, rules_out, separate_freedom
+from slopecli.geometry.alignment import closed_form, motion_distance
+from slopecli.geometry.epipolar import fit_rotation, rotation_angle
 from slopecli.geometry.solver.joint import Fit, Motion, maximum_likelihood, with_prior
 from slopecli.geometry.solver.mismatches import noise_at_least
 from slopecli.geometry.solver.observations import Observations, observe, parameter_count
 from slopecli.geometry.solver.one_thread import one_blas_thread
 from slopecli.geometry.solver.priors import MotionPrior
-from slopecli.geometry.solver.uncertainty import covariance_of, small_sample
+from slopecli.geometry.solver.uncertainty import (
+    by_chance,
+    covariance_of,
+    reaching_across,
+    roots_are_joined,
+    rules_out,
+    separate_freedom,
+    small_sample,
+)
 from slopecli.types import Ambiguity, FloatArray, IntArray, Solution
 
 EXACT_RESIDUAL = 1e-12  # normalised coordinates; correspondences that fit better are exact to rounding
@@ -247,15 +253,10 @@ def _beside(own: Solution, joint: Solution) -> Solution:
     """
     other = joint.ambiguity.alternative
     if other is None:
-        return own if _apart(own, joint) < 0.2 else replace(own, ambiguity=Ambiguity("unresolved", 0.0, joint))
-    if _apart(own, joint) > _apart(own, other):
+        return own if motion_distance(own, joint) < 0.2 else replace(own, ambiguity=Ambiguity("unresolved", 0.0, joint))
+    if motion_distance(own, joint) > motion_distance(own, other):
         return replace(own, ambiguity=Ambiguity("unresolved", joint.ambiguity.delta_chi2, joint))
     return replace(own, ambiguity=joint.ambiguity)
-
-
-def _apart(a: Solution, b: Solution) -> float:
-    """Angle between two motions, rotation and direction added up, rad."""
-    return float(rotation_angle(a.R, b.R) + direction_angle(a.T, b.T))
 
 
 def _solution(fit: Fit, index: int, solver: str, scale: _Scale, joined: bool = False) -> Solution:

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from slopecli.geometry.decomposition import longuet_higgins
 from slopecli.geometry.epipolar import decompose_essential, fit_rotation
+from slopecli.geometry.homography import longuet_higgins
 from slopecli.geometry.solver.observations import Observations, QuadraticForm, isotropic, patch_moments
 from slopecli.geometry.solver.refinement import State, levenberg_marquardt, optimal_normals
 from slopecli.types import FloatArray, IntArray

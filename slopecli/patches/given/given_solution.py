@@ -7,8 +7,8 @@ from typing import Literal
 
 import numpy as np
 
-from slopecli.geometry.solver.flatness import Flatness, flatness
 from slopecli.geometry.solver.priors import MotionPrior
+from slopecli.geometry.solver.relief import Flatness, flatness
 from slopecli.geometry.solver.solve import solve_planes
 from slopecli.patches.given.rows import FEWEST
 from slopecli.patches.join import Joined

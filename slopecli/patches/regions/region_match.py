@@ -6,8 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from slopecli.geometry.epipolar import homogeneous
-from slopecli.geometry.metrics import normal_angle
+from slopecli.geometry.epipolar import homogeneous, normal_angle
 from slopecli.geometry.motion import inverse_depth
 from slopecli.look.dense import Cells, dense_cells
 from slopecli.look.gradient_components import Labels, grown, resized

@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from slopecli.geometry.metrics import normal_angle
+from slopecli.geometry.epipolar import normal_angle
 from slopecli.look.gradient_components import Labels, grown, renumbered_by_size
 from slopecli.patches.labelling.depth_planes import robust_planes
 from slopecli.patches.neighbours import nearest
