@@ -39,7 +39,7 @@ def comma_separated(
     number: Callable[[str], float] = float,
     words: tuple[str, ...] = (),
 ) -> Parsed:
-    """A fixed number of comma-separated finite numbers.
+    """The type of a fixed number of comma-separated finite numbers.
 
     Parameters
     ----------
@@ -126,7 +126,8 @@ def _pairing(text: str) -> str:
 def _rotation_prior(text: str) -> Values:
     """A quaternion and its sigma, deg, of a quaternion or a rotation vector, deg, and its sigma."""
     if text.count(",") != 3:
-        return QUATERNION.parse(text)  # type: ignore[no-any-return]
+        quaternion: Values = QUATERNION.parse(text)
+        return quaternion
     *vector, sigma_deg = ROTATION_VECTOR.parse(text)
     angle = math.radians(math.hypot(*vector))
     scale = math.sin(angle / 2) / angle if angle else 0.5
