@@ -47,35 +47,21 @@ class Measured:
 
 
 def measure(solution: Solution, joined: Joined, options: Options) -> Measured:
-    """Measure all planes of one root against the up direction the options ask for.
-
-    Raises
-    ------
-    InputError : up or north is not a direction, or up names none that is known.
-    """
+    """Measure all planes of one root against the up direction the options ask for. InputError if there is none."""
     north = None if options.north is None else np.array(options.north, float)
     sigma = float(np.radians(options.up_sigma_deg))
+    source: Literal["camera", "given", "dominant-plane"] = "camera" if options.up == "camera" else "given"
     if options.up == "dominant-plane":
-        level = dominant_plane(joined)
+        source, level = "dominant-plane", dominant_plane(joined)
         vector = surface_normals(solution)[level]
         slopes = _with_tilt_variance(measure_slopes(solution, None, sigma, north, up_plane=level), joined, level)
-    else:
-        vector = _up_vector(options)
-        slopes = _with_tilt_variance(measure_slopes(solution, vector, sigma, north), joined)
-    up = Up((float(vector[0]), float(vector[1]), float(vector[2])), _source(options), options.up_sigma_deg)
-    return Measured(solution, up, slopes, probability_below(slopes, float(np.radians(options.tolerance_deg))))
-
-
-def _source(options: Options) -> Literal["camera", "given", "dominant-plane"]:
-    if not isinstance(options.up, str):
-        return "given"
-    return "dominant-plane" if options.up == "dominant-plane" else "camera"
-
-
-def _up_vector(options: Options) -> FloatArray:
-    if isinstance(options.up, str) and options.up != "camera":
+    elif isinstance(options.up, str) and options.up != "camera":
         raise InputError(f"up is {options.up!r}; it must be camera, dominant-plane or three numbers X,Y,Z")
-    return CAMERA_UP if isinstance(options.up, str) else checked_direction("up", options.up)
+    else:
+        vector = CAMERA_UP if isinstance(options.up, str) else checked_direction("up", options.up)
+        slopes = _with_tilt_variance(measure_slopes(solution, vector, sigma, north), joined)
+    up = Up((float(vector[0]), float(vector[1]), float(vector[2])), source, options.up_sigma_deg)
+    return Measured(solution, up, slopes, probability_below(slopes, float(np.radians(options.tolerance_deg))))
 
 
 def dominant_plane(joined: Joined) -> int:
@@ -113,25 +99,20 @@ def _with_tilt_variance(slopes: Slopes, joined: Joined, level: int | None = None
 def slope_numbers(slopes: Slopes) -> list[SlopeNumbers]:
     """The slope of every plane, in degrees."""
     each = (slopes.slope_rad, slopes.sigma_rad, slope_interval(slopes), slopes.aspect_rad)
-    return [_numbers(*one) for one in zip(*(np.degrees(values).tolist() for values in each), strict=True)]
-
-
-def _numbers(slope: float, sigma: float, interval: list[float], azimuth: float) -> SlopeNumbers:
-    aspect = None if math.isnan(azimuth) else azimuth
-    return {
-        "slope_deg": slope,
-        "slope_sigma_deg": sigma,
-        "slope_ci95_deg": (interval[0], interval[1]),
-        "aspect_deg": aspect,
-        "dip_direction_deg": aspect,
-    }
+    return [
+        {
+            "slope_deg": slope,
+            "slope_sigma_deg": sigma,
+            "slope_ci95_deg": (lower, upper),
+            "aspect_deg": None if math.isnan(aspect) else aspect,
+            "dip_direction_deg": None if math.isnan(aspect) else aspect,
+        }
+        for slope, sigma, (lower, upper), aspect in zip(*(np.degrees(one).tolist() for one in each), strict=True)
+    ]
 
 
 def signed_distance(normal: FloatArray, x1: FloatArray) -> float:
-    """Perpendicular distance of a plane from camera 1, baselines; negative if most of its points are behind the camera.
-
-    normal : (3,) scaled.  x1 : (n, 2) rays of its points.
-    """
+    """Distance of a plane with a scaled normal (3,) from camera 1, baselines; negative if most points x1 lie behind."""
     ahead = median(homogeneous(x1) @ normal) > 0
     return (1 if ahead else -1) / float(np.linalg.norm(normal))
 

@@ -27,48 +27,25 @@ NEWTON_STEPS, NEWTON_SETTLED = 20, 1e-8  # Newton squares the error: after a ste
 
 
 def rays_from_pixels(camera: Camera, uv: FloatArray) -> FloatArray:
-    """Undistort pixels to normalised coordinates, to rounding error.
+    """Undistort pixels (n, 2), as stored, to normalised coordinates (X/Z, Y/Z) (n, 2), to rounding error.
+
+    NaN where the model has no inverse: beyond the fold of the lens polynomial, or `MAX_ANGLE` or more off the axis.
+    InputError if the camera has more distortion coefficients than its model.
 
     Newton's method on the forward model; OpenCV's five fixed-point iterations leave 0.5 px with k1 = -0.28.
-
-    Parameters
-    ----------
-    camera : intrinsics and lens.
-    uv : (n, 2) float array, px, as stored (distorted).
-
-    Returns
-    -------
-    x : (n, 2) float array, normalised coordinates (X/Z, Y/Z). NaN where the model has no inverse: beyond the fold
-        of the lens polynomial, or `MAX_ANGLE` or more off the axis.
-
-    Raises
-    ------
-    InputError : more distortion coefficients than the model has.
     """
     distorted = (np.asarray(uv, dtype=np.float64) - (camera.cx, camera.cy)) / (camera.fx, camera.fy)
     k = _padded_coefficients(camera)
     if camera.model == "pinhole":
         return distorted
-    if camera.model == "fisheye":
-        return _undistort_fisheye(distorted, k)
-    return _undistort_brown(distorted, k)
+    return (_undistort_fisheye if camera.model == "fisheye" else _undistort_brown)(distorted, k)
 
 
 def pixels_from_rays(camera: Camera, x: FloatArray) -> FloatArray:
-    """Project normalised coordinates to (distorted) pixels.
+    """Project normalised coordinates (n, 2) to (distorted) pixels (n, 2).
 
-    Parameters
-    ----------
-    camera : intrinsics and lens.
-    x : (n, 2) float array, normalised coordinates.
-
-    Returns
-    -------
-    uv : (n, 2) float array, px. NaN for rays beyond the fold of the lens polynomial: the lens does not image them.
-
-    Raises
-    ------
-    InputError : more distortion coefficients than the model has.
+    NaN for rays beyond the fold of the lens polynomial: the lens does not image them.
+    InputError if the camera has more distortion coefficients than its model.
     """
     x = np.asarray(x, dtype=np.float64)
     return np.stack(_project(camera, x[:, 0], x[:, 1]), axis=1)
@@ -77,18 +54,12 @@ def pixels_from_rays(camera: Camera, x: FloatArray) -> FloatArray:
 def points_on_plane(
     camera: Camera, uv: FloatArray, normal: FloatArray, distance: float
 ) -> tuple[FloatArray, BoolArray]:
-    """Intersect the rays of pixels with a plane.
-
-    Parameters
-    ----------
-    camera : intrinsics and lens.
-    uv : (n, 2) float array, px, as stored (distorted).
-    normal, distance : (3,) unit vector towards the camera and a length, with `normal . P = -distance`.
+    """Intersect the rays of pixels (n, 2) with the plane `normal . P = -distance`, the unit normal towards the camera.
 
     Returns
     -------
-    points : (n, 3) float array, camera axes, in the unit of the distance; undefined where not met.
-    met : (n,) bool, which rays meet the front of the plane at 0.6 deg or more. False where the lens has no ray.
+    points : (n, 3) camera axes, in the unit of the distance; undefined where not met.
+    met : (n,) which rays meet the front of the plane at 0.6 deg or more. False where the lens has no ray.
     """
     rays = homogeneous(rays_from_pixels(camera, uv))
     incidence = -(rays @ normal)
@@ -108,33 +79,19 @@ def scale_camera(camera: Camera, width: int, height: int) -> Camera:
     Pixel areas scale, not pixel centres (as `cv2.resize` does): c' = (c + 1/2) s - 1/2. Distortion stays as it is.
     """
     sx, sy = width / camera.width, height / camera.height
-    return replace(
-        camera,
-        width=width,
-        height=height,
-        fx=camera.fx * sx,
-        fy=camera.fy * sy,
-        cx=(camera.cx + 0.5) * sx - 0.5,
-        cy=(camera.cy + 0.5) * sy - 0.5,
-    )
+    cx, cy = (camera.cx + 0.5) * sx - 0.5, (camera.cy + 0.5) * sy - 0.5
+    return replace(camera, width=width, height=height, fx=camera.fx * sx, fy=camera.fy * sy, cx=cx, cy=cy)
 
 
 def undistortion_maps(camera: Camera, ideal: Camera | None = None) -> tuple[np.ndarray, np.ndarray]:
     """Coordinates in the distorted image of every pixel of an ideal one, for `cv2.remap`.
 
-    Parameters
-    ----------
-    camera : the camera of the distorted image.
-    ideal : pinhole camera of the image wanted; `pinhole_of(camera)` when None.
+    ideal : pinhole camera of the image wanted; `pinhole_of(camera)` when None. InputError if it has distortion.
 
     Returns
     -------
     map_u, map_v : (ideal.height, ideal.width) float32 arrays, px of the distorted image; `OUTSIDE_PX` where the
         lens does not image the ray.
-
-    Raises
-    ------
-    InputError : `ideal` has distortion of its own, or `camera` more coefficients than its model has.
     """
     ideal = pinhole_of(camera) if ideal is None else ideal
     if ideal.model != "pinhole":
@@ -192,13 +149,6 @@ def _radial_polynomials(k: tuple[float, ...]) -> tuple[FloatArray, FloatArray]:
     return np.array([k3, k2, k1, 1.0]), np.array([k6, k5, k4, 1.0])
 
 
-def _radial_slope(r2: FloatArray, k: tuple[float, ...]) -> FloatArray:
-    """d g / d(r^2)."""
-    n, d = _radial_polynomials(k)
-    below = np.polyval(d, r2)
-    return (np.polyval(np.polyder(n), r2) - _radial_factor(r2, k) * np.polyval(np.polyder(d), r2)) / below
-
-
 def _undistort_brown(distorted: FloatArray, k: tuple[float, ...]) -> FloatArray:
     limit = _valid_angle("brown", k)
     x, y = (distorted * _radial_start(distorted, k, limit)[:, None]).T
@@ -228,7 +178,8 @@ def _newton_step(
     """Newton step of forward(x, y) = target, and the determinant of the (symmetric) Jacobian."""
     p1, p2 = k[2], k[3]
     r2 = x * x + y * y
-    g, slope = _radial_factor(r2, k), 2 * _radial_slope(r2, k)
+    g, (n, d) = _radial_factor(r2, k), _radial_polynomials(k)
+    slope = 2 * ((np.polyval(np.polyder(n), r2) - g * np.polyval(np.polyder(d), r2)) / np.polyval(d, r2))
     j_xx = g + slope * x * x + 2 * p1 * y + 6 * p2 * x
     j_yy = g + slope * y * y + 6 * p1 * y + 2 * p2 * x
     j_xy = slope * x * y + 2 * p1 * x + 2 * p2 * y

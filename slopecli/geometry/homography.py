@@ -33,19 +33,12 @@ def apply_homography(H: FloatArray, x: FloatArray) -> FloatArray:
 
 
 def fit_homography(x1: FloatArray, x2: FloatArray, weights: FloatArray | None = None) -> FloatArray:
-    """Least-squares homography: the sum of squared residuals in image 2 is smallest.
+    """Least-squares homography (3, 3) of points (n, 2), n >= 4, with weights (n,): inverse relative variances, or None.
+
+    It has Frobenius norm 1 and a positive depth ratio at most points.
 
     Source: normalised direct linear transform (Hartley and Zisserman, algorithm 4.2), then Gauss-Newton on the
     residuals themselves, so the answer is the maximum-likelihood one for noise in image 2.
-
-    Parameters
-    ----------
-    x1, x2 : (n, 2), n >= 4, normalised coordinates or pixels.
-    weights : (n,) inverse relative variances, or None.
-
-    Returns
-    -------
-    H : (3, 3) with Frobenius norm 1 and positive depth ratio at most points.
 
     Raises
     ------
@@ -157,15 +150,11 @@ def longuet_higgins(H: FloatArray, rounding: float = 1e-14) -> tuple[FloatArray,
     T = t1[:, None, None] * axis1 + t3[:, None, None] * axis3
     N = (t1 + p1)[:, None, None] * axis1 + (t3 + p3)[:, None, None] * axis3
     T[~moves], N[~moves] = [0.0, 0.0, 1.0], 0.0
-    return _rotation(H, np.sqrt(middle), T, N), T, N
-
-
-def _rotation(H: FloatArray, scale: FloatArray, T: FloatArray, N: FloatArray) -> FloatArray:
-    """Eq. (8). Its norm is the spectral norm, which is the scale (and sign) of H once T and N are known."""
+    # the norm in eq. (8) is the spectral norm, which is the scale (and sign) of H once T and N are known
+    scale = np.where(np.linalg.det(H) < 0.0, -1.0, 1.0) * np.sqrt(middle)
     TN = T[..., :, None] * N[..., None, :]
     inverse = np.eye(3) + TN / (1.0 - np.sum(T * N, axis=-1))[..., None, None]  # (I - T N^T)^-1, Sherman and Morrison
-    scale = np.where(np.linalg.det(H) < 0.0, -scale, scale)
-    return (H / scale[:, None, None])[:, None] @ inverse  # eq. (8)
+    return (H / scale[:, None, None])[:, None] @ inverse, T, N  # eq. (8)
 
 
 def decompose_homography(H: FloatArray, x1: FloatArray | None = None) -> list[PlaneMotion]:
@@ -185,7 +174,15 @@ def decompose_homography(H: FloatArray, x1: FloatArray | None = None) -> list[Pl
     InputError : H is not a finite 3x3 matrix.
     DegenerateConfiguration : H is singular, is a rotation (no baseline), or no candidate is visible.
     """
-    H = _checked(H)
+    H = np.asarray(H, dtype=float)
+    if H.shape != (3, 3) or not np.isfinite(H).all():
+        raise InputError(f"a homography must be a finite 3x3 matrix, found shape {H.shape}")
+    singular_values = np.linalg.svd(H, compute_uv=False)
+    if singular_values[2] <= 1e-7 * singular_values[0]:  # eq. (6) squares it, down to rounding
+        raise DegenerateConfiguration(
+            "the homography is singular: collinear points, points too close together for their noise, "
+            "or a plane through a camera"
+        )
     R, T, N = longuet_higgins(H[None])
     if not N.any():
         raise DegenerateConfiguration(
@@ -201,19 +198,6 @@ def decompose_homography(H: FloatArray, x1: FloatArray | None = None) -> list[Pl
             "check the matches and that both images use the same camera convention"
         )
     return visible
-
-
-def _checked(H: FloatArray) -> FloatArray:
-    H = np.asarray(H, dtype=float)
-    if H.shape != (3, 3) or not np.isfinite(H).all():
-        raise InputError(f"a homography must be a finite 3x3 matrix, found shape {H.shape}")
-    singular_values = np.linalg.svd(H, compute_uv=False)
-    if singular_values[2] <= 1e-7 * singular_values[0]:  # eq. (6) squares it, down to rounding
-        raise DegenerateConfiguration(
-            "the homography is singular: collinear points, points too close together for their noise, "
-            "or a plane through a camera"
-        )
-    return H
 
 
 def is_visible(motion: PlaneMotion, x1: FloatArray) -> bool:

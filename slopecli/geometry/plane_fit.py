@@ -47,8 +47,7 @@ def robust_plane(x1: FloatArray, w: FloatArray, leverage: FloatArray, floor: flo
     the window lies on a second surface across a step (a projecting bay, ground behind a ledge), the plane is that of
     the larger part; relief without a step is averaged.
 
-    x1 : (n, 2) normalised points of image 1, n >= 3.  w : (n,) inverse depths, 1/baseline.
-    leverage : (n,) image-2 motion per unit of inverse depth.
+    x1 : (n, 2) normalised points of image 1, n >= 3.  w : (n,) inverse depths, 1/baseline, and their leverage (n,).
     floor : smallest sigma believed, normalised coordinates of image 2.
     """
     rays = homogeneous(x1)

@@ -35,8 +35,6 @@ def merge_coplanar(
 
     Nothing is merged if the two roots are joined (straight down over level ground).
 
-    Parameters
-    ----------
     candidates : patches that may be grouped.
     tilt_sigma_rad : (m,) 1-sigma of tilt of each plane beyond what residuals show; added to the covariance.
     """
@@ -76,8 +74,7 @@ def joint_covariance(solution: Solution, tilt_sigma_rad: FloatArray | None = Non
     joint[3 * m :, : 3 * m] = joint[: 3 * m, 3 * m :].T
     joint[3 * m :, 3 * m :] = C
     N = solution.scaled_normals
-    length = np.linalg.norm(N, axis=1)
-    across = length[:, None, None] ** 2 * np.eye(3) - N[:, :, None] * N[:, None, :]
+    across = np.linalg.norm(N, axis=1)[:, None, None] ** 2 * np.eye(3) - N[:, :, None] * N[:, None, :]
     tilt = np.zeros(m) if tilt_sigma_rad is None else tilt_sigma_rad
     for i in range(m):
         block = slice(3 * i, 3 * i + 3)
@@ -95,14 +92,13 @@ def coplanar_groups(normals: FloatArray, joint: FloatArray, candidates: IntArray
 
     Agglomerative: the two groups that differ least are joined as long as the chi-square test accepts it.
 
-    Parameters
-    ----------
     normals : (m, 3) scaled.  joint : as `joint_covariance`.  candidates : patches that may be grouped.
     """
     planes = _agglomerated([(int(k),) for k in candidates], normals, joint, "plane")
     facing = _agglomerated(planes, normals, joint, "normal")
-    found = [_group(members, normals, joint, "plane") for members in planes if len(members) > 1]
-    return found + [_group(members, normals, joint, "normal") for members in facing if members not in planes]
+    shared: list[tuple[tuple[int, ...], Shared]] = [(members, "plane") for members in planes if len(members) > 1]
+    shared += [(members, "normal") for members in facing if members not in planes]
+    return [Group(members, shares, *_misfit(members, normals, joint, shares)) for members, shares in shared]
 
 
 def _agglomerated(
@@ -130,14 +126,10 @@ def _excess(members: tuple[int, ...], normals: FloatArray, joint: FloatArray, sh
     return (chi2 - chi2_quantile(dof, AT[shares])) / dof
 
 
-def _group(members: tuple[int, ...], normals: FloatArray, joint: FloatArray, shares: Shared) -> Group:
-    return Group(members, shares, *_misfit(members, normals, joint, shares))
-
-
 def _misfit(members: tuple[int, ...], normals: FloatArray, joint: FloatArray, shares: Shared) -> tuple[float, int]:
     """Chi-square of the constraint among members, linearised at their estimates, and its degrees of freedom."""
     J, off = _constraint(members, normals, shares)
-    index = np.concatenate([np.arange(3 * k, 3 * k + 3) for k in members])
+    index = _columns(members)
     spread = J @ joint[np.ix_(index, index)] @ J.T
     return float(off @ _inverse(spread) @ off), len(off)
 
@@ -146,8 +138,7 @@ def _constraint(members: tuple[int, ...], normals: FloatArray, shares: Shared) -
     """Jacobian (d, 3k), by the normals of k members, of d differences that must vanish, and their values (d,)."""
     own = normals[list(members)]
     if shares == "plane":
-        value = own
-        slope = np.repeat(np.eye(3)[None], len(own), axis=0)
+        value, slope = own, np.repeat(np.eye(3)[None], len(own), axis=0)
     else:
         length = np.linalg.norm(own, axis=1)
         facing = own / length[:, None]
@@ -206,8 +197,11 @@ def _all_constraints(groups: list[Group], normals: FloatArray, size: int) -> tup
     rows, values = [], []
     for group in groups:
         J, off = _constraint(group.members, normals, group.shares)
-        wide = np.zeros((len(off), size))
-        wide[:, np.concatenate([np.arange(3 * k, 3 * k + 3) for k in group.members])] = J
-        rows.append(wide)
+        rows.append(np.zeros((len(off), size)))
+        rows[-1][:, _columns(group.members)] = J
         values.append(off)
     return np.concatenate(rows), np.concatenate(values)
+
+
+def _columns(members: tuple[int, ...]) -> IntArray:
+    return np.concatenate([np.arange(3 * k, 3 * k + 3) for k in members])

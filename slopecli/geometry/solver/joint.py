@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -50,10 +51,6 @@ class Fit:
     iterations: int
     relief: tuple[Relief, ...] = ()
     prior: WeighedPrior | None = None
-
-    def noise_squared(self) -> float:
-        """Variance of a unit-weight residual, by the best root."""
-        return float(self.system.chi2[0]) / max(self.observations.freedom(), 1)
 
     def noise_freedom(self) -> int:
         """Degrees of freedom that the noise is estimated from: with relief, residuals across epipolar lines only."""
@@ -103,10 +100,7 @@ def _refit(
 ) -> Fit:
     """Least squares on the points from given states, under the weights of their relief."""
     W = np.stack([r.W for r in relief]) if relief else None
-
-    def form(state: State) -> QuadraticForm:
-        return _form(observations, state, W, prior)
-
+    form = partial(_form, observations, W=W, prior=prior)
     grace = 40 if observations.freedom() < MANY_FREEDOM else 4
     refined = levenberg_marquardt(state, form, max(observations.freedom(), 1), grace=grace)
     cost = refined.system.chi2
@@ -124,7 +118,7 @@ def ranked(
 ) -> Fit:
     """The best visible root, then other visible and converged ones without repeats."""
     prediction = predict(observations, *refined.state)
-    visible = _visible(observations, prediction)
+    visible = (prediction.visible() | (observations.weight == 0.0)).all(axis=1)  # at every point with weight
     best, *others = sorted(range(len(cost)), key=lambda i: (not visible[i], cost[i]))
     kept = refined.state.distinct([best, *(i for i in others if visible[i] and refined.converged[i])])
     system = System(*(a[kept] for a in refined.system))
@@ -132,11 +126,6 @@ def ranked(
     relief = tuple(relief[i] for i in kept) if relief else ()
     state, prediction = refined.state.pick(kept), prediction.pick(kept)
     return Fit(observations, state, system, prediction, cost[kept], converged, refined.iterations, relief, prior)
-
-
-def _visible(observations: Observations, prediction: Prediction) -> BoolArray:
-    """(s,) whether the planes of each root are in front of both cameras at every point with weight."""
-    return (prediction.visible() | (observations.weight == 0.0)).all(axis=1)
 
 
 def _without_mismatches(fit: Fit, initial: list[Motion], each_patch: bool) -> Fit:
@@ -148,11 +137,11 @@ def _without_mismatches(fit: Fit, initial: list[Motion], each_patch: bool) -> Fi
     """
     full = fit.observations
     everything = Kept(full.weight > 0.0, full.free_weight > 0.0)
-    if full.freedom() >= MANY_FREEDOM and inliers(full, fit.prediction, 0, everything, each_patch)[0].same_as(
-        everything
-    ):
-        return fit
-    if full.freedom() < LEAST_FREEDOM:
+    if full.freedom() >= MANY_FREEDOM:
+        within, _ = inliers(full, fit.prediction, 0, everything, each_patch)
+        if within.same_as(everything):
+            return fit
+    elif full.freedom() < LEAST_FREEDOM:
         return fit
     agreed = Kept(everything.planes & consensus(full), np.zeros_like(everything.free))
     best = _settled(full, agreed, _starts(agreed.applied_to(full), initial), each_patch)
@@ -226,7 +215,8 @@ def _uncontested(full: Observations, best: _Settled, others: list[_Settled]) -> 
     kept = best.kept
     n = full.weight.size + full.free_weight.size
     removed = n - np.count_nonzero(kept.planes) - np.count_nonzero(kept.free)
-    limit = (5.0 + 2.0 * np.sqrt(removed)) * best.fit.noise_squared() * gate_squared(n)
+    noise_squared = float(best.fit.system.chi2[0]) / max(best.fit.observations.freedom(), 1)
+    limit = (5.0 + 2.0 * np.sqrt(removed)) * noise_squared * gate_squared(n)
     for other in others:
         if other.cost - best.cost < limit:
             kept = Kept(kept.planes & other.kept.planes, kept.free & other.kept.free)

@@ -75,7 +75,7 @@ def is_beyond_chance(before: float, after: float, freedom: int, removed: int, n:
 def residual_scale(squared: FloatArray, kept: BoolArray, dimensions: int, lost: float) -> float:
     """Robust 1-sigma of residuals from the median of their squares.
 
-    squared : (n,) squared residuals (weighted); kept : (n,) those in the fit; dimensions : 1 or 2 numbers a residual;
+    squared, kept : (n,) squared residuals (weighted), and those in the fit.  dimensions : 1 or 2 numbers a residual.
     lost : part of the degrees of freedom used by the fit, 0..1.
     """
     if not kept.any():
@@ -85,12 +85,6 @@ def residual_scale(squared: FloatArray, kept: BoolArray, dimensions: int, lost: 
     expected = CHI2_MEDIAN_2 if dimensions == 2 else CHI2_MEDIAN
     variance = float(np.partition(values, middle)[middle]) / expected / max(1.0 - lost, 0.1)
     return max(variance**0.5, FINEST_RESIDUAL)
-
-
-def unit_squares(observations: Observations, prediction: Prediction, index: int) -> tuple[FloatArray, FloatArray]:
-    """Weighted squared residuals of patch points (n,) and free points (k,) under motion number `index`."""
-    squared = observations.weight * (prediction.residual[index] ** 2).sum(axis=0)
-    return squared, observations.free_weight * prediction.distance[index] ** 2
 
 
 def inliers(
@@ -103,17 +97,14 @@ def inliers(
 ) -> tuple[Kept, float]:
     """Points within the gate of motion number `index` by their robust scale, and the cost of all points.
 
-    Parameters
-    ----------
+    The cost is the truncated sum of squared residuals, in units of the squared scale.
+
     observations : every point under its full weight.  kept : the points the motion was fitted to.
     each_patch : use a patch's own scale, doubled, where that is larger: its points need not be coplanar.
     one_scale : limit the scale of free points to 1.25 that of patch points, once the motion is fitted to both.
-
-    Returns
-    -------
-    kept : the new choice.  cost : truncated sum of squared residuals, in units of the squared scale.
     """
-    squared, free_squared = unit_squares(observations, prediction, index)
+    squared = observations.weight * (prediction.residual[index] ** 2).sum(axis=0)
+    free_squared = observations.free_weight * prediction.distance[index] ** 2
     used = 2 * int(np.count_nonzero(kept.planes)) + int(np.count_nonzero(kept.free))
     lost = min(parameter_count(observations.n_patches) / max(used, 1), 1.0)
     gate = gate_squared(len(squared) + len(free_squared))
@@ -134,8 +125,7 @@ def inliers(
 
 def _patch_scales(observations: Observations, squared: FloatArray) -> FloatArray:
     """(n,) robust scale of the patch each point is on."""
-    ends = observations.first + observations.count
-    medians = [median(squared[a:b]) for a, b in zip(observations.first, ends, strict=True)]
+    medians = [median(squared[patch]) for patch in observations.slices()]
     return observations.per_point(np.sqrt(np.array(medians) / CHI2_MEDIAN_2))
 
 
@@ -158,9 +148,8 @@ def consensus(observations: Observations) -> BoolArray:
     whole. The seed is fixed: the same input gives the same result.
     """
     keep = np.ones(len(observations.weight), dtype=bool)
-    for first, count in zip(observations.first, observations.count, strict=True):
+    for patch, count in zip(observations.slices(), observations.count, strict=True):
         if count >= 6:
-            patch = slice(first, first + count)
             keep[patch] = _patch_consensus(observations.p[:, patch], observations.x2[:, patch])
     return keep
 

@@ -69,6 +69,15 @@ class Observations:
         """Sum values (..., n) over the points of each patch: (..., m)."""
         return np.add.reduceat(per_point, self.first, axis=-1)
 
+    def slices(self) -> list[slice]:
+        """Where the points of each patch are."""
+        return [slice(first, first + count) for first, count in zip(self.first, self.count, strict=True)]
+
+    def all_points(self) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Points of image 1 (3, k + n) and image 2 (2, k + n) and weights (k + n,), those on no patch first."""
+        p, x2 = np.concatenate([self.free1, self.p], axis=1), np.concatenate([self.free2, self.x2], axis=1)
+        return p, x2, np.concatenate([self.free_weight, self.weight])
+
     def reweighted(self, plane_weight: FloatArray, free_weight: FloatArray) -> Observations:
         """The same points under other weights; a weight of 0 leaves a point out."""
         return Observations(
@@ -119,12 +128,7 @@ def checked_weights(weights: FloatArray | None, n: int) -> FloatArray:
 
 
 def observe(x1: FloatArray, x2: FloatArray, patch: IntArray, weights: FloatArray | None = None) -> Observations:
-    """Validate and sort correspondences.
-
-    Parameters
-    ----------
-    x1, x2 : (n, 2) normalised coordinates; patch : (n,) labels 0..m-1 in any order, -1 = on no plane;
-    weights : (n,) inverse relative variances or None.
+    """Validate and sort correspondences x1, x2 (n, 2) with labels 0..m-1 or -1 (n,) and weights (n,) or None.
 
     Raises
     ------
@@ -140,7 +144,12 @@ def observe(x1: FloatArray, x2: FloatArray, patch: IntArray, weights: FloatArray
     order = np.argsort(patch, kind="stable")
     count = np.bincount(patch + 1)
     k, count = int(count[0]), count[1:]
-    _check_counts(count)
+    short = np.flatnonzero(count < 3)
+    if len(short):
+        raise DegenerateConfiguration(
+            f"patch {short[0]} has {count[short[0]]} correspondences, a plane needs at least 3; "
+            "enlarge the patch, or give its points the label -1 and renumber the patches"
+        )
     rows = np.ones((3, len(x1)))
     rows[:2] = x1.T[:, order]
     second, weights = x2.T[:, order], weights[order]
@@ -152,15 +161,6 @@ def observe(x1: FloatArray, x2: FloatArray, patch: IntArray, weights: FloatArray
         rows[:, k:], second[:, k:], products, weights[k:], first, count,
         rows[:, :k], second[:, :k], weights[:k], order,
     )  # fmt: skip
-
-
-def _check_counts(count: IntArray) -> None:
-    short = np.flatnonzero(count < 3)
-    if len(short):
-        raise DegenerateConfiguration(
-            f"patch {short[0]} has {count[short[0]]} correspondences, a plane needs at least 3; "
-            "enlarge the patch, or give its points the label -1 and renumber the patches"
-        )
 
 
 def _check_spread(sums: FloatArray) -> None:

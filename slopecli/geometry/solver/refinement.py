@@ -193,8 +193,6 @@ def levenberg_marquardt(
 ) -> Refined:
     """Minimise chi-square from s starts together.
 
-    Parameters
-    ----------
     linearise : gives the quadratic form at a state; it may ignore the state when the form is fixed.
     degrees_of_freedom : residuals less parameters, for the stopping rule.
     tolerance : stop when the predicted decrease is below this part of one residual variance. The parameters are then

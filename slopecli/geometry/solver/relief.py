@@ -89,8 +89,7 @@ def _standing_off(
     lever = np.maximum(lever, 1e-150)  # finite heights also at the epipole and behind the camera
     height, noise_height = along / lever, noise / lever
     off = np.zeros(len(keep), dtype=bool)
-    for first, count in zip(observations.first, observations.count, strict=True):
-        patch = slice(first, first + count)
+    for patch in observations.slices():
         kept = keep[patch]
         if kept.sum() < 6:
             continue
@@ -173,9 +172,8 @@ def flatness(solution: Solution, x1: FloatArray, x2: FloatArray, patch: IntArray
     places, chosen = seen.p[:2].T, kept & np.repeat(off, seen.count)
     # rows with the wrong patch label are displaced like neighbours in other patches
     shaped = off & _shared_by_neighbours(places[chosen], along[chosen])
-    for k in np.flatnonzero(off & ~shaped):
-        own = slice(seen.first[k], seen.first[k] + seen.count[k])
-        shaped[k] = _shared_by_neighbours(places[own][kept[own]], along[own][kept[own]])
+    for k, own in enumerate(seen.slices()):
+        shaped[k] |= off[k] and _shared_by_neighbours(places[own][kept[own]], along[own][kept[own]])
     both = np.sqrt((alongs + acrosses) / np.maximum(2.0 * count - 3.0, 1.0))
     return Flatness(noise, sigma, both, off, shaped)
 

@@ -147,9 +147,7 @@ def _check_enough(observations: Observations, noise: float | None) -> None:
 
 def _rotation_only(observations: Observations) -> tuple[FloatArray, float]:
     """The best rotation for all points, and its weighted sum of squared residuals."""
-    p = np.concatenate([observations.free1, observations.p], axis=1)
-    x2 = np.concatenate([observations.free2, observations.x2], axis=1)
-    weight = np.concatenate([observations.free_weight, observations.weight])
+    p, x2, weight = observations.all_points()
     R = fit_rotation(p, x2, weight)
     y = R @ p
     residual = y[:2] / y[2] - x2
@@ -231,10 +229,8 @@ def _given_up(known: Fit, free: Fit, solution: Solution, scale: _Scale) -> Ambig
 
     known, free : the fits with and without the prior.  solution : the root that is left.
     """
-    apart = np.linalg.norm(free.state.R[:2] - solution.R, axis=(1, 2)) + np.linalg.norm(
-        free.state.T[:2] - solution.T, axis=1
-    )
-    twin = int(np.argmax(apart))
+    turned, moved = free.state.R[:2] - solution.R, free.state.T[:2] - solution.T
+    twin = int(np.argmax(np.linalg.norm(turned, axis=(1, 2)) + np.linalg.norm(moved, axis=1)))
     alternative = _solution(free, twin, solution.solver, scale)
     prior = known.prior.prior if known.prior else MotionPrior()
     left = prior.chi2(alternative)

@@ -18,15 +18,10 @@ def starting_states(observations: Observations, initial: list[tuple[FloatArray, 
 
     Every start is a motion; its normals follow in closed form, which also gives its chi-square, so all starts are
     scored at once. The promising ones are refined on fixed quadratic forms, whose cost does not depend on the points.
+    The planes of those returned lie in front of both cameras at the patch centres, if there are any such.
 
-    Parameters
-    ----------
     initial : further motions (R, T) to start from.  steps : iterations before those that repeat others or fit far
         worse are left out; two tell which starts are roots unless there are few points.
-
-    Returns
-    -------
-    state : s >= 1 motions whose planes lie in front of both cameras at the patch centres, if there are any such.
     """
     moments = patch_moments(observations, observations.x2[None], isotropic(observations.weight[None]))[0]
     homographies, essential = _null_vectors(observations, moments)
@@ -62,9 +57,7 @@ def scattered_motions(observations: Observations) -> list[tuple[FloatArray, Floa
 
     Half a sphere suffices, as the sign of T follows from the visibility. The rotation is the best one without baseline.
     """
-    points = np.concatenate([observations.free1, observations.p], axis=1)
-    found = np.concatenate([observations.free2, observations.x2], axis=1)
-    R = fit_rotation(points, found, np.concatenate([observations.free_weight, observations.weight]))
+    R = fit_rotation(*observations.all_points())
     number = np.arange(16)  # about 35 degrees apart
     height = (number + 0.5) / len(number)
     turn = np.pi * (3.0 - np.sqrt(5.0)) * number
@@ -104,11 +97,8 @@ def _conditioner(x: FloatArray) -> FloatArray:
 
 def _essential_moments(observations: Observations) -> FloatArray:
     """(9, 9) moments of x2~ (x) x1~ over every correspondence, on patches or not."""
-    p1 = np.concatenate([observations.free1, observations.p], axis=1)
-    p2 = np.ones_like(p1)
-    p2[:2, : observations.n_free], p2[:2, observations.n_free :] = observations.free2, observations.x2
-    products = (p2[:, None] * p1).reshape(9, -1)
-    weight = np.concatenate([observations.free_weight, observations.weight])
+    p1, x2, weight = observations.all_points()
+    products = (np.concatenate([x2, np.ones((1, len(weight)))])[:, None] * p1).reshape(9, -1)
     return (products * weight) @ products.T
 
 
@@ -126,11 +116,9 @@ def _candidate_motions(
     """R (s, 3, 3), T (s, 3): both roots of each homography in turn, both rotations of E, then the caller's motions."""
     R, T, _ = longuet_higgins(homographies, rounding=1e-11)
     R_essential, T_essential = decompose_essential(essential)
-    given_R = [np.asarray(R, dtype=float) for R, _ in initial]
-    given_T = [np.asarray(T, dtype=float) / np.linalg.norm(T) for _, T in initial]
-    rotations = np.concatenate([R.reshape(-1, 3, 3), R_essential, *(R[None] for R in given_R)])
-    directions = np.concatenate([T.reshape(-1, 3), [T_essential, T_essential, *given_T]])
-    return rotations, directions
+    rotations = np.concatenate([R.reshape(-1, 3, 3), R_essential, *(given[None] for given, _ in initial)])
+    directions = [T_essential, T_essential, *(given / np.linalg.norm(given) for _, given in initial)]
+    return rotations, np.concatenate([T.reshape(-1, 3), directions])
 
 
 def _sample(observations: Observations, most: int = 64) -> IntArray | slice:
