@@ -77,7 +77,7 @@ def codes_table() -> str:
         ("---",) * 5,
         *(
             (f"`{c.code}`", c.severity, c.value, c.meaning, _sentence(c.remedy))
-            for c in CODES
+            for c in sorted(CODES, key=lambda row: row.code)
             if c.severity != "rejection"
         ),
     ]

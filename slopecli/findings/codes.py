@@ -204,9 +204,4 @@ _ROWS: dict[Severity, dict[str, tuple[str, ...]]] = {
     },
 }
 
-CODES = tuple(
-    sorted(
-        (Code(code, severity, *texts) for severity, rows in _ROWS.items() for code, texts in rows.items()),
-        key=lambda row: row.code,
-    )
-)
+CODES = tuple(Code(code, severity, *texts) for severity, rows in _ROWS.items() for code, texts in rows.items())

@@ -95,24 +95,20 @@ def contradiction(
     if chi2 <= limit:
         return None
     by = f"chi-square {chi2:.3g}, by chance it is below {limit:g}"
-    if focal_px is not None and _is_systematic(prior, alone(), focal_px):
-        # the errors that matches share with the calibration are the larger ones then, by about this ratio
-        factor = float(np.sqrt(chi2 / fixed))
-        message = (
-            f"the images differ from the {what} given by more than chance ({by}), though by no more than errors of "
-            f"calibration and interpolation: both were used, with sigmas of matches {factor:.1f} times larger"
-        )
-        return Contradiction(factor, finding("prior-contradicted", message, chi2, severity="info"))
+    if focal_px is not None:
+        unaided = alone()
+        nearer = min(unaided, unaided.ambiguity.alternative or unaided, key=prior.chi2)
+        if excess_px(nearer, prior.strain(nearer), focal_px) <= SYSTEMATIC_PX:
+            # the errors that matches share with the calibration are the larger ones then, by about this ratio
+            factor = float(np.sqrt(chi2 / fixed))
+            message = (
+                f"the images differ from the {what} given by more than chance ({by}), though by no more than errors of "
+                f"calibration and interpolation: both were used, with sigmas of matches {factor:.1f} times larger"
+            )
+            return Contradiction(factor, finding("prior-contradicted", message, chi2, severity="info"))
     message = f"the images contradict the {what if options.pose is None else 'pose'} given, so it was left out: {by}"
     remedy = None
     if options.pose is not None:
         message += "; lengths still rest on its distance, which nothing has checked"
         remedy = "check its axes and its direction (camera 2 from camera 1), or give it its own sigma by --pose-sigma"
     return Contradiction(None, finding("prior-contradicted", message, chi2, remedy, severity="warning"))
-
-
-def _is_systematic(prior: MotionPrior, alone: Solution, focal_px: float) -> bool:
-    """Whether errors as small as those of calibration and interpolation take the images' motion to the one given."""
-    other = alone.ambiguity.alternative
-    nearer = alone if other is None else min(alone, other, key=prior.chi2)
-    return excess_px(nearer, prior.strain(nearer), focal_px) <= SYSTEMATIC_PX

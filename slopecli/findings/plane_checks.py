@@ -108,14 +108,14 @@ def focus_of_expansion_in_plane(facts: AnswerFacts) -> list[Diagnostic]:
     """Planes that the camera moves towards or away from, in whose middle there is no parallax."""
     if facts.epipole1_px is None:
         return []
-    point = np.array([facts.epipole1_px])
-    return [_focus_in(plane) for plane in facts.planes if facts.holds(plane, point)[0]]
-
-
-def _focus_in(plane: Plane) -> Diagnostic:
-    message = f"the camera moves along a line of sight through {plane.noun} {plane.id}: it shows least parallax there"
-    remedy = None if plane.source == "window" else "move sideways as well"
-    return finding("foe-in-window", message, float(plane.id), remedy)
+    found, point = [], np.array([facts.epipole1_px])
+    for plane in facts.planes:
+        if facts.holds(plane, point)[0]:
+            where = f"{plane.noun} {plane.id}"
+            message = f"the camera moves along a line of sight through {where}: it shows least parallax there"
+            remedy = None if plane.source == "window" else "move sideways as well"
+            found.append(finding("foe-in-window", message, float(plane.id), remedy))
+    return found
 
 
 def not_planar(facts: AnswerFacts) -> list[Diagnostic]:

@@ -1,20 +1,23 @@
-"""The planes of a report: numbers, verdict, and status with its reasons."""
+"""The planes of a report: numbers, verdict, status and reasons; and which have no answer, with cause and remedy."""
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 
+from slopecli.errors import NoAnswer
 from slopecli.findings.plane_checks import NON_PLANAR, ROUGH
 from slopecli.findings.wording import beside
 from slopecli.geometry.homography import apply_homography, homography_in_pixels, homography_of_plane
 from slopecli.geometry.slope import surface_normals
 from slopecli.measure import Measured, judge, signed_distance
-from slopecli.options import Options
+from slopecli.options import MOST_SIGMA_DEG, Options
 from slopecli.patches.given.given_solution import MOST_LEFT_OUT
 from slopecli.patches.join import Joined
 from slopecli.patches.patch import Patch
 from slopecli.report.units import residual_in_unit
-from slopecli.types import Camera, Plane, Solution
+from slopecli.types import Camera, Plane, Rejected, Solution
 
 LEAST_MATCHED = 0.5  # share of a window that must be matched to tell its slope
 LEAST_WHOLE = 0.5  # share of a plane found that its largest piece must have: less is no surface
@@ -49,6 +52,8 @@ def _plane(
     matches = joined.matches.take(kept)
     squares = (apply_homography(H, matches.x1) - matches.x2) ** 2
     rms_px, rms_mrad = residual_in_unit(float(np.sqrt(squares.mean())) if kept.any() else float("nan"), cameras[1])
+    # only the joint solution tells relief from noise, and given points are held coplanar unless they show relief
+    estimated = options.solver == "mle" and (patch.source != "given" or solution.relief.any())
     return Plane(
         id=patch.id,
         source=patch.source,
@@ -60,7 +65,7 @@ def _plane(
         n_inliers=int(kept.sum()),
         rms_px=rms_px,
         rms_mrad=rms_mrad,
-        roughness=_roughness(solution, k, patch.source, options),
+        roughness=float(solution.relief[k]) if estimated else float("nan"),
         homography_px=homography_in_pixels(H, cameras[0].K, cameras[1].K),
         verdict=judge(p_safe, p_second, both_known and not reasons, options.confidence),
         p_safe=p_safe if p_second is None else min(p_safe, p_second),
@@ -89,10 +94,68 @@ def _reasons(k: int, patch: Patch, solution: Solution, inlier_share: float) -> l
     return reasons
 
 
-def _roughness(solution: Solution, k: int, source: str, options: Options) -> float:
-    """Relief of a plane over its distance, NaN where it was not estimated.
+class Cause(NamedTuple):
+    """A diagnostic code, what was found in words, and a remedy."""
 
-    Only the joint solution tells relief from noise, and given points are held coplanar unless they show relief.
+    code: str
+    message: str
+    remedy: str
+
+
+def divide(
+    planes: list[Plane], main: Measured, joined: Joined, options: Options
+) -> tuple[list[Plane], tuple[Rejected, ...]]:
+    """The planes to report, and the patches without an answer: those without matches and those of unknown slope.
+
+    planes : of all patches with matches, in the solver's order.
+
+    Raises
+    ------
+    NoAnswer : no plane can be reported.
     """
-    estimated = options.solver == "mle" and (source != "given" or bool(solution.relief.any()))
-    return float(solution.relief[k]) if estimated else float("nan")
+    up_variance = np.radians(options.up_sigma_deg) ** 2
+    spread = np.linalg.eigvalsh(main.slopes.tilt_covariance - up_variance * np.eye(2))[:, -1]
+    # the larger 1-sigma of the tilt, deg, without that of up, which is the same in both directions
+    alone = np.degrees(np.sqrt(np.maximum(spread, 0.0)))
+    unknown = [
+        (plane, _cause(plane, float(sigma), options))
+        for plane, sigma in zip(planes, alone, strict=True)
+        if not _is_known(plane)
+    ]
+    if len(unknown) == len(planes):
+        codes, asked = [cause.code for _, cause in unknown], [*joined.patches, *joined.unanswered]
+        code, found, remedy = max((cause for _, cause in unknown), key=lambda cause: codes.count(cause.code))
+        whose = f"all {len(asked)} {asked[0].finder.noun}s"
+        raise NoAnswer(code, f"the matches of {whose} do not determine their slopes: {found}", remedy)
+    rejected = [
+        *(Rejected(patch.id, patch.footprint.polygon_px, patch.code, patch.reason) for patch in joined.unanswered),
+        *(Rejected(plane.id, plane.polygon_px, cause.code, cause.message) for plane, cause in unknown),
+    ]
+    known = [plane for plane in planes if _is_known(plane)]
+    return known, tuple(sorted(rejected, key=lambda one: one.id))
+
+
+def _is_known(plane: Plane) -> bool:
+    """Whether a plane is reported: its slope is known, and it lies in front of the camera (NaN compares false).
+
+    A window, which was asked for, is reported up to a sigma of 60 degrees; a plane that was found up to `max_sigma`.
+    """
+    return plane.slope_sigma_deg <= MOST_SIGMA_DEG and plane.distance > 0 and (plane.slope_known or not plane.found)
+
+
+def _cause(plane: Plane, alone_deg: float, options: Options) -> Cause:
+    most = options.max_sigma_deg if plane.found else MOST_SIGMA_DEG
+    sigma = plane.slope_sigma_deg
+    if plane.distance > 0 and options.up_sigma_deg > 0 and alone_deg <= most:
+        found = f"1-sigma {sigma:.0f}°, nearly all of it that of up, {options.up_sigma_deg:g}°"
+        return Cause("up-unknown", found, "give up with a smaller --up-sigma")
+    vague = "" if plane.slope_known else f": 1-sigma {sigma:.0f}°"
+    if plane.source == "given":
+        behind = not plane.distance > 0
+        found = "its rows put it behind the camera" if behind else f"its rows do not determine the slope{vague}"
+        return Cause("slope-open", found, "give more rows, spread wider, of a longer baseline or known better")
+    if plane.distance > 0 and sigma <= Options().max_sigma_deg:  # --max-sigma is smaller than usual
+        found = f"sigma {beside(sigma, options.max_sigma_deg)}° is above --max-sigma {options.max_sigma_deg:g}°"
+        return Cause("slope-open", found, "raise --max-sigma, or take the images farther apart")
+    found = f"too little texture: its matches do not determine the slope{vague}"
+    return Cause("low-texture", found, f"choose larger {plane.noun}s, or such with texture that both images show")

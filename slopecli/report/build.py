@@ -10,14 +10,13 @@ from numpy.typing import NDArray
 
 from slopecli.findings.checks import check_answer
 from slopecli.findings.facts import AnswerFacts
-from slopecli.findings.unanswered import divide
 from slopecli.look.changes import Change
 from slopecli.measure import measure
 from slopecli.options import Options
 from slopecli.patches import FINDERS
 from slopecli.patches.footprint import paint_labels
 from slopecli.patches.join import Joined
-from slopecli.report.answered_planes import planes_of
+from slopecli.report.answered_planes import divide, planes_of
 from slopecli.report.second_root import ambiguity_report
 from slopecli.report.units import fit_of, in_unit, motion_of, scale_of
 from slopecli.types import Camera, Diagnostic, Image, ImageInfo, Plane, Report, Solution
@@ -83,9 +82,8 @@ def _labels(joined: Joined, planes: Sequence[Plane], image: Image | ImageInfo) -
     if joined.patches[0].source == "given":
         return np.zeros((0, 0), np.uint16)
     ids = {plane.id for plane in planes}
-    shown = [patch for patch in joined.patches if patch.id in ids]
-    footprints = [patch.footprint for patch in shown]
-    return paint_labels(footprints, [patch.id for patch in shown], (image.height or 0, image.width or 0))
+    shown = {patch.id: patch.footprint for patch in joined.patches if patch.id in ids}
+    return paint_labels([*shown.values()], [*shown], (image.height or 0, image.width or 0))
 
 
 def _info(image: Image | ImageInfo) -> ImageInfo:

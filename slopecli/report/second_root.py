@@ -46,10 +46,9 @@ def ambiguity_report(
 def _second_plane(
     k: int, first: Plane, second: Measured, x1: FloatArray, length: float, options: Options
 ) -> AlternativePlane:
-    """Plane k in the second root; it is called safe only where the plane is in the first.
+    """Plane k in the second root, in which the baseline has this length; `first` is the same plane in the first root.
 
-    first : the same plane in the first root.  x1 : (n, 2) rays of its points.
-    length : of the baseline in the second root, in the unit of the report.
+    It is called safe only where the plane is in the first.  x1 : (n, 2) rays of its points.
     """
     slope, p_safe = second.numbers[k], float(second.p_safe[k])
     return AlternativePlane(
@@ -75,9 +74,6 @@ def margin(ambiguity: AmbiguityReport, n_matches: int) -> str:
 def what_decides(solution: Solution, slopes_deg: FloatArray, other_slopes_deg: FloatArray) -> str:
     """Name what tells the two roots of an unresolved solution apart, with how well it must be known.
 
-    Parameters
-    ----------
-    solution : with its alternative.
     slopes_deg, other_slopes_deg : (m,) of the planes, in either root.
     """
     other = solution.ambiguity.alternative
@@ -112,8 +108,6 @@ def deciding_sigma(apart: float, own_sigma: float, needed: float) -> float:
     The measurement may be off by two of its sigmas towards the wrong root:
     (apart^2 - 2 * 2 sigma apart) / (sigma^2 + own_sigma^2) = needed, solved for sigma.
 
-    Parameters
-    ----------
     apart : between the two roots.  own_sigma : of either, along the line between them.
     needed : chi-square that rules a root out.
     """
