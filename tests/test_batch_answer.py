@@ -41,7 +41,7 @@ def pairs(images: list[Path]) -> list[Pair]:
 @pytest.fixture(autouse=True)
 def _no_memory() -> None:
     """Every test begins as a fresh worker does."""
-    room._memory().clear()
+    room._memory.clear()
 
 
 def without_record(folder: str) -> dict[str, bytes]:
@@ -138,7 +138,7 @@ def test_neighbours_share_what_was_decoded_and_found_and_nobody_can_tell(
     efforts = [effort for _, effort in found]
     assert all(efforts.count(effort) <= len(pairs) + 1 for effort in features.EFFORTS)
     for pair in pairs:
-        room._memory().clear()
+        room._memory.clear()
         alone = make_job(pair, tmp_path / "alone")
         answer(alone)
         assert tree(Path(alone.folder)) == tree(tmp_path / "together" / pair.name)
@@ -146,7 +146,7 @@ def test_neighbours_share_what_was_decoded_and_found_and_nobody_can_tell(
 
 def test_the_memory_does_not_grow(pairs: list[Pair], tmp_path: Path) -> None:
     answer_jobs([make_job(pair, tmp_path, QUICK) for pair in pairs])
-    assert len(room._memory()._images) == room.N_IMAGES
+    assert len(room._memory._images) == room.N_IMAGES
 
 
 def test_a_finished_pair_is_looked_up(pairs: list[Pair], tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

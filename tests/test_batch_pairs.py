@@ -205,8 +205,8 @@ def test_a_pair_listed_twice_is_answered_once_and_said(tmp_path: Path) -> None:
         ("a.png,b.png\n,c.png\n", "line 2 names one image"),
         ("a,b,c,d,e\n", "line 1 has 5 cells"),
         ('a.png,"b.png\n', "is not CSV"),
-        (b"\xff\xfe\x00a", "is not text"),
-        (b"a.png\0,b.png", "is not text"),
+        (b"\xff\xfe\x00a", "is not CSV text"),
+        (b"a.png\0,b.png", "is not CSV text"),
     ],
 )
 def test_a_list_that_is_none_is_refused_by_its_line(text: str | bytes, said: str, tmp_path: Path) -> None:

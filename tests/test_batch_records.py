@@ -136,7 +136,7 @@ def test_a_moved_folder_keeps_its_fingerprints(job: Job) -> None:
 
 def test_another_version_is_another_fingerprint(job: Job, monkeypatch: pytest.MonkeyPatch) -> None:
     before = fingerprint_of(job, DIGESTS)
-    monkeypatch.setattr("slopecli.batch.records.__version__", "99")
+    monkeypatch.setattr("slopecli.batch.jobs.__version__", "99")
     assert fingerprint_of(job, DIGESTS) != before
 
 

@@ -13,7 +13,7 @@ from batch_factory import make_images, make_job, make_pairs, tree
 
 from slopecli.batch import Keep, Pair, Progress, Worker, answer_here, run
 from slopecli.errors import InputError
-from slopecli.io import files
+from slopecli.io import write_atomically
 from slopecli.options import Options
 
 SUMMARY = {"summary.csv", "results.jsonl", "index.html"}
@@ -65,15 +65,15 @@ def test_ctrl_c_while_the_summary_is_written_leaves_a_whole_one(
     pairs: list[Pair], alone: dict[str, bytes], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     run(pairs[:2], OPTIONS, KEEP, tmp_path, jobs=1)
-    real, calls = files.write_atomically, list[Path]()
+    calls = list[Path]()
 
     def interrupted(path: Path, content: bytes) -> None:
         calls.append(path)
         if len(calls) == 2:
             raise KeyboardInterrupt
-        real(path, content)
+        write_atomically(path, content)
 
-    monkeypatch.setattr(files, "write_atomically", interrupted)
+    monkeypatch.setattr("slopecli.batch.running.write_atomically", interrupted)
     with pytest.raises(KeyboardInterrupt):
         run(pairs, OPTIONS, KEEP, tmp_path, jobs=1)
     assert tree(tmp_path) == alone

@@ -281,7 +281,7 @@ def test_numbers_of_patches_may_be_large(largest: int, tmp_path: Path, ask: Ask)
         (GOOD + "\n0.1,0.2,0.3,0.4,-2\n", "patch is '-2', needed the number of a plane"),
         ("x1,y1,x2,y2,sigma\n0.1,0.2,0.3,0.4,0\n", "row 1 (line 2): sigma is '0'"),
         (GOOD.replace(",1\n", ",-1\n").replace("0.28,1", "0.28,-1"), "no patch has 3 rows off a line"),
-        ('x1,y1,x2,y2\n"0.1,0.2,0.3,0.4\n', "is no CSV text"),
+        ('x1,y1,x2,y2\n"0.1,0.2,0.3,0.4\n', "is not CSV text"),
     ],
 )
 def test_bad_files_are_refused_in_one_line(text: str, said: str, tmp_path: Path, ask: Ask) -> None:
@@ -333,7 +333,7 @@ def test_other_bad_inputs(tmp_path: Path, ask: Ask) -> None:
     assert "is a folder" in ask(tmp_path)[2]
     assert "is not a regular file" in ask("/dev/null")[2]
     (tmp_path / "bytes.csv").write_bytes(b"\x89PNG\xff\xfe")
-    assert "is no CSV text" in ask(tmp_path / "bytes.csv")[2]
+    assert "is not CSV text" in ask(tmp_path / "bytes.csv")[2]
     matches = write_rows(tmp_path / "m.csv", scene, sigma=np.ones(len(scene.x1)))
     assert ask(matches, "--noise", "0.3")[0] == 2
     assert ask(matches, "--camera2", "x.json")[0] == 2

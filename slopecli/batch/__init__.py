@@ -6,14 +6,12 @@ __getattr__, __dir__ = lazy_names(
     __name__,
     {
         "answer": "answer_jobs load_inputs",
-        "jobs": "Answer CameraChoice Job Keep Outcome Pair Progress Shipped",
-        "page": "index_html",
+        "jobs": "TRANSIENT Answer Job Keep Outcome Pair Progress Shipped failure fingerprint_of finished store",
         "pairs": "FoundPairs find_pairs safe_name",
-        "records": "TRANSIENT failure fingerprint_of finished store",
-        "remote": "answer_here",
         "running": "run",
-        "scheduler": "run_batch",
-        "summary": "COLUMNS results_jsonl summary_csv",
+        "scheduler": "answer_here run_batch",
+        "slopecli.options": "CameraChoice",
+        "summary": "COLUMNS index_html results_jsonl summary_csv",
         "worker": "Limits Worker WorkerCrashed WorkerTimeout",
     },
 )

@@ -5,19 +5,20 @@ from __future__ import annotations
 import hashlib
 import math
 import threading
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import PurePath
 
-from slopecli.batch.jobs import Answer, CameraChoice, Job, Outcome, Shipped
-from slopecli.batch.records import camera_file, failure, fingerprint_of, finished, store
+from slopecli.batch.jobs import Answer, Job, Outcome, Shipped, camera_file, failure, fingerprint_of, finished, store
 from slopecli.errors import InputError, NoAnswer, SlopemapError
 from slopecli.io.cameras.reading import camera_for, read_camera_file
 from slopecli.io.images import decode_image, read_image_file
 from slopecli.look.features import FeatureMemory
+from slopecli.options import CameraChoice
 from slopecli.pipeline import estimate
 from slopecli.products import encode_products
-from slopecli.types import Camera, Image, Plane, Report
+from slopecli.types import Camera, Image, Report
 
 N_IMAGES = 2  # decoded images kept: neighbouring pairs share one
 
@@ -35,22 +36,15 @@ def answer_jobs(jobs: Sequence[Job]) -> list[Answer]:
 def answer(job: Job) -> Answer:
     """Answer one pair, or return the outcome of an earlier run that has finished it."""
     try:
-        return _answer(job)
+        inputs = job.shipped or load_inputs(job)
+        if isinstance(inputs, Answer):
+            return inputs
+        outcome, contents = _solve(job, inputs)
+        return Answer(store(job, outcome, contents)) if job.shipped is None else Answer(outcome, contents=contents)
     except SlopemapError:
         raise
     except Exception as error:  # while reading or storing; `_solve` handles those of the estimate
         return Answer(store(job, _unexpected(job, error), {}))
-
-
-def _answer(job: Job) -> Answer:
-    if job.shipped is not None:
-        outcome, contents = _solve(job, job.shipped)
-        return Answer(outcome, contents=contents)
-    loaded = load_inputs(job)
-    if isinstance(loaded, Answer):
-        return loaded
-    outcome, contents = _solve(job, loaded)
-    return Answer(store(job, outcome, contents))
 
 
 def load_inputs(job: Job) -> Shipped | Answer:
@@ -94,7 +88,7 @@ def _problems(job: Job, files: Mapping[str, bytes] | None = None) -> list[str]:
 
 
 def _load(path: str, choice: CameraChoice, files: Mapping[str, bytes]) -> tuple[Image, Camera]:
-    image = _memory().image(files[path], path)
+    image = _memory.image(files[path], path)
     return image, camera_for(image, choice, files)[0]
 
 
@@ -117,20 +111,16 @@ def _solve(job: Job, inputs: Shipped) -> tuple[Outcome, dict[str, bytes]]:
 
 def _unexpected(job: Job, error: Exception) -> Outcome:
     """The outcome after an unexpected exception: out of memory, or a bug."""
-    if _is_out_of_memory(error):
-        _memory().clear()
+    import cv2
+
+    # found by Python or NumPy, by OpenCV, or by C++
+    no_memory = isinstance(error, MemoryError) or getattr(error, "code", None) == cv2.Error.StsNoMem
+    if no_memory or "bad_alloc" in str(error):
+        _memory.clear()
         remedy = "raise --memory or lower --jobs, or try smaller images"
         return failure(job, 1, "memory", "not enough memory for images of this size", remedy)
     found = f"unexpected {type(error).__name__}: {' '.join(str(error).split())}"
     return failure(job, 1, "unexpected", found, "this is a fault of slopemap")
-
-
-def _is_out_of_memory(error: Exception) -> bool:
-    """Whether Python, NumPy, OpenCV or C++ found too little memory."""
-    import cv2
-
-    no_memory = getattr(error, "code", None) == cv2.Error.StsNoMem
-    return isinstance(error, MemoryError) or no_memory or "bad_alloc" in str(error)
 
 
 def _estimate(job: Job, inputs: Shipped) -> tuple[Outcome, dict[str, bytes]]:
@@ -138,13 +128,14 @@ def _estimate(job: Job, inputs: Shipped) -> tuple[Outcome, dict[str, bytes]]:
         (image1, camera1), (image2, camera2) = (_load(path, choice, inputs.files) for path, choice in _sides(job))
     except InputError:
         raise InputError("; ".join(_problems(job, inputs.files))) from None
-    report = estimate(image1, image2, camera1, camera2, job.options, memory=_memory().features)
+    report = estimate(image1, image2, camera1, camera2, job.options, memory=_memory.features)
     contents = encode_products(report, image1, job.keep)
     return _outcome_of(job, report, inputs.fingerprint, tuple(contents)), contents
 
 
 def _outcome_of(job: Job, report: Report, fingerprint: str, files: tuple[str, ...]) -> Outcome:
     planes, pair = report.planes, job.pair
+    verdicts = Counter(plane.verdict for plane in planes)
     (slope, sigma), (other_slope, other_sigma) = _steepest(report)
     return Outcome(
         name=pair.name,
@@ -155,9 +146,9 @@ def _outcome_of(job: Job, report: Report, fingerprint: str, files: tuple[str, ..
         files=files,
         n_planes=len(planes),
         n_ok=sum(plane.status == "ok" for plane in planes),
-        n_safe=_count(planes, "safe"),
-        n_unsafe=_count(planes, "unsafe"),
-        n_undecided=_count(planes, "undecided"),
+        n_safe=verdicts["safe"],
+        n_unsafe=verdicts["unsafe"],
+        n_undecided=verdicts["undecided"],
         n_rejected=len(report.rejected),
         steepest_deg=slope,
         steepest_sigma_deg=sigma,
@@ -180,16 +171,12 @@ def _steepest(report: Report) -> list[tuple[float | None, float | None]]:
     return [*found, (None, None), (None, None)][:2]
 
 
-def _count(planes: Sequence[Plane], verdict: str) -> int:
-    return sum(plane.verdict == verdict for plane in planes)
-
-
 def _rounded(value: float) -> float | None:
     return round(value, 6) if math.isfinite(value) else None
 
 
-class _Memory:
-    """Decoded images and features of the last pairs."""
+class _Memory(threading.local):
+    """Decoded images and features of the last pairs of this thread."""
 
     def __init__(self) -> None:
         self.clear()
@@ -208,11 +195,4 @@ class _Memory:
         return self._images[key]
 
 
-_of_thread = threading.local()
-
-
-def _memory() -> _Memory:
-    memory: _Memory | None = getattr(_of_thread, "memory", None)
-    if memory is None:
-        memory = _of_thread.memory = _Memory()
-    return memory
+_memory = _Memory()

@@ -1,24 +1,34 @@
-"""Find the pairs of images in a folder or a list, with their cameras and folder names."""
+"""Find the pairs of images in a folder or a list, with their folder names and the camera files beside them."""
 
 from __future__ import annotations
 
 import hashlib
 import os
 import re
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
+from contextlib import suppress
 from dataclasses import dataclass
-from pathlib import PurePath
+from functools import cache
+from itertools import islice
+from pathlib import Path, PurePath
 from typing import NamedTuple
 
-from slopecli.batch.jobs import CameraChoice, Pair
-from slopecli.batch.pair_cameras import Cameras, CameraSearch, check_camera_file
+from slopecli.batch.jobs import Pair
 from slopecli.batch.summary import FILES
 from slopecli.errors import InputError
+from slopecli.io.cameras.reading import load_camera
+from slopecli.io.images import load_image
+from slopecli.io.pair_sources import cameras_by_number, cameras_in, folders_in, images_in, read_pair_list, why_no_images
+from slopecli.options import CameraChoice
+
+Cameras = tuple[CameraChoice, CameraChoice]
 
 MAX_NAME_BYTES = 120  # half the limit of file systems
 UNSAFE = re.compile(r'[\x00-\x1f\x7f\ud800-\udfff/\\:*?"<>|]+')
-# Files beside the folders of the pairs, and names reserved by Windows.
-TAKEN_NAMES = (*FILES, "con", "prn", "aux", "nul")
+TAKEN_NAMES = (*FILES, "con", "prn", "aux", "nul")  # files beside the folders of the pairs, names reserved by Windows
+NO_CAMERA = (
+    "no camera; give --camera FILE, --intrinsics FX,FY,CX,CY or --fov DEG, or put a camera.json beside the images"
+)
 
 
 class FoundPairs(NamedTuple):
@@ -30,11 +40,7 @@ class FoundPairs(NamedTuple):
 
 @dataclass(frozen=True)
 class Candidate:
-    """Two images that may become a pair.
-
-    wanted : camera files that a list of pairs names for them, "" for none.
-    own_folder : the folder that holds this pair only, if there is one.
-    """
+    """Two images that may become a pair: `wanted` camera files of a list of pairs, "" for none; `own_folder` if any."""
 
     name: str
     image1: str
@@ -72,26 +78,20 @@ def find_pairs(
     InputError : no pair can be estimated, the list of pairs or a shared camera file cannot be read, or `output` is
         `folder` itself.
     """
-    from slopecli.io.pair_sources import is_same_place
-
     folder = folder.rstrip(os.sep) or folder
-    if output is not None and is_same_place(folder, output):
+    if output is not None and _is_same_place(folder, output):
         raise InputError(f"{folder}: is the folder of the images, and cannot take the results too; give another -o")
     candidates, notes = _candidates(folder, pairing, stride, output)
     search = CameraSearch(folder)
     pairs = [_pair(*named, cameras, search) for named in zip(_names(candidates), candidates, strict=True)]
-    _check_any_possible(folder, pairs)
-    files = {choice.file: None for choice in cameras or () if choice.file} or search.shared_files()
-    for file in files:
-        check_camera_file(file, (pair.image1 for pair in pairs))
-    return FoundPairs(pairs, notes + search.notes())
-
-
-def _check_any_possible(folder: str, pairs: list[Pair]) -> None:
     problems = list(dict.fromkeys(pair.problem for pair in pairs))
     if None not in problems:
         others = f" (and {len(problems) - 1} other reasons)" if len(problems) > 1 else ""
         raise InputError(f"{folder}: no pair can be tried: {problems[0]}{others}")
+    files = {choice.file: None for choice in cameras or () if choice.file} or search.shared_files()
+    for file in files:
+        check_camera_file(file, (pair.image1 for pair in pairs))
+    return FoundPairs(pairs, notes + search.notes())
 
 
 # ---- which images belong together ----
@@ -106,23 +106,19 @@ def _candidates(folder: str, pairing: str, stride: int, output: str | None) -> t
 
 
 def _along_the_folder(folder: str, stride: int, output: str | None) -> list[Candidate]:
-    from slopecli.io.pair_sources import images_in, why_no_images
-
-    names = _without(images_in(folder), folder, output)
+    names = [name for name in images_in(folder) if not (output and _is_same_place(os.path.join(folder, name), output))]
     if not names:
         raise InputError(f"{folder}: holds no images; {why_no_images(folder)}")
     if len(names) <= stride:
         images = "1 image" if len(names) == 1 else f"{len(names)} images"
         raise InputError(f"{folder}: holds {images}, needed at least {stride + 1}")
     return [
-        Candidate(f"{_stem(one)}-{_stem(two)}", os.path.join(folder, one), os.path.join(folder, two))
+        Candidate(f"{PurePath(one).stem}-{PurePath(two).stem}", os.path.join(folder, one), os.path.join(folder, two))
         for one, two in zip(names, names[stride:], strict=False)
     ]
 
 
 def _one_per_folder(folder: str, output: str | None) -> list[Candidate]:
-    from slopecli.io.pair_sources import folders_in
-
     found = [_from_folder(name, os.path.join(folder, name)) for name in folders_in(folder)]
     candidates = [one for one in found if not _holds_results(one, os.path.join(folder, one.name), output)]
     if not candidates:
@@ -132,23 +128,19 @@ def _one_per_folder(folder: str, output: str | None) -> list[Candidate]:
 
 def _holds_results(candidate: Candidate, place: str, output: str | None) -> bool:
     """Whether the output is this folder or below it. Raises InputError if it is the folder of a pair."""
-    from slopecli.io.pair_sources import is_same_place, lies_in
-
-    if output is None or not lies_in(output, place):
+    if output is None or not Path(os.path.realpath(output)).is_relative_to(os.path.realpath(place)):
         return False
-    if candidate.problem is None and is_same_place(output, place):
+    if candidate.problem is None and _is_same_place(output, place):
         raise InputError(f"{place}: holds images of a pair, and cannot take the results of all; give another -o")
     return candidate.problem is not None
 
 
 def _from_folder(name: str, place: str) -> Candidate:
-    from slopecli.io.pair_sources import images_in
-
     try:
         images = images_in(place)
     except InputError as error:
         return Candidate(name, "", "", problem=str(error))
-    numbered = [image for image in images if _stem(image).lower() in ("image1", "image2")]
+    numbered = [image for image in images if PurePath(image).stem.lower() in ("image1", "image2")]
     chosen = images if len(images) == 2 else numbered
     if len(chosen) != 2:
         problem = f"{place}: holds {len(images)} images, needed two, or two of them named image1 and image2"
@@ -158,8 +150,6 @@ def _from_folder(name: str, place: str) -> Candidate:
 
 
 def _listed(folder: str, file: str) -> tuple[list[Candidate], list[str]]:
-    from slopecli.io.pair_sources import images_in, read_pair_list
-
     images_in(folder)  # it must be a folder
     rows = read_pair_list(file)
     if not rows:
@@ -176,17 +166,12 @@ def _listed(folder: str, file: str) -> tuple[list[Candidate], list[str]]:
     return candidates, notes
 
 
-def _without(names: Iterable[str], folder: str, output: str | None) -> list[str]:
-    from slopecli.io.pair_sources import is_same_place
-
-    return [name for name in names if output is None or not is_same_place(os.path.join(folder, name), output)]
+def _is_same_place(one: str, other: str) -> bool:
+    """Whether two paths, which need not exist, lead to the same place."""
+    return os.path.realpath(one) == os.path.realpath(other)
 
 
 # ---- names ----
-
-
-def _stem(name: str) -> str:
-    return PurePath(name).stem
 
 
 def _short(path: str) -> str:
@@ -223,6 +208,87 @@ def safe_name(text: str) -> str:
 # ---- cameras ----
 
 
+class CameraSearch:
+    """Search for the cameras of images for which the user gave none; every folder is listed once.
+
+    The folder of the batch is searched if the folder of an image has no camera file.
+    """
+
+    def __init__(self, folder: str) -> None:
+        self.folder = folder
+        self._names_in = cache(cameras_in)
+        self._uses: dict[str, None] = {}
+
+    def cameras_of(self, image1: str, image2: str) -> Cameras:
+        """The camera file in each image's folder, else in the batch's.
+
+        Raises
+        ------
+        InputError : there is none, or more than one.
+        """
+        first, second = self._file_for(image1), self._file_for(image2)
+        return self._used(first), self._used(second)
+
+    def numbered_cameras(self, folder: str) -> Cameras | None:
+        """The files camera1 and camera2 of a folder that holds one pair, None if it does not have both."""
+        first, second = cameras_by_number(folder)
+        if not (first and second):
+            return None
+        return self._used(os.path.join(folder, first)), self._used(os.path.join(folder, second))
+
+    def _file_for(self, image: str) -> str:
+        for folder in (os.path.dirname(image), self.folder):
+            names = self._names_in(folder or os.curdir)
+            if len(names) > 1:
+                several = " and ".join(names)
+                raise InputError(f"{folder or os.curdir} holds {several}; say which is the camera with --camera FILE")
+            if names:
+                return os.path.join(folder, names[0])
+        raise InputError(NO_CAMERA)
+
+    def _used(self, file: str) -> CameraChoice:
+        self._uses[file] = None
+        return CameraChoice(file=file)
+
+    def shared_files(self) -> list[str]:
+        """Files that were found in the folder of the batch."""
+        return [file for file in self._uses if os.path.dirname(file) == self.folder]
+
+    def notes(self) -> list[str]:
+        """Messages about the files found: a line for each, or one line for more than three."""
+        files = list(self._uses)
+        if len(files) > 3:
+            return [f"camera: {len(files)} files found beside the images, {files[0]} to {files[-1]}"]
+        return [f"camera: {file}, found beside the images" for file in files]
+
+
+def check_camera_file(file: str, images: Iterable[str]) -> None:
+    """Raise InputError if a camera file that many pairs share cannot be read.
+
+    A file without an image size may be valid for some sizes only, so it is tried with those of up to three images.
+    """
+    try:
+        load_camera(file)
+        return
+    except InputError as error:
+        problem = error
+    for size in islice(_sizes_of(images), 3):
+        try:
+            load_camera(file, size=size)
+            return
+        except InputError as error:
+            problem = error
+    raise problem
+
+
+def _sizes_of(images: Iterable[str]) -> Iterator[tuple[int, int]]:
+    """Sizes of those images that can be read."""
+    for path in images:
+        with suppress(InputError):
+            image = load_image(path)
+            yield image.width, image.height
+
+
 def _pair(name: str, candidate: Candidate, given: Cameras | None, search: CameraSearch) -> Pair:
     images = (candidate.image1, candidate.image2)
     if candidate.problem is not None:
@@ -238,10 +304,8 @@ def _cameras(candidate: Candidate, given: Cameras | None, search: CameraSearch) 
     first, second = candidate.wanted[0], candidate.wanted[1] or candidate.wanted[0]
     if first and second:
         return CameraChoice(file=first), CameraChoice(file=second)
-    common = given or _found_cameras(candidate, search)
+    common = given
+    if common is None and candidate.own_folder is not None:
+        common = search.numbered_cameras(candidate.own_folder)
+    common = common or search.cameras_of(candidate.image1, candidate.image2)
     return common[0], CameraChoice(file=second) if second else common[1]
-
-
-def _found_cameras(candidate: Candidate, search: CameraSearch) -> Cameras:
-    numbered = search.numbered_cameras(candidate.own_folder) if candidate.own_folder else None
-    return numbered or search.cameras_of(candidate.image1, candidate.image2)

@@ -11,23 +11,21 @@ from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
-from slopecli.batch.jobs import Answer, Job, Outcome, Pair, Progress
-from slopecli.batch.summary import FILES, PAGE, RESULTS, SUMMARY
+from slopecli.batch.jobs import Answer, Job, Outcome, Pair, Progress, store
+from slopecli.batch.scheduler import answer_beside, answer_here, run_batch
+from slopecli.batch.summary import FILES, PAGE, RESULTS, SUMMARY, index_html, results_jsonl, summary_csv
 from slopecli.batch.worker import Limits, Worker
 from slopecli.errors import DiskFull, InputError, SlopemapError
+from slopecli.io.files import DISK_FULL, remove_temporary, write_atomically
+from slopecli.io.lock import locked
+from slopecli.io.outputs import check_directory
 from slopecli.options import Options
 
 CHUNK = 8  # jobs in a call on a cluster: neighbours share images, but a lost worker costs a chunk
 PER_CORE = 2  # chunks submitted per core, so that no worker waits for the next
 MIN_LANES = 32  # chunks submitted to a cluster, as more workers may join later
 CONNECT_S = 30  # time limit of the connection to a cluster
-DASK_LOGS = (
-    "distributed.client",
-    "distributed.core",
-    "distributed.comm",
-    "distributed.comm.core",
-    "distributed.comm.tcp",
-)
+DASK_LOGS = tuple(f"distributed.{part}" for part in ("client", "core", "comm", "comm.core", "comm.tcp"))
 
 OnProgress = Callable[[Progress], None]
 
@@ -71,7 +69,10 @@ def run(
     DiskFull : there is no space left. Finished pairs are kept.
     KeyboardInterrupt : passed on; the summary files then have the finished pairs.
     """
-    _check(pairs)
+    if not pairs:
+        raise InputError("there are no pairs to compare; needed at least two images")
+    if len({pair.name for pair in pairs}) < len(pairs):
+        raise InputError("two pairs have the same name; every pair needs a folder of its own")
     folder = Path(directory).absolute()
     work = [Job(pair, options, keep, str(folder / pair.name), os.getcwd()) for pair in pairs]
     results = _Results(work, on_progress)
@@ -86,20 +87,9 @@ def run(
     return results.outcomes
 
 
-def _check(pairs: Sequence[Pair]) -> None:
-    if not pairs:
-        raise InputError("there are no pairs to compare; needed at least two images")
-    names = {pair.name for pair in pairs}
-    if len(names) < len(pairs):
-        raise InputError("two pairs have the same name; every pair needs a folder of its own")
-
-
 @contextmanager
 def _locked(folder: Path) -> Iterator[int]:
     """Make the output folder and lock it; gives the file descriptor of the lock."""
-    from slopecli.io.lock import locked
-    from slopecli.io.outputs import check_directory
-
     check_directory(folder, FILES)
     with ExitStack() as stack:
         try:
@@ -120,7 +110,8 @@ def _summarised(folder: Path, pairs: Sequence[Pair], results: _Results) -> Itera
         with suppress(SlopemapError):
             _write_summary(folder, results.outcomes)
         if isinstance(error, DiskFull):
-            raise DiskFull(f"{error}; {results.so_far}, free some space and run the same command again") from None
+            so_far = f"{len(results.outcomes)} of {len(pairs)} pairs are done and kept"
+            raise DiskFull(f"{error}; {so_far}, free some space and run the same command again") from None
         raise
     try:
         _remove_unfinished(folder, pairs)  # of workers that crashed
@@ -131,8 +122,6 @@ def _summarised(folder: Path, pairs: Sequence[Pair], results: _Results) -> Itera
 
 
 def _unusable(folder: Path, error: OSError) -> InputError:
-    from slopecli.io.files import DISK_FULL
-
     if error.errno in DISK_FULL:
         return DiskFull(f"disk full while writing to {folder}; free some space and run the same command again")
     return InputError(f"cannot write results to {folder}: {error.strerror or error}; choose another folder with -o")
@@ -140,8 +129,6 @@ def _unusable(folder: Path, error: OSError) -> InputError:
 
 def _remove_unfinished(folder: Path, pairs: Sequence[Pair]) -> None:
     """Remove temporary files of processes that were killed."""
-    from slopecli.io.files import remove_temporary
-
     for place in (folder, *(folder / pair.name for pair in pairs)):
         remove_temporary(place)
 
@@ -159,14 +146,8 @@ class _Results:
         """Outcomes of the pairs that are done, in input order."""
         return [outcome for outcome in self._outcomes if outcome is not None]
 
-    @property
-    def so_far(self) -> str:
-        return f"{self._done} of {len(self._jobs)} pairs are done and kept"
-
     def add(self, index: int, answer: Answer) -> None:
         """Add the answer of a job. Raises DiskFull if its files cannot be stored."""
-        from slopecli.batch.records import store
-
         outcome, job = answer.outcome, self._jobs[index]
         if answer.contents is not None or outcome.code in ("crashed", "timeout"):
             outcome = store(job, outcome, answer.contents or {})
@@ -182,10 +163,8 @@ class _Results:
 
 
 def _run_here(work: list[Job], jobs: int | None, limits: Limits, lock: int, results: _Results) -> None:
-    from slopecli.batch.remote import answer_here
-    from slopecli.batch.scheduler import run_batch
-
-    count = min(jobs or _cores(), len(work))
+    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    count = min(jobs or cores, len(work))
     workers: list[Worker] = []
     try:
         workers += [Worker(limits, inherit=(lock,)) for _ in range(count)]
@@ -195,11 +174,6 @@ def _run_here(work: list[Job], jobs: int | None, limits: Limits, lock: int, resu
             worker.shutdown(wait=False, cancel_futures=True)
         for worker in workers:
             worker.shutdown()
-
-
-def _cores() -> int:
-    """Cores that this process may use."""
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 def _run_on_cluster(work: list[Job], address: str, limits: Limits, ship: bool, results: _Results) -> None:
@@ -219,28 +193,19 @@ def _run_on_cluster(work: list[Job], address: str, limits: Limits, ship: bool, r
 @contextmanager
 def _quiet(names: Sequence[str]) -> Iterator[None]:
     """Disable these loggers: a lost connection is reported in one line instead."""
-    loggers = [logging.getLogger(name) for name in names]
-    before = [logger.disabled for logger in loggers]
-    for logger in loggers:
+    enabled = [logger for logger in map(logging.getLogger, names) if not logger.disabled]
+    for logger in enabled:
         logger.disabled = True
     try:
         yield
     finally:
-        for logger, disabled in zip(loggers, before, strict=True):
-            logger.disabled = disabled
+        for logger in enabled:
+            logger.disabled = False
 
 
 def _run_elsewhere(
-    work: list[Job],
-    executor: Executor,
-    limits: Limits,
-    ship: bool,
-    results: _Results,
-    cores: int | None = None,
+    work: list[Job], executor: Executor, limits: Limits, ship: bool, results: _Results, cores: int | None = None
 ) -> None:
-    from slopecli.batch.remote import answer_beside
-    from slopecli.batch.scheduler import run_batch
-
     cores = cores or getattr(executor, "_max_workers", None) or 1
     chunk = max(1, min(CHUNK, len(work) // (2 * PER_CORE * cores)))
     lanes = PER_CORE * cores if ship else max(PER_CORE * cores, MIN_LANES)
@@ -264,10 +229,6 @@ def _shipped(job: Job) -> Job | Answer:
 
 
 def _write_summary(folder: Path, outcomes: Sequence[Outcome]) -> None:
-    from slopecli.batch.page import index_html
-    from slopecli.batch.summary import results_jsonl, summary_csv
-    from slopecli.io.files import write_atomically
-
     contents = {SUMMARY: summary_csv(outcomes), RESULTS: results_jsonl(outcomes), PAGE: index_html(outcomes)}
     try:
         for name, content in contents.items():

@@ -1,21 +1,25 @@
-"""Distribute jobs over executors: every job is answered once, also when workers crash or executors break."""
+"""Distribute jobs over executors: every job is answered once, also when workers crash or executors break.
+
+`run_batch` runs in the calling program; `answer_here` and `answer_beside` are what executors call for a chunk of jobs.
+"""
 
 from __future__ import annotations
 
+import threading
 from collections import Counter, deque
 from collections.abc import Callable, Sequence
 from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, CancelledError, Executor, Future, wait
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
-from slopecli.batch.jobs import Answer, Job, Outcome
-from slopecli.batch.records import failure
-from slopecli.batch.worker import WorkerCrashed, WorkerFailed
+from slopecli.batch.jobs import Answer, Job, Outcome, failure
+from slopecli.batch.worker import NO_LIMITS, Limits, Worker, WorkerCrashed, WorkerFailed
 from slopecli.errors import DiskFull, InputError
 
 AnswerJobs = Callable[[list[Job]], list[Answer]]
 OnAnswer = Callable[[int, Answer], None]
 Prepare = Callable[[Job], Job | Answer]
 
+_of_thread = threading.local()
 ATTEMPTS = 2  # a job that crashes its worker this often fails
 REMEDIES = {
     "crashed": "try it alone with slopemap estimate -v; if memory is short, lower --jobs",
@@ -65,63 +69,56 @@ def run_batch(
     DiskFull : there is no space left, in a worker or in `on_answer`; raised when all running chunks have ended.
     InputError : all executors are broken, or the workers cannot import slopemap.
     """
-    _Run(jobs, executors, on_answer, answer_jobs, chunk, prepare).run()
+    cuts = [len(jobs) * k // len(executors) for k in range(len(executors) + 1)]
+    lanes = [Lane(executor, cuts[k], cuts[k + 1]) for k, executor in enumerate(executors)]
+    _Run(jobs, on_answer, answer_jobs, chunk, prepare, lanes).run()
 
 
+@dataclass
 class _Run:
     """The state of a running batch."""
 
-    def __init__(
-        self,
-        jobs: Sequence[Job],
-        executors: Sequence[Executor],
-        on_answer: OnAnswer,
-        answer_jobs: AnswerJobs,
-        chunk: int,
-        prepare: Prepare | None,
-    ) -> None:
-        self._jobs, self._on_answer, self._answer_jobs = jobs, on_answer, answer_jobs
-        self._chunk, self._prepare = chunk, prepare
-        cuts = [len(jobs) * k // len(executors) for k in range(len(executors) + 1)]
-        self._lanes = [Lane(executor, cuts[k], cuts[k + 1]) for k, executor in enumerate(executors)]
-        self._again: deque[int] = deque()  # jobs of failed chunks, to be tried one by one
-        self._failures: Counter[int] = Counter()
-        self._running: dict[Future[list[Answer]], tuple[Lane, list[int]]] = {}
-        self._disk_full: DiskFull | None = None
-        self._loss: BaseException | None = None  # why the last executor was lost
+    jobs: Sequence[Job]
+    on_answer: OnAnswer
+    answer_jobs: AnswerJobs
+    chunk: int
+    prepare: Prepare | None
+    lanes: list[Lane]
+    again: deque[int] = field(default_factory=deque)  # jobs of failed chunks, to be tried one by one
+    failures: Counter[int] = field(default_factory=Counter)
+    running: dict[Future[list[Answer]], tuple[Lane, list[int]]] = field(default_factory=dict)
+    disk_full: DiskFull | None = None
+    loss: BaseException | None = None  # why the last executor was lost
 
     def run(self) -> None:
         try:
             self._submit_all()
-            while self._running:
+            while self.running:
                 # a timeout lets Ctrl-C through on Windows
-                done, _ = wait(self._running, timeout=1.0, return_when=FIRST_COMPLETED)
+                done, _ = wait(self.running, timeout=1.0, return_when=FIRST_COMPLETED)
                 for future in done:
-                    lane, indices = self._running.pop(future)
+                    lane, indices = self.running.pop(future)
                     lane.busy = False
                     self._collect(future, lane, indices)
                 self._submit_all()
         finally:
-            for future in self._running:
+            for future in self.running:
                 future.cancel()
-        if self._disk_full is not None:
-            raise self._disk_full
-        if self._left():
-            raise InputError(f"no worker is left ({_one_line(self._loss)}); repair that and run the same command again")
-
-    def _left(self) -> int:
-        return len(self._again) + sum(map(len, self._lanes))
+        if self.disk_full is not None:
+            raise self.disk_full
+        if self.again or any(map(len, self.lanes)):
+            raise InputError(f"no worker is left ({_one_line(self.loss)}); repair that and run the same command again")
 
     # ---- submit jobs ----
 
     def _submit_all(self) -> None:
         """Give every free lane its next jobs; repeated, as jobs may be refused or their answers be known."""
-        while any(self._submit_next(lane) for lane in self._lanes):
+        while any(self._submit_next(lane) for lane in self.lanes):
             pass
 
     def _submit_next(self, lane: Lane) -> bool:
         """Give a lane its next jobs; False if it is not free or there are none."""
-        if self._disk_full is not None or lane.busy or lane.lost:
+        if self.disk_full is not None or lane.busy or lane.lost:
             return False
         indices = self._next(lane)
         if indices:
@@ -129,16 +126,16 @@ class _Run:
         return bool(indices)
 
     def _next(self, lane: Lane) -> list[int]:
-        if self._again:
-            return [self._again.popleft()]
+        if self.again:
+            return [self.again.popleft()]
         if not len(lane):
             self._take_over(lane)
-        first, lane.start = lane.start, min(lane.start + self._chunk, lane.stop)
+        first, lane.start = lane.start, min(lane.start + self.chunk, lane.stop)
         return list(range(first, lane.start))
 
     def _take_over(self, lane: Lane) -> None:
         """Move the second half of the longest range left to this lane, or all of it if its own lane is lost."""
-        longest = max(self._lanes, key=len)
+        longest = max(self.lanes, key=len)
         middle = longest.start if longest.lost else (longest.start + longest.stop) // 2
         lane.start, lane.stop, longest.stop = middle, longest.stop, middle
 
@@ -147,19 +144,19 @@ class _Run:
         if not jobs:
             return
         try:
-            future = lane.executor.submit(self._answer_jobs, list(jobs.values()))
+            future = lane.executor.submit(self.answer_jobs, list(jobs.values()))
         except (BrokenExecutor, RuntimeError) as error:
             self._lose(lane, error)
-            self._again.extend(jobs)
+            self.again.extend(jobs)
         else:
             lane.busy = True
-            self._running[future] = lane, list(jobs)
+            self.running[future] = lane, list(jobs)
 
     def _prepared(self, indices: list[int]) -> dict[int, Job]:
         """Jobs by index, without those whose answer is known."""
         jobs = {}
         for index in indices:
-            job = self._jobs[index] if self._prepare is None else self._prepare(self._jobs[index])
+            job = self.jobs[index] if self.prepare is None else self.prepare(self.jobs[index])
             if isinstance(job, Answer):
                 self._deliver(index, job)
             else:
@@ -172,12 +169,12 @@ class _Run:
         try:
             answers = future.result()
         except DiskFull as error:
-            self._disk_full = error
+            self.disk_full = error
         except ImportError as error:
             raise InputError(f"the workers cannot run slopemap ({_one_line(error)}); install it there too") from None
         except (BrokenExecutor, CancelledError) as error:
             self._lose(lane, error)
-            self._again.extend(indices)
+            self.again.extend(indices)
         except Exception as error:
             self._retry(indices, error)
         else:
@@ -186,27 +183,27 @@ class _Run:
 
     def _deliver(self, index: int, answer: Answer) -> None:
         try:
-            self._on_answer(index, answer)
+            self.on_answer(index, answer)
         except DiskFull as error:
-            self._disk_full = error
+            self.disk_full = error
 
     def _lose(self, lane: Lane, error: BaseException) -> None:
         """Mark all lanes of a broken executor."""
-        self._loss = error
-        for other in self._lanes:
+        self.loss = error
+        for other in self.lanes:
             other.lost |= other.executor is lane.executor
 
     def _retry(self, indices: list[int], error: Exception) -> None:
         """Try the jobs of a failed chunk one by one; a single job is tried again or has failed."""
         if len(indices) > 1:
-            self._again.extend(indices)
+            self.again.extend(indices)
             return
         index = indices[0]
-        self._failures[index] += 1
-        if self._failures[index] < ATTEMPTS and not is_final(error):
-            self._again.append(index)
+        self.failures[index] += 1
+        if self.failures[index] < ATTEMPTS and not is_final(error):
+            self.again.append(index)
         else:
-            self._deliver(index, Answer(failure_of(self._jobs[index], error)))
+            self._deliver(index, Answer(failure_of(self.jobs[index], error)))
 
 
 def is_final(error: Exception) -> bool:
@@ -222,3 +219,52 @@ def failure_of(job: Job, error: Exception) -> Outcome:
 
 def _one_line(error: BaseException | None) -> str:
     return " ".join(str(error or "").split()) or type(error).__name__
+
+
+# ---- what executors call ----
+
+
+def answer_here(jobs: Sequence[Job]) -> list[Answer]:
+    """As `answer_jobs`, which is imported on the first call only."""
+    from slopecli.batch.answer import answer_jobs
+
+    return answer_jobs(jobs)
+
+
+def answer_beside(jobs: Sequence[Job], limits: Limits = NO_LIMITS) -> list[Answer]:
+    """Answer jobs one after the other in a child process, which is kept for the next call.
+
+    Raises DiskFull if there is no space left, BrokenExecutor if no process can be started.
+    """
+    worker = _worker(limits)
+    return [_answer(worker, job) for job in jobs]
+
+
+def _answer(worker: Worker, job: Job) -> Answer:
+    failed: Exception = WorkerFailed()
+    for _ in range(ATTEMPTS):
+        try:
+            return worker.submit(answer_here, [job]).result()[0]
+        except WorkerFailed as error:
+            failed = error
+            if is_final(error):
+                break
+    return Answer(failure_of(job, failed))
+
+
+class _Child:
+    """The child process of a thread; it ends with the thread."""
+
+    def __init__(self, limits: Limits) -> None:
+        self.limits, self.worker = limits, Worker(limits)
+
+    def __del__(self) -> None:
+        self.worker.shutdown(wait=False)
+
+
+def _worker(limits: Limits) -> Worker:
+    """The child process of this thread, with these limits."""
+    child: _Child | None = getattr(_of_thread, "child", None)
+    if child is None or child.limits != limits:
+        child = _of_thread.child = _Child(limits)
+    return child.worker

@@ -1,41 +1,26 @@
-"""The outcomes of a batch as files: summary.csv for spreadsheets, results.jsonl for programs."""
+"""The files that summarise a batch: summary.csv for spreadsheets, results.jsonl for programs, the page index.html."""
 
 from __future__ import annotations
 
 import csv
 import json
 import math
+import os
 from collections.abc import Iterable
-from dataclasses import asdict
+from dataclasses import asdict, fields
+from html import escape
 from io import StringIO
-from typing import Any
+from typing import Any, NamedTuple
+from urllib.parse import quote
 
+from slopecli import __version__
 from slopecli.batch.jobs import Outcome
+from slopecli.products import OVERLAY
 
 FILES = SUMMARY, RESULTS, PAGE = "summary.csv", "results.jsonl", "index.html"
-# Attributes of Outcome in the order of the columns of summary.csv.
-COLUMNS = (
-    "name",
-    "image1",
-    "image2",
-    "exit_status",
-    "code",
-    "n_planes",
-    "n_ok",
-    "n_safe",
-    "n_unsafe",
-    "n_undecided",
-    "n_rejected",
-    "steepest_deg",
-    "steepest_sigma_deg",
-    "steepest_other_deg",
-    "steepest_other_sigma_deg",
-    "ambiguity",
-    "noise_px",
-    "diagnostics",
-    "message",
-    "remedy",
-)
+LAST, NOT_SHOWN = ("message", "remedy"), ("fingerprint", "files")
+# of summary.csv: attributes of Outcome, the long texts last
+COLUMNS = (*(field.name for field in fields(Outcome) if field.name not in LAST + NOT_SHOWN), *LAST)
 FORMULA_STARTS = ("=", "+", "-", "@", "\t", "\r")  # of texts that spreadsheets would evaluate
 
 
@@ -48,8 +33,8 @@ def summary_csv(outcomes: Iterable[Outcome]) -> bytes:
     table = StringIO()
     writer = csv.writer(table, lineterminator="\n")
     writer.writerow(COLUMNS)
-    writer.writerows([_cell(getattr(outcome, column)) for column in COLUMNS] for outcome in outcomes)
-    return encode_text(table.getvalue())
+    writer.writerows([_csv_cell(getattr(outcome, column)) for column in COLUMNS] for outcome in outcomes)
+    return _encode_text(table.getvalue())
 
 
 def results_jsonl(outcomes: Iterable[Outcome]) -> bytes:
@@ -58,12 +43,12 @@ def results_jsonl(outcomes: Iterable[Outcome]) -> bytes:
     return "".join(lines).encode("ascii")
 
 
-def encode_text(text: str) -> bytes:
+def _encode_text(text: str) -> bytes:
     """UTF-8; undecodable bytes of file names become backslash escapes."""
     return text.encode("utf-8", "backslashreplace")
 
 
-def _cell(value: Any) -> Any:
+def _csv_cell(value: Any) -> Any:
     value = _plain(value)
     if isinstance(value, list):
         value = " ".join(value)
@@ -79,3 +64,192 @@ def _plain(value: Any) -> Any:
     if isinstance(value, dict):
         return {key: _plain(item) for key, item in value.items()}
     return [_plain(item) for item in value] if isinstance(value, list | tuple) else value
+
+
+# ---- index.html ----
+
+
+class Cell(NamedTuple):
+    """html: what is shown. value: the sort key, "" if unknown (sorted last). kind: CSS class."""
+
+    html: str
+    value: str = ""
+    kind: str = ""
+
+
+HEADERS = "# picture pair result steepest safe unsafe undecided poor refused notes files"
+STYLE = """
+:root { color-scheme: light dark; --ink: #1b1d21; --dim: #5f6672; --paper: #fff; --band: #f3f4f6; --line: #d9dce1;
+  --link: #0b57b8; --bad: #b3261e; --bad-paper: #fdeeec; --good: #1b6e33; }
+@media (prefers-color-scheme: dark) { :root { --ink: #e6e7ea; --dim: #a0a6b1; --paper: #17191d; --band: #22252b;
+  --line: #383c44; --link: #8ab8ff; --bad: #ff9d94; --bad-paper: #37201e; --good: #86d39b; } }
+body { margin: 1.5rem; font: 14px/1.45 system-ui, sans-serif; color: var(--ink); background: var(--paper); }
+h1 { font-size: 1.35rem; margin: 0 0 .25rem; }
+p { margin: .25rem 0 .75rem; }
+a { color: var(--link); }
+label { display: block; margin: 0 0 .75rem; }
+input { font: inherit; color: inherit; background: var(--band); border: 1px solid var(--line); border-radius: 4px;
+  padding: .25rem .5rem; width: 22rem; max-width: 100%; }
+table { border-collapse: collapse; width: 100%; }
+th { position: sticky; top: 0; background: var(--band); text-align: left; z-index: 1; }
+th, td { padding: .4rem .6rem; border-bottom: 1px solid var(--line); vertical-align: top; }
+th[data-by=number] { text-align: right; }
+th button { all: unset; cursor: pointer; font-weight: 600; white-space: nowrap; }
+th button:focus-visible { outline: 2px solid var(--link); outline-offset: 2px; }
+th[aria-sort=ascending] button::after { content: " \\25B2"; }
+th[aria-sort=descending] button::after { content: " \\25BC"; }
+.number { text-align: right; font-variant-numeric: tabular-nums; white-space: nowrap; }
+.pair { overflow-wrap: anywhere; min-width: 11rem; }
+.notes { max-width: 16rem; }
+small { color: var(--dim); display: block; overflow-wrap: anywhere; }
+tr.failed { background: var(--bad-paper); }
+strong { font-weight: 600; color: var(--good); }
+tr.failed strong { color: var(--bad); }
+img { display: block; object-fit: contain; background: var(--band); }
+.files a { display: block; white-space: nowrap; }
+footer { color: var(--dim); margin-top: 1rem; }
+"""
+
+SCRIPT = """
+const body = document.querySelector("tbody"), rows = [...body.rows], headers = [...document.querySelectorAll("th")];
+const words = new Intl.Collator(undefined, { numeric: true });
+const compare = { number: (a, b) => a - b, text: words.compare };
+function sortBy(header) {
+  const sign = header.ariaSort === "ascending" ? -1 : 1;
+  const column = header.cellIndex, by = compare[header.dataset.by];
+  headers.forEach(one => one.removeAttribute("aria-sort"));
+  header.setAttribute("aria-sort", sign > 0 ? "ascending" : "descending");
+  const keyed = rows.map(row => [row.cells[column].dataset.value || "", Number(row.cells[0].dataset.value), row]);
+  keyed.sort(([a, i], [b, j]) => (a === "") - (b === "") || (a === "" ? 0 : sign * by(a, b)) || i - j);
+  const sorted = document.createDocumentFragment();
+  keyed.forEach(([, , row]) => sorted.append(row));
+  body.append(sorted);
+}
+headers.filter(one => one.dataset.by).forEach(one => one.firstChild.addEventListener("click", () => sortBy(one)));
+const box = document.querySelector("input");
+const texts = rows.map(row => row.textContent.toLowerCase());
+box.addEventListener("input", () => {
+  const wanted = box.value.toLowerCase();
+  rows.forEach((row, i) => { row.hidden = !texts[i].includes(wanted); });
+});
+box.parentElement.hidden = false;
+"""
+
+
+def index_html(outcomes: Iterable[Outcome]) -> bytes:
+    """The page, UTF-8: a table with a row per pair, those without an answer first, otherwise in the order given.
+
+    With JavaScript, columns can be sorted and rows filtered. Pictures are loaded when they come into view. Links are
+    relative to the folder of the batch.
+    """
+    numbered = list(enumerate(outcomes, 1))
+    failed = sum(one.exit_status != 0 for _, one in numbered)
+    rows = sorted(numbered, key=lambda row: row[1].exit_status == 0)
+    answered = f"{len(rows) - failed} answered, {failed} without an answer" if failed else "all answered"
+    headline = f"{len(rows)} pair{'s' * (len(rows) != 1)}, {answered}"
+    return _encode_text(_page(headline, "\n".join(_row(*row) for row in rows)))
+
+
+def _page(headline: str, rows: str) -> str:
+    return f"""<!DOCTYPE html>
+<html lang="en">
+<head>
+<meta charset="utf-8">
+<meta name="viewport" content="width=device-width, initial-scale=1">
+<title>slopemap: {headline}</title>
+<style>{STYLE}</style>
+</head>
+<body>
+<h1>{headline}</h1>
+<p>Slopes in degrees; counts are of windows or planes. The same as a table: <a href="{SUMMARY}">{SUMMARY}</a>,
+for programs: <a href="{RESULTS}">{RESULTS}</a>.</p>
+<label hidden>Show rows with <input type="search" placeholder="a name, a code, a word"></label>
+<table>
+<thead><tr>{"".join(map(_header, HEADERS.split()))}</tr></thead>
+<tbody>
+{rows}
+</tbody>
+</table>
+<footer>slopemap {__version__}</footer>
+<script>{SCRIPT}</script>
+</body>
+</html>
+"""
+
+
+def _header(title: str) -> str:
+    if title in ("picture", "files"):
+        return f'<th scope="col">{title}</th>'
+    by = "text" if title in ("pair", "result", "notes") else "number"
+    return f'<th scope="col" data-by="{by}"><button type="button">{title}</button></th>'
+
+
+def _row(number: int, outcome: Outcome) -> str:
+    shown = "".join(map(_cell, _cells(number, outcome)))
+    return f'<tr class="{"failed" if outcome.exit_status else "answered"}">{shown}</tr>'
+
+
+def _cell(cell: Cell) -> str:
+    attributes = f' class="{cell.kind}"' * bool(cell.kind) + f' data-value="{escape(cell.value)}"' * bool(cell.value)
+    return f"<td{attributes}>{cell.html}</td>"
+
+
+def _cells(number: int, outcome: Outcome) -> tuple[Cell, ...]:
+    poor = outcome.n_planes - outcome.n_ok
+    counts = (outcome.n_safe, outcome.n_unsafe, outcome.n_undecided, poor, outcome.n_rejected)
+    known = outcome.exit_status == 0
+    images = "<br>".join(_text(path) for path in (outcome.image1, outcome.image2) if path)
+    files = "".join(f'<a href="{_address(outcome, name)}">{escape(name)}</a>' for name in outcome.files)
+    return (
+        Cell(str(number), str(number), "number"),
+        _picture(outcome),
+        Cell(f"{_text(outcome.name)}<small>{images}</small>", outcome.name, "pair"),
+        _result(outcome),
+        _steepest(outcome),
+        *(Cell(str(count), str(count), "number") if known else Cell("", kind="number") for count in counts),
+        _notes(outcome),
+        Cell(files, kind="files"),
+    )
+
+
+def _text(text: str) -> str:
+    """Text from outside: escaped, and isolated so that right-to-left text does not reorder its neighbours."""
+    return f"<bdi>{escape(text)}</bdi>"
+
+
+def _picture(outcome: Outcome) -> Cell:
+    if OVERLAY not in outcome.files:
+        return Cell("")
+    address = _address(outcome, OVERLAY)
+    # a fixed size keeps the page still while pictures load; some browsers ignore `loading` after `src`
+    attributes = 'loading="lazy" decoding="async" width="160" height="120"'
+    picture = f'<img {attributes} src="{address}" alt="slopes of {escape(outcome.name)}">'
+    return Cell(f'<a href="{address}">{picture}</a>')
+
+
+def _result(outcome: Outcome) -> Cell:
+    if outcome.exit_status == 0:
+        return Cell("<strong>answered</strong>", "answered")
+    verdict = "no answer" if outcome.exit_status == 3 else "failed"
+    code = outcome.code or f"exit status {outcome.exit_status}"
+    reason = "; ".join(part for part in (outcome.message, outcome.remedy) if part)
+    return Cell(f"<strong>{verdict}: {_text(code)}</strong><br>{_text(reason)}", f"{verdict}: {code}", "pair")
+
+
+def _steepest(outcome: Outcome) -> Cell:
+    """The steepest slope in each root; the column is sorted by the larger."""
+    texts = [f"{slope:.2f}{'' if sigma is None else f' ± {sigma:.2f}'}°" for slope, sigma in outcome.steepest]
+    value = "" if outcome.steepest_deg is None else f"{outcome.steepest_deg:.9g}"
+    return Cell("<br>or ".join(texts), value, "number")
+
+
+def _notes(outcome: Outcome) -> Cell:
+    notes = list(dict.fromkeys(outcome.diagnostics))
+    if outcome.ambiguity == "unresolved":
+        notes.insert(0, "two answers")
+    return Cell("<br>".join(map(_text, notes)), " ".join(notes), "notes")
+
+
+def _address(outcome: Outcome, name: str) -> str:
+    """Relative URL of a file of a pair, percent-encoded byte by byte."""
+    return quote(os.fsencode(f"{outcome.name}/{name}"))

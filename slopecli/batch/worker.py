@@ -10,6 +10,7 @@ import struct
 import subprocess
 import sys
 import threading
+import traceback
 from collections.abc import Callable, Sequence
 from concurrent.futures import BrokenExecutor, Executor, Future
 from contextlib import suppress
@@ -202,12 +203,9 @@ def _how(status: int) -> str:
     return f"signal {-status}"
 
 
-def _bytes(memory_gb: float | None) -> int:
-    """For `_limit_memory`; 0 is no limit."""
-    return 0 if memory_gb is None else max(1, int(min(memory_gb * 1e9, 2**62)))  # setrlimit takes no more
-
-
 def _spawn(limits: Limits, inherit: tuple[int, ...]) -> subprocess.Popen[bytes]:
+    gb = limits.memory_gb
+    memory = 0 if gb is None else max(1, int(min(gb * 1e9, 2**62)))  # setrlimit takes no more
     # the same import path as here; -P: without the current folder in front of it
     path = os.pathsep.join(place or os.getcwd() for place in sys.path)
     own_group: dict[str, Any] = {"start_new_session": True, "pass_fds": inherit}
@@ -215,7 +213,7 @@ def _spawn(limits: Limits, inherit: tuple[int, ...]) -> subprocess.Popen[bytes]:
         own_group = {"creationflags": getattr(subprocess, "CREATE_NEW_PROCESS_GROUP", 0)}
     try:
         return subprocess.Popen(
-            [sys.executable, "-P", "-c", SERVE, str(_bytes(limits.memory_gb))],
+            [sys.executable, "-P", "-c", SERVE, str(memory)],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             stderr=subprocess.DEVNULL,
@@ -230,24 +228,20 @@ def _spawn(limits: Limits, inherit: tuple[int, ...]) -> subprocess.Popen[bytes]:
 
 
 def serve(limit: int) -> None:
-    """Main loop of the child process: answer calls from stdin until it is closed."""
+    """Main loop of the child process: answer calls from stdin until it is closed; `limit` of memory, bytes, or 0."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     replies = os.fdopen(os.dup(1), "wb")
     os.dup2(2, 1)  # output of libraries must not mix with the replies
-    _limit_memory(limit)
+    if limit:
+        import resource
+
+        resource.setrlimit(resource.RLIMIT_DATA, (limit, limit))
     _warm_up()
     calls: queue.SimpleQueue[bytes] = queue.SimpleQueue()
     threading.Thread(target=_listen, args=(sys.stdin.buffer, calls), daemon=True).start()
     _send(replies, b"ready")
     while True:
         _send(replies, _answer(calls.get()))
-
-
-def _limit_memory(limit: int) -> None:
-    if limit:
-        import resource
-
-        resource.setrlimit(resource.RLIMIT_DATA, (limit, limit))
 
 
 def _warm_up() -> None:
@@ -273,20 +267,13 @@ def _answer(call: bytes) -> bytes:
         function, args, kwargs = pickle.loads(call)
         return pickle.dumps((True, function(*args, **kwargs)))
     except BaseException as error:
-        return _pickled_error(error)
-
-
-def _pickled_error(error: BaseException) -> bytes:
-    """An exception as bytes that can be unpickled for sure, with a note on where in this process it was raised."""
-    import traceback
-
-    error.add_note("in the worker process:\n" + "".join(traceback.format_tb(error.__traceback__)))
-    try:
-        reply = pickle.dumps((False, error))
-        pickle.loads(reply)
-    except Exception:
-        return pickle.dumps((False, RuntimeError(f"{type(error).__name__}: {error}")))
-    return reply
+        error.add_note("in the worker process:\n" + "".join(traceback.format_tb(error.__traceback__)))
+        try:
+            reply = pickle.dumps((False, error))
+            pickle.loads(reply)
+        except Exception:  # not every exception can be pickled, and not all that can be, unpickled
+            return pickle.dumps((False, RuntimeError(f"{type(error).__name__}: {error}")))
+        return reply
 
 
 def _send(stream: IO[bytes] | None, message: bytes) -> None:

@@ -85,9 +85,9 @@ def plan(ctx: click.Context, **parameters: Any) -> None:
     _check_usage(ctx)
     talk = ctx.ensure_object(Talk)
     if parameters["output"]:
-        from slopecli.io.outputs import check_plan_directory
+        from slopecli.io.outputs import PLAN_NAMES, check_directory
 
-        check_plan_directory(parameters["output"])
+        check_directory(parameters["output"], PLAN_NAMES)
     with talk.timed("plan"):
         from slopecli.plan import make_plan
         from slopecli.windows import check_windows, grid_windows

@@ -76,12 +76,13 @@ def simulate(ctx: click.Context, output: str, camera: str | None, jobs: int | No
 
 def _run(options: StudyOptions, camera_file: str | None, jobs: int | None, output: str, talk: Talk) -> None:
     from slopecli.io.cameras.reading import load_camera
-    from slopecli.io.study_files import check_study_directory, write_study
+    from slopecli.io.outputs import check_directory
+    from slopecli.io.study_files import STUDY_NAMES, write_study
     from slopecli.study.claims import judge_spread, judge_study, judge_times
     from slopecli.study.timing import measure_times
     from slopecli.study.trials import alignment_spread, camera_of, run_study
 
-    check_study_directory(output)
+    check_directory(output, STUDY_NAMES)
     camera = load_camera(camera_file) if camera_file else camera_of(options)
     with talk.timed("trials"), ExitStack() as stack:
         progress = stack.enter_context(StageProgress(talk, "trials"))

@@ -2,18 +2,16 @@
 
 from __future__ import annotations
 
-import csv
 import hashlib
 import math
 import sys
-from collections.abc import Iterator, Mapping
-from io import StringIO
+from collections.abc import Mapping
 from os import PathLike
 
 import numpy as np
 
 from slopecli.errors import InputError
-from slopecli.io.files import read_file, readable
+from slopecli.io.files import csv_rows, read_file, readable
 from slopecli.patches.given.rows import Given
 
 MAX_BYTES = 500_000_000
@@ -32,9 +30,9 @@ def read_correspondences(path: str | PathLike[str]) -> Given:
     InputError : the file cannot be read, lacks a column, or has a row that is not numbers; the row is named.
     """
     data = _read(path)
-    rows = _rows(path, data)
-    columns = _columns(path, next(rows, None))
-    values = [_values(path, where, cells, columns) for where, cells in rows]
+    rows = csv_rows(path, data, WANTED)
+    columns = _columns(path, next(rows, (0, []))[1])
+    values = [_values(path, f"row {n} (line {line})", cells, columns) for n, (line, cells) in enumerate(rows, 1)]
     if not values:
         raise InputError(f"{path}: has no rows under its header; needed at least five correspondences")
     table = np.array(values, float)
@@ -54,22 +52,9 @@ def _read(path: str | PathLike[str]) -> bytes:
     return data
 
 
-def _rows(path: str | PathLike[str], data: bytes) -> Iterator[tuple[str, list[str]]]:
-    """Position of a row for messages, and its cells; the header first, blank lines skipped."""
-    try:
-        reader = csv.reader(StringIO(data.decode("utf-8-sig"), newline=""), strict=True)
-        number = 0
-        for cells in reader:
-            if any(cell.strip() for cell in cells):
-                yield f"row {number} (line {reader.line_num})", cells
-                number += 1
-    except (UnicodeDecodeError, csv.Error) as error:
-        raise InputError(f"{path}: is no CSV text ({error}); {WANTED}") from None
-
-
-def _columns(path: str | PathLike[str], header: tuple[str, list[str]] | None) -> Mapping[str, int]:
+def _columns(path: str | PathLike[str], header: list[str]) -> Mapping[str, int]:
     """Index of each column."""
-    names = [cell.strip().lower() for cell in header[1]] if header else []
+    names = [cell.lower() for cell in header]
     missing = [name for name in COORDINATES if name not in names]
     if missing:
         found = ", ".join(names)[:SHOWN] or "nothing"
@@ -84,7 +69,7 @@ def _values(path: str | PathLike[str], where: str, cells: list[str], columns: Ma
     """x1, y1, x2, y2, patch, sigma of a row; sigma is 1 without such a column."""
     if len(cells) <= max(columns.values()):
         raise InputError(f"{path}: {where} has {len(cells)} cells, and the header names more; complete the row")
-    texts = {name: cells[column].strip() for name, column in columns.items()}
+    texts = {name: cells[column] for name, column in columns.items()}
     try:
         point = [_number(texts[name], name) for name in COORDINATES]
         return (*point, _patch(texts.get("patch", "1")), _sigma(texts.get("sigma", "1")))

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import csv
 import errno
 import os
+import re
 import shutil
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
+from io import StringIO
 from os import PathLike
 from pathlib import Path
 
@@ -46,6 +49,29 @@ def read_file(
             sizes = f"{place.stat().st_size / 1e6:.0f} MB, at most {max_bytes / 1e6:.0f} MB are read"
             raise InputError(f"{path}: is too large for a {kind} ({sizes}); give a smaller one")
         return place.read_bytes()
+
+
+def csv_rows(
+    path: str | PathLike[str], data: bytes, wanted: str, delimiters: str = ","
+) -> Iterator[tuple[int, list[str]]]:
+    """Line number and stripped cells of every row of a CSV file that is not empty.
+
+    The delimiter is the first of `delimiters` that is in the first line. Raises InputError, which ends with what is
+    `wanted`, if the file is no CSV text.
+    """
+    line = 0
+    try:
+        text = data.decode("utf-8-sig")
+        if "\0" in text:
+            raise csv.Error("it has a zero byte")
+        first = re.search(r"\S.*", text)
+        delimiter = next((mark for mark in delimiters if first and mark in first[0]), delimiters[0])
+        for cells in (reader := csv.reader(StringIO(text, newline=""), delimiter=delimiter, strict=True)):
+            line, cells = reader.line_num, [cell.strip() for cell in cells]
+            if any(cells):
+                yield line, cells
+    except (UnicodeDecodeError, csv.Error) as error:
+        raise InputError(f"{path}: is not CSV text ({error} after line {line}); {wanted}") from None
 
 
 @contextmanager

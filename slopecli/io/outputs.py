@@ -41,15 +41,12 @@ def store_outputs(contents: dict[str, bytes], directory: str | Path, names: Sequ
     """Write the files of an answer to a folder, made if missing: all of them or none.
 
     Everything is stored beside before the first file appears under its name. After a failure the folder is as it was.
-    Files of an earlier run that are not among `contents` are removed, as they would not belong to this result.
+    Files of an earlier run that are not among `contents` are removed, as they would not belong to this result. Returns
+    the paths in the order given.
 
     Parameters
     ----------
     names : all that files of such an answer may be called, the last one last to appear.
-
-    Returns
-    -------
-    Their paths, in the order given.
 
     Raises
     ------
@@ -67,10 +64,7 @@ def store_outputs(contents: dict[str, bytes], directory: str | Path, names: Sequ
 
 
 def check_directory(directory: str | Path, names: Sequence[str] = OUTPUT_NAMES) -> None:
-    """Raise InputError if files of these names could not be written to a folder. Makes and changes nothing.
-
-    Worth calling before a long computation.
-    """
+    """Raise InputError if files of these names could not be written to a folder. Makes and changes nothing."""
     folder = Path(directory)
     blocked = [name for name in names if os.path.isdir(folder / name)]
     if blocked:
@@ -128,11 +122,6 @@ def plan_to_json(plan: Plan) -> str:
     """Serialise a plan as the text of plan.json, without a final newline; keys as in `Plan`, the same bytes always."""
     body = {field.name: getattr(plan, field.name) for field in fields(plan)}
     return to_json({"schema_version": "1.0", "slopemap_version": __version__, **body})
-
-
-def check_plan_directory(directory: str | Path) -> None:
-    """Raise InputError if a plan could not be written to a folder. Makes and changes nothing."""
-    check_directory(directory, PLAN_NAMES)
 
 
 def write_plan(plan: Plan, directory: str | Path) -> list[Path]:

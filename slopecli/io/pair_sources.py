@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-import csv
 import os
 import re
-from io import StringIO
 from pathlib import Path
 from typing import NamedTuple
 
 from slopecli.errors import InputError
 from slopecli.io.cameras.formats import CAMERA_FORMATS
-from slopecli.io.files import read_file
+from slopecli.io.files import csv_rows, read_file
 from slopecli.io.images import RAW_SUFFIXES
 
 IMAGE_SUFFIXES = frozenset(
@@ -47,13 +45,10 @@ def natural_key(name: str) -> tuple[list[str | int], str]:
 def images_in(folder: str) -> list[str]:
     """Names in a folder that have the suffix of an image, in natural order, without hidden ones.
 
-    The content is not checked: a folder named view.jpg is listed, and reading it will fail with a message.
-
-    Raises
-    ------
-    InputError : the folder cannot be read.
+    The content is not checked: a folder named view.jpg is listed, and reading it will fail with a message. Raises
+    InputError if the folder cannot be read.
     """
-    return [name for name in _entries(folder) if _suffix(name) in IMAGE_SUFFIXES]
+    return [name for name in _entries(folder) if Path(name).suffix.lower() in IMAGE_SUFFIXES]
 
 
 def folders_in(folder: str) -> list[str]:
@@ -67,7 +62,8 @@ def cameras_in(folder: str) -> list[str]:
     for stems in CAMERA_STEMS:
         found = [name for name in files if stems.fullmatch(Path(name).stem.lower())]
         if found:
-            return _without_doubles(found)
+            # COLMAP writes the same cameras to a .txt and a .bin
+            return [name for name in found if not (name.endswith(".bin") and f"{name[:-4]}.txt" in found)]
     return []
 
 
@@ -82,7 +78,7 @@ def cameras_by_number(folder: str) -> tuple[str | None, str | None]:
 
 def _camera_like(folder: str) -> list[str]:
     try:
-        names = [name for name in _entries(folder) if _suffix(name) in CAMERA_SUFFIXES]
+        names = [name for name in _entries(folder) if Path(name).suffix.lower() in CAMERA_SUFFIXES]
     except InputError:
         return []
     return [name for name in names if os.path.isfile(os.path.join(folder, name))]
@@ -91,22 +87,12 @@ def _camera_like(folder: str) -> list[str]:
 def why_no_images(folder: str) -> str:
     """The end of a message about a folder without images: what it holds, and what to do."""
     names = _entries(folder)
-    unread = [name for name in names if _suffix(name) in UNREAD_SUFFIXES]
+    unread = [name for name in names if Path(name).suffix.lower() in UNREAD_SUFFIXES]
     if unread:
         return f"it holds {unread[0]} and the like, which is not read; convert it to PNG, JPEG or TIFF first"
     if any(os.path.isdir(os.path.join(folder, name)) for name in names):
         return "it holds folders; give one of them, or --pairing folders if each holds a pair"
     return "needed PNG, JPEG, TIFF, BMP, WebP or PNM files"
-
-
-def is_same_place(one: str, other: str) -> bool:
-    """Whether two paths, which need not exist, lead to the same place."""
-    return os.path.realpath(one) == os.path.realpath(other)
-
-
-def lies_in(path: str, folder: str) -> bool:
-    """Whether a path, which need not exist, leads to this folder or to a place below it."""
-    return Path(os.path.realpath(path)).is_relative_to(os.path.realpath(folder))
 
 
 def read_pair_list(file: str) -> list[PairRow]:
@@ -119,7 +105,11 @@ def read_pair_list(file: str) -> list[PairRow]:
     ------
     InputError : the file cannot be read or is not such a table; the message names the line.
     """
-    numbered = _numbered_cells(file)
+    try:
+        data = read_file(file, "list of pairs", 64_000_000, pipe=True)
+    except InputError as error:
+        raise InputError(f"{error}; its path is not taken to be below the folder of images") from None
+    numbered = list(csv_rows(file, data, "needed two images a row", ",;\t"))
     columns = _header(numbered[0][1]) if numbered else None
     try:
         return [_row(line, cells, columns) for line, cells in numbered[columns is not None :]]
@@ -127,42 +117,11 @@ def read_pair_list(file: str) -> list[PairRow]:
         raise InputError(f"{file}: {error}") from None
 
 
-def _numbered_cells(file: str) -> list[tuple[int, list[str]]]:
-    """Line number and stripped cells of every row that is not empty."""
-    text = _text_of(file)
-    lines = csv.reader(StringIO(text, newline=""), delimiter=_delimiter(text), strict=True)
-    try:
-        rows = [(lines.line_num, [cell.strip() for cell in cells]) for cells in lines]
-    except csv.Error as error:
-        raise InputError(f"{file}: line {lines.line_num} is not CSV ({error}); needed two images a row") from None
-    return [(line, cells) for line, cells in rows if any(cells)]
-
-
-def _text_of(file: str) -> str:
-    try:
-        text = read_file(file, "list of pairs", 64_000_000, pipe=True).decode("utf-8-sig")
-    except InputError as error:
-        raise InputError(f"{error}; its path is not taken to be below the folder of images") from None
-    except UnicodeDecodeError:
-        text = "\0"
-    if "\0" in text:
-        raise InputError(f"{file}: is not text in UTF-8; needed a CSV file with two images a row")
-    return text
-
-
-def _delimiter(text: str) -> str:
-    first = next((line for line in text.splitlines() if line.strip()), "")
-    return next((mark for mark in ",;\t" if mark in first), ",")
-
-
 def _header(cells: list[str]) -> dict[str, int] | None:
     """Indices of the columns, if these are the cells of a header."""
     titles = [cell.lower() for cell in cells]
-    return {name: titles.index(name) for name in LIST_COLUMNS if name in titles} if _has_images(titles) else None
-
-
-def _has_images(titles: list[str]) -> bool:
-    return set(LIST_COLUMNS[:2]) <= set(titles)
+    columns = {name: titles.index(name) for name in LIST_COLUMNS if name in titles}
+    return columns if {"image1", "image2"} <= set(columns) else None
 
 
 def _row(line: int, cells: list[str], columns: dict[str, int] | None) -> PairRow:
@@ -187,12 +146,3 @@ def _entries(folder: str) -> list[str]:
         raise InputError(f"{folder}: cannot be read ({error.strerror}); check its permissions") from None
     shown = (name for name in names if not name.startswith(".") and name != "__pycache__")
     return sorted(shown, key=natural_key)
-
-
-def _suffix(name: str) -> str:
-    return Path(name).suffix.lower()
-
-
-def _without_doubles(names: list[str]) -> list[str]:
-    """Without a .bin that has a .txt beside it: COLMAP writes the same cameras to both."""
-    return [name for name in names if not (name.endswith(".bin") and f"{name[:-4]}.txt" in names)]

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from slopecli import __version__
-from slopecli.io.outputs import check_directory, store_outputs
+from slopecli.io.outputs import store_outputs
 from slopecli.products.slopes_json import SIGNIFICANT_DIGITS, to_json
 from slopecli.study.claims import CannotTell, Claim, bound_ratios, mean, rms
 from slopecli.study.figures import TIMES, draw_figures, draw_times
@@ -21,22 +21,13 @@ from slopecli.study.timing import Timing
 from slopecli.study.trials import QUANTITIES, Spread, Study
 from slopecli.types import FloatArray
 
-SCHEMA_VERSION = "1.0"
 TRIALS, SCENES, SUMMARY = "trials.csv", "scenes.csv", "summary.json"
 TIMING_TABLE, TIMING = "timing.csv", "timing.json"
-FIGURES = tuple(
-    f"{name}.{suffix}"
-    for name in ("figure2_alignment", "figure4_motion", "figure5_slopes")
-    for suffix in ("png", "svg")
-)
+FIGURE_NAMES = ("figure2_alignment", "figure4_motion", "figure5_slopes")
+FIGURES = tuple(f"{name}.{suffix}" for name in FIGURE_NAMES for suffix in ("png", "svg"))
 # of these, and of no others, the bytes differ from run to run
 TIMED = (TIMING_TABLE, f"{TIMES}.png", f"{TIMES}.svg", TIMING)
 STUDY_NAMES = (TRIALS, SCENES, *FIGURES, *TIMED, SUMMARY)  # the summary comes last: where it is, the others are
-
-
-def check_study_directory(directory: str | Path) -> None:
-    """Raise InputError if the files of a study could not be written to a folder. Makes and changes nothing."""
-    check_directory(directory, STUDY_NAMES)
 
 
 def write_study(
@@ -47,20 +38,12 @@ def write_study(
     timed: Sequence[Claim],
     directory: str,
 ) -> list[Path]:
-    """Write the tables, figures and summaries of a study to a folder, made if missing: all of them or none.
-
-    Returns
-    -------
-    Paths of the files written, summary.json first.
-
-    Raises
-    ------
-    InputError, DiskFull : as `store_outputs`.
-    """
+    """Write the tables, figures and summaries of a study to a folder as `store_outputs`; returns the paths."""
     contents = {SUMMARY: summary_json(study, spread, claims), TRIALS: trials_csv(study), SCENES: scenes_csv(study)}
     contents |= draw_figures(study, spread)
     if timings:
-        contents |= {TIMING: timing_json(timings, timed), TIMING_TABLE: timing_csv(timings), **draw_times(timings)}
+        contents |= {TIMING: timing_json(timings, timed), TIMING_TABLE: _csv(Timing._fields, timings)}
+        contents |= draw_times(timings)
     return store_outputs(contents, directory, STUDY_NAMES)
 
 
@@ -94,7 +77,7 @@ def scenes_csv(study: Study) -> bytes:
 def summary_json(study: Study, spread: Spread, claims: Sequence[Claim]) -> bytes:
     """Whether each claim held, the options, and mean and RMS errors of every solver; the same study, the same bytes."""
     document = {
-        "schema_version": SCHEMA_VERSION,
+        "schema_version": "1.0",
         "slopemap_version": __version__,
         "claims": [asdict(claim) for claim in claims],
         "options": asdict(study.options),
@@ -131,18 +114,13 @@ def _name(quantity: str, unit: str = "_deg") -> str:
     return {"rotation_error": "rotation", "direction_error": "translation", "normal_errors": "slopes"}[quantity] + unit
 
 
-def timing_csv(timings: Sequence[Timing]) -> bytes:
-    """One row for every solver and number of windows."""
-    return _csv(["solver", "windows", "seconds", "iterations"], ([*timing] for timing in timings))
-
-
 def timing_json(timings: Sequence[Timing], claims: Sequence[Claim]) -> bytes:
     """What was measured of time, and whether it is as claimed."""
     document = {"claims": [asdict(claim) for claim in claims], "timings": [timing._asdict() for timing in timings]}
     return (to_json(document) + "\n").encode("ascii")
 
 
-def _csv(head: list[str], rows: Iterable[Sequence[Any]]) -> bytes:
+def _csv(head: Sequence[str], rows: Iterable[Sequence[Any]]) -> bytes:
     table = StringIO()
     writer = csv.writer(table, lineterminator="\n")
     writer.writerow(head)

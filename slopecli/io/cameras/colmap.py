@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import re
 import struct
-from typing import Any, NamedTuple
+from typing import Any
 
 from slopecli.errors import InputError
 from slopecli.io.cameras import values
@@ -32,13 +32,8 @@ MODELS: dict[str, str | int] = {
 LINE = re.compile(r"\s*\d+\s+[A-Z][A-Z0-9_]+\s+\d+\s+\d+(\s+\S+)+\s*")
 
 
-class ColmapCamera(NamedTuple):
-    """One camera as the file has it, its numbers not yet checked."""
-
-    model: str
-    width: Any
-    height: Any
-    parameters: list[Any]
+# Model, width, height and parameters of a camera as the file has them, its numbers not yet checked.
+ColmapCamera = tuple[str, Any, Any, list[Any]]
 
 
 def find(content: CameraFileContent) -> dict[str, ColmapCamera]:
@@ -51,7 +46,7 @@ def _find_in_text(text: str) -> dict[str, ColmapCamera]:
     if not lines or not all(LINE.fullmatch(line) for line in lines):
         return {}
     words = [line.split() for line in lines]
-    return {w[0]: ColmapCamera(w[1], w[2], w[3], list(w[4:])) for w in words}
+    return {w[0]: (w[1], w[2], w[3], w[4:]) for w in words}
 
 
 def _find_in_binary(data: bytes) -> dict[str, ColmapCamera]:
@@ -64,7 +59,7 @@ def _find_in_binary(data: bytes) -> dict[str, ColmapCamera]:
             if not 0 <= model_id < len(names):
                 return {}
             parameters = struct.unpack_from(f"<{_parameter_count(names[model_id])}d", data, position + 24)
-            cameras[str(identity)] = ColmapCamera(names[model_id], width, height, list(parameters))
+            cameras[str(identity)] = (names[model_id], width, height, list(parameters))
             position += 24 + 8 * len(parameters)
     except struct.error:
         return {}
@@ -73,22 +68,21 @@ def _find_in_binary(data: bytes) -> dict[str, ColmapCamera]:
 
 def read(camera: ColmapCamera, _size: values.Size | None) -> Camera:
     """The principal point is shifted by half a pixel."""
-    names = MODELS.get(camera.model)
+    model, width, height, parameters = camera
+    names = MODELS.get(model)
     if not isinstance(names, str):
-        raise InputError(f"COLMAP model {camera.model} is not supported; undistort the images with COLMAP first")
-    if len(camera.parameters) != _parameter_count(camera.model):
-        wanted = _parameter_count(camera.model)
-        raise InputError(
-            f"COLMAP model {camera.model} has {len(camera.parameters)} parameters, needed {wanted}: {names}"
-        )
-    named = dict(zip(names.split(), camera.parameters, strict=True))
+        raise InputError(f"COLMAP model {model} is not supported; undistort the images with COLMAP first")
+    if len(parameters) != _parameter_count(model):
+        wanted = _parameter_count(model)
+        raise InputError(f"COLMAP model {model} has {len(parameters)} parameters, needed {wanted}: {names}")
+    named = dict(zip(names.split(), parameters, strict=True))
     fx, fy, cx, cy = (
-        values.number(named.get(key, named.get("f")), f"{camera.model} {key}") for key in ("fx", "fy", "cx", "cy")
+        values.number(named.get(key, named.get("f")), f"{model} {key}") for key in ("fx", "fy", "cx", "cy")
     )
-    model = values.lens_model(camera.model)
-    size = values.size_of(camera.width, camera.height)
+    lens = values.lens_model(model)
+    size = values.size_of(width, height)
     return values.make_camera(
-        "COLMAP", size, (fx, fy, cx - 0.5, cy - 0.5), model, values.named_coefficients(named, model)
+        "COLMAP", size, (fx, fy, cx - 0.5, cy - 0.5), lens, values.named_coefficients(named, lens)
     )
 
 

@@ -46,16 +46,11 @@ def read(calibration: Element, size: values.Size | None) -> Camera:
     values.refuse_nonzero(tags, ("b2", "skew"), "skew")
     values.refuse_nonzero(tags, ("k4",), "radial distortion of order 8")
     values.refuse_nonzero(tags, ("p3", "p4"), "tangential distortion of higher order")
-    size = values.known_size(_size(calibration, tags) or size)
+    resolution = calibration.find("resolution")
+    sides = tags if resolution is None else resolution
+    size = values.known_size(values.size_of(sides.get("width"), sides.get("height")) or size)
     k1, k2, k3, p1, p2 = (values.number(tags.get(key) or 0, key) for key in ("k1", "k2", "k3", "p1", "p2"))
     return values.make_camera("Metashape", size, _intrinsics(tags, size), "brown", (k1, k2, p2, p1, k3))
-
-
-def _size(calibration: Element, tags: dict[str, Any]) -> values.Size | None:
-    resolution = calibration.find("resolution")
-    if resolution is not None:
-        return values.size_of(resolution.get("width"), resolution.get("height"))
-    return values.size_of(tags.get("width"), tags.get("height"))
 
 
 def _intrinsics(tags: dict[str, Any], size: values.Size) -> values.Intrinsics:

@@ -28,7 +28,8 @@ def read(tree: values.Tree, size: values.Size | None) -> Camera:
         raise InputError(f"unknown key {unknown[0]!r}; a native camera file has {', '.join(sorted(KEYS))}")
     model = values.lens_model(tree.get("model", "brown"), "model")
     given = values.numbers(tree.get("distortion"), "distortion")
-    coefficients = given + [0.0] * (_padded_count(len(given), model) - len(given))
+    counts = (0, 4) if model == "fisheye" else (0, 4, 5, 8)
+    coefficients = given + [0.0] * (next((c for c in counts if c >= len(given)), 0) - len(given))
     size = values.size_of(tree.get("width"), tree.get("height")) or size
     return values.make_camera("native", size, _intrinsics(tree), model, coefficients)
 
@@ -43,9 +44,3 @@ def _intrinsics(tree: values.Tree) -> values.Intrinsics:
         raise InputError(f"{missing[0]} is missing; a camera needs fx, fy, cx and cy, or K")
     fx, fy, cx, cy = (values.number(tree[name], name) for name in NUMBERS)
     return fx, fy, cx, cy
-
-
-def _padded_count(count: int, model: str) -> int:
-    """The smallest number of coefficients of the lens model that is at least `count`."""
-    counts = (0, 4) if model == "fisheye" else (0, 4, 5, 8)
-    return next((c for c in counts if c >= count), count)

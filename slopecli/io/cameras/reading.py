@@ -23,17 +23,13 @@ NEEDED = f"needed a camera file of one of these formats: {', '.join(form.name fo
 
 
 def load_camera(path: str | PathLike[str], name: str | None = None, size: Size | None = None) -> Camera:
-    """Read a camera file, whatever its format, into OpenCV's convention (pixel centres at integers).
+    """Read a camera file into OpenCV's convention (pixel centres at integers); its `source` names the format.
 
     Parameters
     ----------
     path : the file; FILE#NAME picks one of several cameras.
     name : the camera to pick, in place of #NAME (`cam1` in Kalibr, the id in COLMAP, `1`/`2` or left/right in OpenCV).
     size : (width, height) px to use when the file gives none, usually the image's.
-
-    Returns
-    -------
-    camera : `source` names the format.
 
     Raises
     ------
@@ -174,8 +170,7 @@ def _pick(cameras: Mapping[str, Any], name: str | None, file: str) -> Any:
     if name is None:
         if len(cameras) == 1:
             return next(iter(cameras.values()))
-        example = next(iter(cameras))
-        raise InputError(f"holds {len(cameras)} cameras ({names}); pick one, for example {file}#{example}")
+        raise InputError(f"holds {len(cameras)} cameras ({names}); pick one, for example {file}#{next(iter(cameras))}")
     if name not in cameras:
         held = f"holds {names}" if any(cameras) else "holds one camera without a name; leave the name out"
         raise InputError(f"has no camera {name!r}; it {held}")

@@ -126,14 +126,7 @@ def plain_key(key: Any) -> str:
 
 
 def refuse_unread_distortion(keys: Collection[Any], read: Collection[str], remedy: str) -> None:
-    """Refuse a distortion under a name that is not read: it must not count as none.
-
-    Parameters
-    ----------
-    keys : all keys of the camera.
-    read : those the format does read.
-    remedy : what to do about another one.
-    """
+    """Refuse a distortion under one of the `keys` of a camera that its format does not `read`: it is not none."""
     for key in keys:
         if key not in read and re.search(LOOKS_LIKE_DISTORTION, plain_key(key)):
             raise InputError(f"{key!r} is not understood; {remedy}")
