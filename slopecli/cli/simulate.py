@@ -79,8 +79,7 @@ def _run(options: StudyOptions, camera_file: str | None, jobs: int | None, outpu
     from slopecli.io.outputs import check_directory
     from slopecli.io.study_files import STUDY_NAMES, write_study
     from slopecli.study.claims import judge_spread, judge_study, judge_times
-    from slopecli.study.timing import measure_times
-    from slopecli.study.trials import alignment_spread, camera_of, run_study
+    from slopecli.study.trials import alignment_spread, camera_of, measure_times, run_study
 
     check_directory(output, STUDY_NAMES)
     camera = load_camera(camera_file) if camera_file else camera_of(options)

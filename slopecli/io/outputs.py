@@ -20,7 +20,7 @@ from slopecli.products.slopes_json import SCHEMA_VERSION, to_json
 from slopecli.types import Image, Report
 
 if TYPE_CHECKING:
-    from slopecli.plan.planned import Plan
+    from slopecli.plan.result import Plan
 
 PLAN_NAMES = ("plan.png", "plan.json")  # the plan comes last: where it is, the map is
 RECORD = "pair.json"
@@ -127,7 +127,7 @@ def plan_to_json(plan: Plan) -> str:
 def write_plan(plan: Plan, directory: str | Path) -> list[Path]:
     """Write plan.json and plan.png to a folder: `store_outputs`. Returns their paths."""
     from slopecli.plan.plan_map import draw_plan
-    from slopecli.products.drawing.png import encode_picture
+    from slopecli.products.drawing.canvas import encode_picture
 
     contents = {"plan.json": (plan_to_json(plan) + "\n").encode("ascii"), "plan.png": encode_picture(draw_plan(plan))}
     return store_outputs(contents, directory, PLAN_NAMES)

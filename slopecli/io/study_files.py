@@ -17,8 +17,7 @@ from slopecli.io.outputs import store_outputs
 from slopecli.products.slopes_json import SIGNIFICANT_DIGITS, to_json
 from slopecli.study.claims import CannotTell, Claim, bound_ratios, mean, rms
 from slopecli.study.figures import TIMES, draw_figures, draw_times
-from slopecli.study.timing import Timing
-from slopecli.study.trials import QUANTITIES, Spread, Study
+from slopecli.study.trials import QUANTITIES, Spread, Study, Timing
 from slopecli.types import FloatArray
 
 TRIALS, SCENES, SUMMARY = "trials.csv", "scenes.csv", "summary.json"

@@ -10,12 +10,10 @@ __getattr__, __dir__ = lazy_names(
     __name__,
     {
         "baseline": "needed_baseline",
-        "flight": "Flight Window ground_normals horizontal",
+        "flight": "Flight Window ground_normals horizontal unseen_tilts",
         "plan_map": "draw_plan sigma_colours",
         "plan_options": "PlanOptions",
-        "planned": "Plan PlannedWindow sigma_text",
         "prediction": "Forecast forecast",
-        "result": "make_plan",
-        "visibility": "unseen_tilts",
+        "result": "Plan PlannedWindow make_plan sigma_text",
     },
 )

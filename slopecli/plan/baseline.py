@@ -9,7 +9,7 @@ import numpy as np
 from slopecli.errors import NoAnswer
 from slopecli.findings.parallax import parallax_px
 from slopecli.findings.wording import beside
-from slopecli.plan.flight import Flight, Seen, refuse_sky, see, shares
+from slopecli.plan.flight import Flight, Seen, in_image2, refuse_sky, see
 from slopecli.plan.plan_options import Of
 from slopecli.plan.prediction import UNKNOWN_DEG, planned_parallax, slope_sigmas
 from slopecli.report.answered_planes import LEAST_MATCHED
@@ -37,60 +37,50 @@ def needed_baseline(flight: Flight, sigma_rad: float, of: Of = "worst", *, ample
     NoAnswer : none does; says what the longest baseline allowed gives.
     """
     refuse_sky(flight)
-    longest = _longest(flight)
+    onset = _onset(
+        np.geomspace(SHORTEST, LONGEST, TRIED),
+        lambda baseline: bool((in_image2(flight, baseline).mean(axis=1) < LEAST_MATCHED).any()),
+    )
+    longest = LONGEST if onset is None else onset[0]  # from there on some window has less than half of it in image 2
     tried = np.geomspace(SHORTEST, longest, TRIED) if longest >= SHORTEST else np.empty(0)
+    sigmas = {0.0: float("inf")}  # at the baselines tried
 
-    def look(baseline: float) -> tuple[float, bool]:
+    def reaches(baseline: float) -> bool:
         seen = see(flight, baseline)
-        sigma = sigma_of(slope_sigmas(flight, seen), of)
-        return sigma, sigma <= sigma_rad and _has_parallax(flight, seen, ample)
+        sigmas[baseline] = sigma_of(slope_sigmas(flight, seen), of)
+        return sigmas[baseline] <= sigma_rad and _has_parallax(flight, seen, ample)
 
-    best = (np.inf, 0.0)
-    for finer in (False, True):
-        found, best = _first(_around(tried, best[1]) if finer else tried, look, best)
-        if found is not None:
-            return found
-    raise _unreachable(flight, sigma_rad, of, best, longest)
-
-
-Best = tuple[float, float]  # the smallest sigma seen, and its baseline
+    found = _onset(tried, reaches)
+    if found is None:
+        found = _onset(_around(tried, min(sigmas, key=sigmas.__getitem__)), reaches)
+    if found is not None:
+        return found[1]
+    best = min(sigmas, key=sigmas.__getitem__)
+    raise _unreachable(flight, sigma_rad, of, (sigmas[best], best), longest)
 
 
-def _first(lengths: FloatArray, look: Callable[[float], tuple[float, bool]], best: Best) -> tuple[float | None, Best]:
-    """The shortest baseline that reaches what is wanted, None where none of the lengths (k,), rising, does; the best.
+def _onset(lengths: FloatArray, holds: Callable[[float], bool]) -> tuple[float, float] | None:
+    """Where along rising lengths (k,) something begins to hold, to a millionth; None if nowhere.
 
-    look : the sigma at a baseline, and whether it and the parallax are what is wanted.
+    Returns a length at which it does not yet hold, and one at which it does.
     """
-    too_short = 0.0
-    for baseline in map(float, lengths):
-        sigma, reached = look(baseline)
-        if reached:
-            return _bisected(too_short, baseline, lambda b: look(b)[1])[1], best
-        best = min(best, (sigma, baseline))
-        too_short = baseline
-    return None, best
+    low = 0.0
+    for high in map(float, lengths):
+        if holds(high):
+            for _ in range(20):
+                middle = 0.5 * (low + high)
+                low, high = (low, middle) if holds(middle) else (middle, high)
+            return low, high
+        low = high
+    return None
 
 
 def _around(tried: FloatArray, best: float) -> FloatArray:
-    """(k,) lengths between the neighbours of the best one tried: a smaller sigma may lie between them."""
+    """(k,) lengths between the neighbours of the best one tried, if any: a smaller sigma may lie between them."""
     if not best:
         return np.empty(0)
     place = int(np.flatnonzero(tried == best)[0])
     return np.linspace(tried[max(place - 1, 0)], tried[min(place + 1, len(tried) - 1)], 17)
-
-
-def _longest(flight: Flight) -> float:
-    """The baseline, in heights, from which on some window has less than half of it in image 2."""
-
-    def lost(baseline: float) -> bool:
-        return bool((shares(flight, baseline) < LEAST_MATCHED).any())
-
-    kept = 0.0
-    for baseline in map(float, np.geomspace(SHORTEST, LONGEST, TRIED)):
-        if lost(baseline):
-            return _bisected(kept, baseline, lost)[0]
-        kept = baseline
-    return kept
 
 
 def _has_parallax(flight: Flight, seen: Seen, ample: bool) -> bool:
@@ -101,41 +91,31 @@ def _has_parallax(flight: Flight, seen: Seen, ample: bool) -> bool:
     return not (ample and warnings)
 
 
-def _bisected(low: float, high: float, holds: Callable[[float], bool]) -> tuple[float, float]:
-    """Where something begins to hold, to a millionth: a length at which it does not yet, and one at which it does."""
-    for _ in range(20):
-        middle = 0.5 * (low + high)
-        low, high = (low, middle) if holds(middle) else (middle, high)
-    return low, high
-
-
 def _unreachable(flight: Flight, sigma_rad: float, of: Of, best: tuple[float, float], longest: float) -> NoAnswer:
-    wanted = f"{np.degrees(sigma_rad):.3g} deg in the {of} window"
     if not np.isfinite(best[0]):
-        lost = 1 + int(np.argmin(shares(flight, SHORTEST)))
-        return NoAnswer(
-            "no-overlap",
-            f"no baseline reaches {wanted}: window {lost} does not see the ground, or not from both places",
-            "leave that window out with --window, or turn the camera to the ground with --up",
+        lost = 1 + int(np.argmin(in_image2(flight, SHORTEST).mean(axis=1)))
+        code, said = "no-overlap", f"window {lost} does not see the ground, or not from both places"
+        remedy = "leave that window out with --window, or turn the camera to the ground with --up"
+    elif flight.up_sigma_rad >= sigma_rad:
+        code, said = "up-unknown", f"up itself is known to {np.degrees(flight.up_sigma_rad):.3g} deg"
+        remedy = "ask for a larger sigma than that of up, or give a smaller --up-sigma"
+    elif best[0] > np.radians(UNKNOWN_DEG) and _is_straight(flight):
+        code, said = "single-plane", "straight at ground that is one plane, two answers run into each other"
+        remedy = "move sideways as well, or give --uneven DEG if the windows are not one plane"
+    else:
+        code, said = "low-parallax", _smallest(sigma_rad, best, longest)
+        remedy = (
+            "ask for a larger sigma, count on more points or less noise (--points, --noise), give larger windows or a "
+            "camera with more pixels, or fly in another direction"
         )
-    if flight.up_sigma_rad >= sigma_rad:
-        return NoAnswer(
-            "up-unknown",
-            f"no baseline reaches {wanted}: up itself is known to {np.degrees(flight.up_sigma_rad):.3g} deg",
-            "ask for a larger sigma than that of up, or give a smaller --up-sigma",
-        )
-    if best[0] > np.radians(UNKNOWN_DEG) and _straight(flight):
-        return NoAnswer(
-            "single-plane",
-            f"no baseline reaches {wanted}: straight at ground that is one plane, two answers run into each other",
-            "move sideways as well, or give --uneven DEG if the windows are not one plane",
-        )
-    return NoAnswer(
-        "low-parallax",
-        f"no baseline reaches {wanted}: {_smallest(sigma_rad, best, longest)}",
-        "ask for a larger sigma, count on more points or less noise (--points, --noise), give larger windows or a "
-        "camera with more pixels, or fly in another direction",
-    )
+    wanted = f"{np.degrees(sigma_rad):.3g} deg in the {of} window"
+    return NoAnswer(code, f"no baseline reaches {wanted}: {said}", remedy)
+
+
+def _is_straight(flight: Flight) -> bool:
+    """Whether the flight is straight at, or away from, ground that is one plane, to 1 deg."""
+    outward = flight.normals / np.linalg.norm(flight.normals, axis=1, keepdims=True)
+    return bool((np.abs(outward @ flight.T) > np.cos(np.radians(1.0))).all())
 
 
 def _smallest(sigma_rad: float, best: tuple[float, float], longest: float) -> str:
@@ -151,9 +131,3 @@ def _smallest(sigma_rad: float, best: tuple[float, float], longest: float) -> st
     if longest < LONGEST:
         return f"{found}, and with a longer baseline some window has less than half of it in image 2"
     return f"{found}, the longest baseline tried"
-
-
-def _straight(flight: Flight) -> bool:
-    """Whether the flight is straight at, or away from, ground that is one plane, to 1 deg."""
-    outward = flight.normals / np.linalg.norm(flight.normals, axis=1, keepdims=True)
-    return bool((np.abs(outward @ flight.T) > np.cos(np.radians(1.0))).all())

@@ -15,6 +15,7 @@ import numpy as np
 from slopecli.errors import InputError, NoAnswer
 from slopecli.geometry.camera import pixels_from_rays, rays_from_pixels
 from slopecli.geometry.epipolar import homogeneous, unit_vector
+from slopecli.geometry.plane_fit import BEND_RAD, lever
 from slopecli.geometry.solver.observations import Prediction, observe, predict
 from slopecli.patches.windows.tunables import WindowTunables
 from slopecli.plan.plan_options import PlanOptions
@@ -134,26 +135,24 @@ def horizontal(up: FloatArray, azimuth_rad: float, north: FloatArray | None = No
     raise InputError("north is vertical, so it gives no horizontal direction; give another north")
 
 
-def shares(flight: Flight, baseline: float) -> FloatArray:
-    """(m,) share of every window that image 2 shows."""
-    return np.asarray(in_image2(flight, baseline).mean(axis=1))
-
-
 def in_image2(flight: Flight, baseline: float) -> BoolArray:
-    """(m, lattice) whether image 2 shows a point of a window."""
-    return _inside(flight, baseline).reshape(len(flight.windows), -1)
-
-
-def sees_ground(flight: Flight) -> BoolArray:
-    """(m,) whether camera 1 has any of a window's ground before it, and not the sky."""
-    rays = np.nan_to_num(flight.rays)
-    ahead = (homogeneous(rays.reshape(-1, 2)).reshape(*rays.shape[:2], 3) @ flight.normals[:, :, None])[..., 0] > 0.0
-    return np.asarray((ahead & np.isfinite(flight.rays).all(axis=2)).any(axis=1))
+    """(m, lattice) whether points of windows lie on ground in front of camera 1 and within image 2."""
+    camera, p = flight.camera, homogeneous(flight.rays.reshape(-1, 2))
+    normals = np.repeat(flight.normals * baseline, flight.lattice, axis=0)
+    inverse_depth = np.sum(normals * p, axis=1)
+    y = p - inverse_depth[:, None] * flight.T
+    ahead = (inverse_depth > 0.0) & (y[:, 2] > 1e-6)  # False for NaN, too
+    x2 = np.where(ahead[:, None], y[:, :2] / np.where(ahead, y[:, 2], 1.0)[:, None], 0.0)
+    u, v = pixels_from_rays(camera, x2).T
+    inside = ahead & (u >= -0.5) & (u < camera.width - 0.5) & (v >= -0.5) & (v < camera.height - 0.5)
+    return np.asarray(inside.reshape(len(flight.windows), -1))
 
 
 def refuse_sky(flight: Flight) -> None:
-    """Raise NoAnswer where no window has ground before it: most often up points the wrong way."""
-    if not sees_ground(flight).any():
+    """Raise NoAnswer where no window has ground before camera 1, but the sky: most often up points the wrong way."""
+    rays = np.nan_to_num(flight.rays)
+    ahead = (homogeneous(rays.reshape(-1, 2)).reshape(*rays.shape[:2], 3) @ flight.normals[:, :, None])[..., 0] > 0.0
+    if not (ahead & np.isfinite(flight.rays).all(axis=2)).any():
         raise NoAnswer(
             "no-overlap",
             f"with this up none of the {len(flight.windows)} windows looks at the ground: all are above the horizon",
@@ -166,35 +165,20 @@ def see(flight: Flight, baseline: float) -> Seen:
     """Which points of the lattice both images see, and where."""
     m, n = flight.rays.shape[:2]
     rays, patch = flight.rays.reshape(-1, 2), np.repeat(np.arange(m), n)
-    normals, inside = flight.normals * baseline, _inside(flight, baseline)
-    share = inside.reshape(m, n).mean(axis=1)
+    inside = in_image2(flight, baseline)
+    share = inside.mean(axis=1)
     windows = np.flatnonzero((share >= LEAST_SHARE) & (share * flight.points >= LEAST_MATCHES))
-    used = inside & np.isin(patch, windows)
+    used = inside.ravel() & np.isin(patch, windows)
     x1, patch = rays[used], np.searchsorted(windows, patch[used])
+    normals = (flight.normals * baseline)[windows]
     if len(windows):
-        prediction = _predict(flight, x1, patch, normals[windows])
+        blank = observe(x1, np.zeros_like(x1), patch)
+        prediction = predict(blank, np.eye(3)[None], flight.T[None], normals[None])
     else:
         prediction = Prediction(*(np.zeros((1, 2, 0)) for _ in Prediction._fields))
     # n matches at random places tell as much as n - 3 that are spread evenly
     weight = (1.0 - 3.0 / (share[windows] * flight.points))[patch]
-    return Seen(x1, prediction.x2[0].T, patch, windows, share, normals[windows], weight, prediction)
-
-
-def _inside(flight: Flight, baseline: float) -> BoolArray:
-    """(m * lattice,) whether points lie on ground in front of camera 1 and within image 2."""
-    camera, p = flight.camera, homogeneous(flight.rays.reshape(-1, 2))
-    normals = np.repeat(flight.normals * baseline, flight.lattice, axis=0)
-    inverse_depth = np.sum(normals * p, axis=1)
-    y = p - inverse_depth[:, None] * flight.T
-    ahead = (inverse_depth > 0.0) & (y[:, 2] > 1e-6)  # False for NaN, too
-    x2 = np.where(ahead[:, None], y[:, :2] / np.where(ahead, y[:, 2], 1.0)[:, None], 0.0)
-    u, v = pixels_from_rays(camera, x2).T
-    return ahead & (u >= -0.5) & (u < camera.width - 0.5) & (v >= -0.5) & (v < camera.height - 0.5)
-
-
-def _predict(flight: Flight, x1: FloatArray, patch: IntArray, normals: FloatArray) -> Prediction:
-    blank = observe(x1, np.zeros_like(x1), patch)
-    return predict(blank, np.eye(3)[None], flight.T[None], normals[None])
+    return Seen(x1, prediction.x2[0].T, patch, windows, share, normals, weight, prediction)
 
 
 def _lattice(window: Window, size: int) -> FloatArray:
@@ -210,3 +194,12 @@ def _lattice(window: Window, size: int) -> FloatArray:
 def _middle(window: Window) -> list[float]:
     x, y, w, h = window
     return [x - 0.5 + 0.5 * w, y - 0.5 + 0.5 * h]
+
+
+def unseen_tilts(flight: Flight, baseline: float) -> FloatArray:
+    """(m,) 1-sigma of the tilt of windows due to their part outside image 2, rad; baseline in heights.
+
+    Parts that will be hidden or without texture are not known beforehand.
+    """
+    inside = in_image2(flight, baseline)
+    return BEND_RAD * np.array([lever(flight.places(i), inside[i]) for i in range(len(inside))])

@@ -8,13 +8,12 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from slopecli.plan.planned import Plan, PlannedWindow, sigma_text
+from slopecli.plan.result import Plan, PlannedWindow, sigma_text
 from slopecli.products.drawing import marks
 from slopecli.products.drawing.canvas import LARGEST_PX, SMALLEST_PX, converted, text_size
-from slopecli.products.drawing.colormap import slope_range_colours
-from slopecli.products.drawing.label_text import SMALLEST_TEXT_PX
+from slopecli.products.drawing.colours import slope_range_colours
 from slopecli.products.drawing.legend import ColourBar, Sign, banner, draw_sheet, focus_sign, swatch
-from slopecli.products.drawing.lettering import Label, Text, label_texts, write
+from slopecli.products.drawing.lettering import SMALLEST_TEXT_PX, Label, Text, label_texts, write
 from slopecli.products.drawing.marks import Picture
 from slopecli.products.drawing.placement import Box, box_around, find_room
 from slopecli.types import FloatArray
@@ -27,7 +26,8 @@ UNITS = {"m": " m", "baseline": " baselines", "height": " of the height"}
 
 def draw_plan(plan: Plan) -> NDArray[np.uint8]:
     """Draw a plan, (h, w, 3) uint8 BGR, with a legend below and a warning above where two answers are likely."""
-    scale = _scale(plan)
+    longest = max(plan.camera.width, plan.camera.height)
+    scale = float(np.clip(1.0, SMALLEST_PX / longest, LARGEST_PX / longest))
     shape = round(plan.camera.height * scale), round(plan.camera.width * scale), 3
     picture = np.full(shape, (214, 214, 210), np.uint8)  # light grey: there is no image yet
     text_px = text_size(picture)
@@ -51,11 +51,6 @@ def _place(sigma_deg: FloatArray | float) -> FloatArray:
     """Place of a sigma, deg, on the bar of colours: 0 at the first tick, 1 at the last, by the logarithm."""
     low, high = np.log([TICKS_DEG[0], TICKS_DEG[-1]])
     return np.asarray((np.log(sigma_deg) - low) / (high - low))
-
-
-def _scale(plan: Plan) -> float:
-    longest = max(plan.camera.width, plan.camera.height)
-    return float(np.clip(1.0, SMALLEST_PX / longest, LARGEST_PX / longest))
 
 
 def _corners(one: PlannedWindow, scale: float) -> tuple[int, int, int, int]:
@@ -120,12 +115,10 @@ def _legend(plan: Plan, width: int, text_px: int) -> Picture:
 def _caption(plan: Plan) -> str:
     x, y, z = plan.direction_cam1
     unit = UNITS[plan.unit]
-    lengths = f"baseline {plan.baseline:.3g}{unit}" + (
-        "" if plan.unit == "height" else f", height {plan.height:.3g}{unit}"
-    )
+    height = "" if plan.unit == "height" else f", height {plan.height:.3g}{unit}"
     seen = ", of what image 2 shows of it" if any(one.in_part for one in plan.windows) else ""
     return (
-        f"Window: id, predicted 1 sigma of its slope{seen}. {lengths[0].upper()}{lengths[1:]}, "
+        f"Window: id, predicted 1 sigma of its slope{seen}. Baseline {plan.baseline:.3g}{unit}{height}, "
         f"direction {x:.3g}, {y:.3g}, {z:.3g} in camera-1 axes. {plan.points} points a window, "
         f"noise {plan.noise_px:g} px, roughness {plan.ground.roughness:g}. Median parallax {plan.parallax_px:.0f} px."
     )

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Literal, NamedTuple
+from typing import Literal
 
 import numpy as np
 
@@ -16,8 +16,7 @@ from slopecli.geometry.solver.refinement import State, normal_equations
 from slopecli.geometry.solver.solve import solve_planes
 from slopecli.geometry.solver.uncertainty import covariance_of
 from slopecli.look.noise import SYSTEMATIC_PX
-from slopecli.plan.flight import Flight, Seen, refuse_sky, see
-from slopecli.plan.visibility import unseen_tilts
+from slopecli.plan.flight import Flight, Seen, refuse_sky, see, unseen_tilts
 from slopecli.types import Diagnostic, FloatArray, Solution
 
 UNKNOWN_DEG = 60.0  # sigma beyond which slopes are anything, and a covariance says nothing
@@ -54,17 +53,6 @@ class Forecast:
         return self.second_answer >= 0.5
 
 
-class Trials(NamedTuple):
-    """Simulated pairs: share of them with two answers, and RMS errors of the slopes (k,), rad.
-
-    error_rad : the right root taken.  first_error_rad : the first one.
-    """
-
-    second_answer: float
-    error_rad: FloatArray
-    first_error_rad: FloatArray
-
-
 def forecast(flight: Flight, baseline: float) -> Forecast:
     """What the pair tells with a baseline, in heights.
 
@@ -82,25 +70,25 @@ def forecast(flight: Flight, baseline: float) -> Forecast:
         )
     parallax = parallax_px(seen.x1, seen.x2, flight.camera.focal_px)
     diagnostics = planned_parallax(parallax, flight.noise_px)
-    sigma, trials = slope_sigmas(flight, seen), simulate(flight, seen)
+    sigma, (second_answer, error, first_error) = slope_sigmas(flight, seen), _simulate(flight, seen)
     # where the two roots run into each other, the simulated errors are far smaller than the covariance says
-    joined = float(np.median(trials.error_rad)) < 0.5 * float(np.median(sigma))
-    sigma = trials.error_rad if joined else sigma
+    joined = float(np.median(error)) < 0.5 * float(np.median(sigma))
+    sigma = error if joined else sigma
     sigma = np.where(sigma <= np.radians(UNKNOWN_DEG), sigma, np.nan)
     if np.isnan(sigma).all():
         raise _open(flight, seen)
-    depth = seen.prediction.depth_ratio[0]
+    depth, windows = seen.prediction.depth_ratio[0], range(len(seen.windows))
     return Forecast(
         baseline=baseline,
         sigma_rad=_spread(flight, seen, sigma),
         source="simulation" if joined else "covariance",
         share=seen.share,
         unseen_rad=unseen_tilts(flight, baseline),
-        parallax_px=_spread(flight, seen, np.array([np.median(parallax[seen.patch == k]) for k in _places(seen)])),
+        parallax_px=_spread(flight, seen, np.array([np.median(parallax[seen.patch == k]) for k in windows])),
         median_parallax_px=float(np.median(parallax)),
-        zoom=max(float(np.median(np.maximum(depth, 1.0 / depth)[seen.patch == k])) for k in _places(seen)),
-        second_answer=trials.second_answer,
-        first_error_rad=float(np.median(trials.first_error_rad)),
+        zoom=max(float(np.median(np.maximum(depth, 1.0 / depth)[seen.patch == k])) for k in windows),
+        second_answer=second_answer,
+        first_error_rad=float(np.median(first_error)),
         diagnostics=tuple(diagnostics),
     )
 
@@ -128,8 +116,8 @@ def _open(flight: Flight, seen: Seen) -> NoAnswer:
     """Error for a pair whose slopes are all unknown: because of the up direction, or because of the images."""
     what = f"the slopes of all {len(flight.windows)} windows are left open"
     if slope_sigmas(replace(flight, up_sigma_rad=0.0), seen).min() <= np.radians(UNKNOWN_DEG):
-        reason = f"{what}, as what is up is known to {np.degrees(flight.up_sigma_rad):.3g} deg only"
-        return NoAnswer("up-unknown", reason, "give up with a smaller --up-sigma")
+        what += f", as what is up is known to {np.degrees(flight.up_sigma_rad):.3g} deg only"
+        return NoAnswer("up-unknown", what, "give up with a smaller --up-sigma")
     return NoAnswer("low-parallax", what, "lengthen the baseline, give larger windows, or fly in another direction")
 
 
@@ -170,12 +158,10 @@ def _weights(flight: Flight, seen: Seen) -> FloatArray | None:
     return seen.weight * np.stack([first, mixed, second])[None]
 
 
-def simulate(flight: Flight, seen: Seen) -> Trials:
-    """Solve pairs with noise, always the same ones.
+def _simulate(flight: Flight, seen: Seen) -> tuple[float, FloatArray, FloatArray]:
+    """Solve pairs with noise, always the same ones; if none can be solved, the solver's error is raised.
 
-    Raises
-    ------
-    NoAnswer, DegenerateConfiguration : as the solver, if it answers none.
+    Returns the share of them with two roots, and RMS errors of the slopes (k,), rad, of the right and the first root.
     """
     unresolved, squares, firsts, trouble = 0, [], [], None
     true = normal_angle(-seen.normals, flight.up)
@@ -194,7 +180,7 @@ def simulate(flight: Flight, seen: Seen) -> Trials:
     if not squares and trouble is not None:
         raise trouble
     right, first = (np.sqrt(np.mean(errors, axis=0) + flight.up_sigma_rad**2) for errors in (squares, firsts))
-    return Trials(unresolved / len(squares), right, first)
+    return unresolved / len(squares), right, first
 
 
 def _ruled_out(flight: Flight, seen: Seen, solution: Solution) -> bool:
@@ -215,10 +201,6 @@ def _solved(flight: Flight, seen: Seen, rng: np.random.Generator) -> Solution:
     found = moved + noise[:, None] * rng.standard_normal(moved.shape)
     rough = flight.roughness > 0.0
     return solve_planes(seen.x1, found, seen.patch, weights=seen.weight, relief=rough, robust=False)
-
-
-def _places(seen: Seen) -> range:
-    return range(len(seen.windows))
 
 
 def _spread(flight: Flight, seen: Seen, values: FloatArray) -> FloatArray:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass
+from functools import partial
 from importlib import import_module
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -23,7 +24,8 @@ class Product:
     ----------
     file : its name in the output folder.
     what : what it is, as part of a sentence; for help texts and docs/output.md.
-    encoder : "module:function" of this package, (Report, Image 1) -> bytes; imported when it is called.
+    encoder : "module:function" of this package, (Report, Image 1) -> bytes, or a picture (h, w, 3) uint8 BGR, which is
+        written as PNG; imported when it is called.
     choice : name of the user's choice to have it, "" if it is always made; several files may share one.
     by_default : whether it is made unless declined.
     requires : attribute of a report without which there is no such file: planes found in the image, or a segmentation.
@@ -54,37 +56,21 @@ class Product:
     def encode(self, report: Report, image: Image) -> bytes:
         """Return the content of the file; `image` is image 1."""
         module, function = self.encoder.split(":")
-        content: bytes = getattr(import_module(f"{__name__}.{module}"), function)(report, image)
-        return content
+        content = getattr(import_module(f"{__name__}.{module}"), function)(report, image)
+        if isinstance(content, bytes):
+            return content
+        from slopecli.products.drawing.canvas import encode_picture
+
+        return encode_picture(content)
 
 
 # in the order in which they appear in the folder; the last one completes an answer
+_Step = partial(Product, choice="debug_images", by_default=False, requires="segmentation")
 PRODUCTS = (
-    Product(
-        "step1_gradient.png",
-        "the gradient of image 1",
-        "steps:encode_gradient",
-        "debug_images",
-        by_default=False,
-        requires="segmentation",
-    ),
-    Product(
-        "step2_components.png",
-        "the connected regions below its threshold",
-        "steps:encode_components",
-        "debug_images",
-        by_default=False,
-        requires="segmentation",
-    ),
-    Product(
-        "step3_merged.png",
-        "the regions after merging, with the ids of the planes",
-        "steps:encode_merged",
-        "debug_images",
-        by_default=False,
-        requires="segmentation",
-    ),
-    Product(OVERLAY, "image 1 with slopes, sigmas and verdicts", "overlay:encode", "overlay"),
+    _Step("step1_gradient.png", "the gradient of image 1", "steps:draw_gradient"),
+    _Step("step2_components.png", "the connected regions below its threshold", "steps:draw_components"),
+    _Step("step3_merged.png", "the regions after merging, with the ids of the planes", "steps:draw_merged"),
+    Product(OVERLAY, "image 1 with slopes, sigmas and verdicts", "overlay:draw_overlay", "overlay"),
     Product("patches.ply", "the planes and both cameras in space", "ply:encode", "ply"),
     Product(
         "patches.glb",
@@ -93,7 +79,7 @@ PRODUCTS = (
         "glb",
         requires="found",
     ),
-    Product("labels.png", "the id of the plane of every pixel", "labels:encode"),
+    Product("labels.png", "the id of the plane of every pixel", "drawing.canvas:encode_labels"),
     Product(RESULT, "the answer, complete", "slopes_json:encode"),
 )
 OUTPUT_NAMES = tuple(product.file for product in PRODUCTS)

@@ -18,9 +18,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from slopecli import __version__
-from slopecli.products.region_mesh import surfaces_of
+from slopecli.products.region_mesh import Surface, surfaces_of
 from slopecli.products.slopes_json import rounded
-from slopecli.products.surface import Surface
 from slopecli.types import AlternativePlane, FloatArray, Image, Plane, Report
 
 LARGEST_TEXTURE_PX = 2048  # what every device can show
@@ -46,8 +45,7 @@ def report_to_glb(report: Report, image: Image, surfaces: Sequence[Surface]) -> 
     surfaces : the planes, from `region_surfaces`.
     """
     rotation = model_from_camera1(np.array(report.up.vector_cam1))
-    contents = _Contents()
-    others = report.ambiguity.others
+    contents, others = _Contents(), report.ambiguity.others
     meshes = [_mesh(surface, rotation, image, contents, others.get(surface.plane.id)) for surface in surfaces]
     tree = {
         "asset": {"version": "2.0", "generator": f"slopemap {__version__}", "extras": _frame(report, rotation)},
@@ -68,10 +66,7 @@ def model_from_camera1(up_cam1: FloatArray) -> FloatArray:
     """Return the rotation (3, 3) from camera-1 axes to y up and -z ahead.
 
     Ahead is where camera 1 looks, seen on a map; where it looks steeply, what is up in its image is ahead.
-
-    Parameters
-    ----------
-    up_cam1 : (3,) vector against gravity.
+    up_cam1 : (3,) vector against gravity, of any length.
     """
     up_cam1 = up_cam1 / np.linalg.norm(up_cam1)
     view, image_up = np.array([0.0, 0.0, 1.0]), np.array([0.0, -1.0, 0.0])
@@ -107,8 +102,7 @@ class _Contents:
         return len(self.accessors) - 1
 
     def tables(self) -> dict[str, Any]:
-        buffers = [{"byteLength": len(self.data)}]
-        return {"accessors": self.accessors, "bufferViews": self.views, "buffers": buffers}
+        return {"accessors": self.accessors, "bufferViews": self.views, "buffers": [{"byteLength": len(self.data)}]}
 
 
 def _mesh(
@@ -120,13 +114,10 @@ def _mesh(
     attributes = {"POSITION": contents.add_array(points), "TEXCOORD_0": contents.add_array(texture)}
     kind = "<u2" if len(points) < 0xFFFF else "<u4"
     indices = contents.add_array(surface.triangles.astype(kind).ravel())
-    slopes = [_slope(plane) for plane in (surface.plane, other) if plane is not None]
+    planes = [plane for plane in (surface.plane, other) if plane is not None]
+    slopes = [f"{plane.slope_deg:.1f} deg" if plane.slope_known else "slope not known" for plane in planes]
     name = f"plane {surface.plane.id} ({' or '.join(slopes)})"
     return {"name": name, "primitives": [{"attributes": attributes, "indices": indices, "material": 0}]}
-
-
-def _slope(plane: Plane | AlternativePlane) -> str:
-    return f"{plane.slope_deg:.1f} deg" if plane.slope_known else "slope not known"
 
 
 def _texture(image: Image, contents: _Contents) -> dict[str, Any]:

@@ -10,19 +10,13 @@ from numpy.typing import NDArray
 
 from slopecli.products.drawing import marks
 from slopecli.products.drawing.canvas import converted, drawing_scale, ground, resized, text_size
-from slopecli.products.drawing.colormap import slope_colours
+from slopecli.products.drawing.colours import slope_colours
 from slopecli.products.drawing.legend import draw_banner, draw_legend
 from slopecli.products.drawing.lettering import Text, badge_centre, label_texts, write
 from slopecli.products.drawing.marks import TINT, Picture
 from slopecli.products.drawing.outlines import Footprint, footprints_of
 from slopecli.products.drawing.placement import Placed, box_around, place_labels
-from slopecli.products.drawing.png import encode_picture
 from slopecli.types import FloatArray, Image, Report
-
-
-def encode(report: Report, image: Image) -> bytes:
-    """Return the content of overlay.png."""
-    return encode_picture(draw_overlay(report, image))
 
 
 def draw_overlay(report: Report, image: Image) -> NDArray[np.uint8]:

@@ -19,10 +19,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from slopecli import __version__
 from slopecli.geometry.statistics import median
-from slopecli.products.drawing.colormap import slope_colours
+from slopecli.products.drawing.colours import slope_colours
 from slopecli.products.drawing.marks import NO_ANSWER
-from slopecli.products.region_mesh import surfaces_of
-from slopecli.products.surface import Surface, lay_on_plane
+from slopecli.products.region_mesh import Surface, lay_on_plane, surfaces_of
 from slopecli.types import Camera, FloatArray, Image, IntArray, Plane, Report
 
 SUBDIVISIONS = 2  # of every edge by two: enough to follow the curve that a lens makes of a straight border
@@ -64,8 +63,8 @@ def report_to_ply(report: Report, image: Image | None = None, surfaces: Sequence
     meshes = [*(mesh for mesh in windows if mesh is not None), *_surface_meshes(report, image, surfaces)]
     size = 0.06 * (median([plane.distance for plane in report.planes]) if report.planes else 1.0)
     rotation, centre = report.motion.rotation_cam2_from_cam1, report.motion.baseline_cam1
-    meshes.append(camera_mesh(report.cameras[0], np.eye(3), np.zeros(3), size, (40, 40, 40)))
-    meshes.append(camera_mesh(report.cameras[1], rotation, centre, size, (150, 150, 150)))
+    meshes.append(_camera_mesh(report.cameras[0], np.eye(3), np.zeros(3), size, (40, 40, 40)))
+    meshes.append(_camera_mesh(report.cameras[1], rotation, centre, size, (150, 150, 150)))
     comments = [
         f"slopemap {__version__}",
         "frame camera 1: x right, y down, z forward",
@@ -73,7 +72,7 @@ def report_to_ply(report: Report, image: Image | None = None, surfaces: Sequence
         "scalars of the cameras are 0; scalar_patch_id is the id in slopes.json",
         f"scalar_slope_deg and quality are {UNKNOWN_SLOPE:g} where the slope is not known",
     ]
-    return _encode(_joined(meshes), [*comments, *_second_answer(report)])
+    return _encode(meshes, [*comments, *_second_answer(report)])
 
 
 def _second_answer(report: Report) -> list[str]:
@@ -128,10 +127,10 @@ def _surface_meshes(report: Report, image: Image | None, surfaces: Sequence[Surf
     return [_surface_mesh(each, pixels[v, u]) for each, (u, v) in zip(surfaces, nearest, strict=True)]
 
 
-def camera_mesh(camera: Camera, rotation: FloatArray, centre: FloatArray, size: float, colour: Sequence[int]) -> Mesh:
-    """Draw a camera as a pyramid: apex at its centre, base `size` ahead along its axis, as wide as its image.
+def _camera_mesh(camera: Camera, rotation: FloatArray, centre: FloatArray, size: float, colour: Sequence[int]) -> Mesh:
+    """A camera as a pyramid: apex at its centre (3,), camera-1 axes, base `size` ahead along its axis.
 
-    rotation : (3, 3) camera 1 to this camera.  centre : (3,) in camera-1 axes.
+    rotation : (3, 3) from camera 1 to this camera.
     """
     corners = np.array([[0, 0], [camera.width, 0], [camera.width, camera.height], [0, camera.height]])
     base = np.column_stack([(corners - [camera.cx, camera.cy]) / [camera.fx, camera.fy], np.ones(4)])
@@ -145,9 +144,7 @@ def camera_mesh(camera: Camera, rotation: FloatArray, centre: FloatArray, size: 
 def _subdivided(polygon: FloatArray) -> tuple[FloatArray, IntArray]:
     """Cut a convex polygon (k, 2) into triangles, and each of these into four, `SUBDIVISIONS` times.
 
-    Returns
-    -------
-    points : (n, 2), the polygon's corners first; neighbours share theirs.  triangles : (m, 3) indices of points.
+    Returns points (n, 2), the polygon's corners first, which neighbours share; triangles (m, 3) of their indices.
     """
     last = len(polygon) - 1
     triangles = np.array([(last, 0, 1), *((1, i, i + 1) for i in range(2, last))])
@@ -156,9 +153,8 @@ def _subdivided(polygon: FloatArray) -> tuple[FloatArray, IntArray]:
         edges = np.sort(triangles[:, [[0, 1], [1, 2], [2, 0]]], axis=2).reshape(-1, 2)
         ends, inverse = np.unique(edges, axis=0, return_inverse=True)
         (a, b, c), (ab, bc, ca) = triangles.T, inverse.reshape(-1, 3).T + len(points)
-        triangles = np.vstack(
-            [np.column_stack(corner) for corner in ((a, ab, ca), (ab, b, bc), (ca, bc, c), (ab, bc, ca))]
-        )
+        parts = ((a, ab, ca), (ab, b, bc), (ca, bc, c), (ab, bc, ca))
+        triangles = np.vstack([np.column_stack(part) for part in parts])
         points = np.vstack([points, points[ends].mean(axis=1)])
     return points, triangles
 
@@ -178,23 +174,20 @@ def _vertices(points: FloatArray, normals: FloatArray, colour: ArrayLike) -> NDA
     return vertices
 
 
-def _joined(meshes: Sequence[Mesh]) -> Mesh:
+def _encode(meshes: Sequence[Mesh], comments: Sequence[str]) -> bytes:
+    vertices = np.concatenate([mesh.vertices for mesh in meshes])
     starts = np.cumsum([0] + [len(mesh.vertices) for mesh in meshes])
-    triangles = [mesh.triangles + start for mesh, start in zip(meshes, starts, strict=False)]
-    return Mesh(np.concatenate([mesh.vertices for mesh in meshes]), np.vstack(triangles))
-
-
-def _encode(mesh: Mesh, comments: Sequence[str]) -> bytes:
-    faces = np.zeros(len(mesh.triangles), [("count", "u1"), ("vertex_indices", "<i4", (3,))])
-    faces["count"], faces["vertex_indices"] = 3, mesh.triangles
+    triangles = np.vstack([mesh.triangles + start for mesh, start in zip(meshes, starts, strict=False)])
+    faces = np.zeros(len(triangles), [("count", "u1"), ("vertex_indices", "<i4", (3,))])
+    faces["count"], faces["vertex_indices"] = 3, triangles
     header = [
         "ply",
         "format binary_little_endian 1.0",
         *(f"comment {comment}" for comment in comments),
-        f"element vertex {len(mesh.vertices)}",
+        f"element vertex {len(vertices)}",
         *(f"property {_PLY_TYPES[VERTEX[name].str]} {name}" for name in VERTEX.names or ()),
         f"element face {len(faces)}",
         "property list uchar int vertex_indices",
         "end_header",
     ]
-    return "\n".join(header).encode("ascii") + b"\n" + mesh.vertices.tobytes() + faces.tobytes()
+    return "\n".join(header).encode("ascii") + b"\n" + vertices.tobytes() + faces.tobytes()

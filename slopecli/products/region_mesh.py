@@ -1,11 +1,13 @@
-"""Meshes of regions: a grid of triangles over each, cut along its border and projected onto its plane.
+"""Meshes of planes in camera-1 axes; of regions, a grid of triangles over each, cut along its border.
 
-Source of the cut: Lorensen, Cline, "Marching cubes", 1987, in two dimensions, on the signed distance to the border.
+Pixels of image 1 are projected along their rays, lens distortion included. Source of the cut: Lorensen, Cline,
+"Marching cubes", 1987, in two dimensions, on the signed distance to the border.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import dataclass
 from itertools import pairwise
 from weakref import WeakKeyDictionary
 
@@ -13,13 +15,43 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from slopecli.products.drawing.label_map import Box, Mask, boxes_of, inner_distance, mask_of
-from slopecli.products.surface import Surface, lay_on_plane, trimmed
-from slopecli.types import FloatArray, IntArray, Report
+from slopecli.geometry.camera import points_on_plane
+from slopecli.products.drawing.outlines import Box, Mask, boxes_of, inner_distance, mask_of
+from slopecli.types import BoolArray, Camera, FloatArray, IntArray, Plane, Report
 
 MOST_TRIANGLES = 200_000  # of all regions: a file of 7 MB, a vertex for every third or fourth pixel of a megapixel
 CELLS_DEEP = 4  # between the border of a narrow region and its middle: its grid is finer, down to a quarter of the step
 FARTHEST = 20.0  # times the scene's distance; beyond it lies what a plane's last rays before its horizon hit
+
+
+@dataclass(frozen=True, eq=False)
+class Surface:
+    """Part of a plane: uv (n, 2) px of image 1, points (n, 3) in camera-1 axes, triangles (m, 3) of their indices."""
+
+    plane: Plane
+    uv: FloatArray
+    points: FloatArray
+    triangles: IntArray
+
+
+def lay_on_plane(plane: Plane, camera: Camera, uv: FloatArray, triangles: IntArray) -> Surface | None:
+    """Project a flat mesh in image 1, uv (n, 2) px and triangles (m, 3), onto a plane `normal_cam1 . P = -distance`.
+
+    Returns the part that meets the plane in front of the camera and not at a grazing angle, None where nothing does.
+    """
+    points, met = points_on_plane(camera, uv, plane.normal_cam1, plane.distance)
+    return trimmed(Surface(plane, uv, points, triangles), met)
+
+
+def trimmed(surface: Surface, keep: BoolArray) -> Surface | None:
+    """Return what is left with the vertices to `keep` (n,) and the triangles between them, None if nothing is."""
+    triangles = surface.triangles[keep[surface.triangles].all(axis=1)]
+    if not len(triangles):
+        return None
+    used = np.zeros(len(keep), bool)
+    used[triangles] = True
+    renumbered = np.cumsum(used) - 1
+    return Surface(surface.plane, surface.uv[used], surface.points[used], renumbered[triangles])
 
 
 _SURFACES: WeakKeyDictionary[Report, list[Surface]] = WeakKeyDictionary()
@@ -55,11 +87,7 @@ def region_surfaces(report: Report) -> list[Surface]:
         step *= np.sqrt(1.1 * count / MOST_TRIANGLES)  # borders as rough as this are rare
         meshes = {i: region_grid(masks[i], boxes[i], step) for i in ids}
     laid = (lay_on_plane(p, report.cameras[0], *meshes[p.id]) for p in report.planes if p.id in meshes)
-    return _within_reach([surface for surface in laid if surface is not None])
-
-
-def _within_reach(surfaces: list[Surface]) -> list[Surface]:
-    """Cut off what lies `FARTHEST` times as far away as the middle one of the regions."""
+    surfaces = [surface for surface in laid if surface is not None]
     ranges = [np.linalg.norm(surface.points, axis=1) for surface in surfaces]
     reach = FARTHEST * float(np.median([np.median(each) for each in ranges])) if ranges else 0.0
     cut = (trimmed(surface, each < reach) for surface, each in zip(surfaces, ranges, strict=True))

@@ -31,10 +31,6 @@ def report_to_json(report: Report) -> str:
     The same report gives the same bytes on every run: keys in the order of the dataclasses, numbers rounded to
     `SIGNIFICANT_DIGITS`, ASCII only. A number that is not finite becomes null.
 
-    Parameters
-    ----------
-    report : the finished answer of one image pair.
-
     Raises
     ------
     TypeError : the options hold an object that has no JSON form.
@@ -78,9 +74,7 @@ def _layout(value: Any, indent: str = "", before: str = "") -> str:
         return compact
     inner = indent + "  "
     if isinstance(value, dict):
-        opening, closing = "{", "}"
-        lines = [_layout(item, inner, f"{json.dumps(key)}: ") for key, item in value.items()]
+        brackets, lines = "{}", [_layout(item, inner, f"{json.dumps(key)}: ") for key, item in value.items()]
     else:
-        opening, closing = "[", "]"
-        lines = [_layout(item, inner) for item in value]
-    return before + opening + ",".join(f"\n{inner}{line}" for line in lines) + f"\n{indent}{closing}"
+        brackets, lines = "[]", [_layout(item, inner) for item in value]
+    return before + brackets[0] + ",".join(f"\n{inner}{line}" for line in lines) + f"\n{indent}{brackets[1]}"

@@ -11,29 +11,13 @@ from numpy.typing import NDArray
 
 from slopecli.products.drawing import marks
 from slopecli.products.drawing.canvas import converted, drawing_scale, resized, text_size
+from slopecli.products.drawing.colours import map_colours
 from slopecli.products.drawing.legend import ColourBar, draw_sheet
-from slopecli.products.drawing.map_palette import map_colours
 from slopecli.products.drawing.marks import TINT, Picture
 from slopecli.products.drawing.outlines import footprints_of
 from slopecli.products.drawing.placement import place_numbers
-from slopecli.products.drawing.png import encode_picture
 from slopecli.products.overlay import draw_labels
 from slopecli.types import Image, Report, Segmentation
-
-
-def encode_gradient(report: Report, image: Image) -> bytes:
-    """Return the content of step1_gradient.png."""
-    return encode_picture(draw_gradient(report, image))
-
-
-def encode_components(report: Report, image: Image) -> bytes:
-    """Return the content of step2_components.png."""
-    return encode_picture(draw_components(report, image))
-
-
-def encode_merged(report: Report, image: Image) -> bytes:
-    """Return the content of step3_merged.png."""
-    return encode_picture(draw_merged(report, image))
 
 
 def draw_gradient(report: Report, image: Image) -> NDArray[np.uint8]:
@@ -58,11 +42,8 @@ def draw_gradient(report: Report, image: Image) -> NDArray[np.uint8]:
         [(0.0, "0"), (1.0, f"{most:.3g}+")],
         (threshold / max(most, 1e-6), f"threshold {threshold:.3g}"),
     )
-    sentence = (
-        "Gradient of image 1, grey levels per px. Blue, below the threshold: inside a surface. "
-        "Red to yellow, above it: a border between surfaces."
-    )
-    return _captioned(picture, sentence, bar)
+    below = "Gradient of image 1, grey levels per px. Blue, below the threshold: inside a surface."
+    return _captioned(picture, f"{below} Red to yellow, above it: a border between surfaces.", bar)
 
 
 def draw_components(report: Report, image: Image) -> NDArray[np.uint8]:
@@ -81,9 +62,8 @@ def draw_merged(report: Report, image: Image) -> NDArray[np.uint8]:
     numbers = place_numbers([one for one in footprints if one.pieces is not None], shape, text_px)
     picture = draw_labels(_tinted(steps.merged, grey), numbers, text_px)
     count = f"Regions after merging: {steps.merged.max(initial=0)}"
-    return _captioned(
-        picture, f"{count}. Numbers: the ids of the {len(numbers)} planes of the answer. Dark: no region."
-    )
+    caption = f"{count}. Numbers: the ids of the {len(numbers)} planes of the answer. Dark: no region."
+    return _captioned(picture, caption)
 
 
 def _ground(report: Report, image: Image) -> tuple[Segmentation, Picture]:

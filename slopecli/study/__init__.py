@@ -5,13 +5,12 @@ from slopecli.face import lazy_names
 __getattr__, __dir__ = lazy_names(
     __name__,
     {
-        "claims": "Claim bound_ratios judge_spread judge_study judge_times mean time_exponent",
+        "claims": "Claim bound_ratios chance_of_ratios jackknifed judge_spread judge_study judge_times mean "
+        "time_exponent",
         "figures": "draw_figures",
         "parameters": "StudyOptions",
-        "sampling": "chance_of_ratios jackknifed",
         "scenes": "Scene UP field_of_view_camera make_scene make_sequence paper_scene project",
-        "timing": "Timing measure_times",
-        "trials": "QUANTITIES Study alignment_spread camera_of least_errors mean_length paper_study run_study "
-        "study_scene",
+        "trials": "QUANTITIES Study Timing alignment_spread camera_of least_errors mean_length measure_times "
+        "paper_study run_study study_scene",
     },
 )

@@ -8,21 +8,19 @@ paper calls normal: up to 0.3 px. A study smaller than the paper's gives no verd
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
 
-from slopecli.study.sampling import chance_of_ratios, counted, is_large, jackknifed
-from slopecli.study.timing import Timing
-from slopecli.study.trials import QUANTITIES, Spread, Study
-from slopecli.types import BoolArray, FloatArray
+from slopecli.study.parameters import StudyOptions
+from slopecli.study.trials import QUANTITIES, Spread, Study, Timing
+from slopecli.types import FloatArray
 
 USUAL_PX = 0.3
 MOTION = ("rotation_error", "direction_error")
 TOGETHER = 0.85  # correlation that eleven noises have by chance once in a thousand times
 LINEAR_FROM = 64  # windows, from which on the exponent of the time is fitted
-TOO_FEW = "too few trials"
 
 
 @dataclass(frozen=True)
@@ -47,8 +45,6 @@ class _Rule:
     """How a claim is judged: `measure` gives a number, which must be `below` or `above` the limit."""
 
     name: str
-    source: str
-    statement: str
     measure: Callable[[Study], float]
     below: float | None = None
     above: float | None = None
@@ -56,16 +52,16 @@ class _Rule:
 
     def judged(self, study: Study) -> Claim:
         limit = f"< {self.below:g}" if self.below is not None else f"> {self.above:g}"
+        claim = Claim(self.name, *STATEMENTS[self.name], None, limit, None)
         try:
             value = self.measure(study)
         except CannotTell as reason:
-            return Claim(self.name, self.source, self.statement, None, limit, None, str(reason))
+            return replace(claim, reason=str(reason))
         margin = value - (self.below if self.below is not None else self.above or 0.0)
         error = self.error or partial(jackknifed, measure=self.measure)
-        if not is_large(study) and error(study) > abs(margin):
-            return Claim(self.name, self.source, self.statement, value, limit, None, TOO_FEW)
-        held = margin < 0.0 if self.below is not None else margin > 0.0
-        return Claim(self.name, self.source, self.statement, value, limit, bool(held))
+        if not _is_large(study) and error(study) > abs(margin):
+            return replace(claim, measured=value, reason="too few trials")
+        return replace(claim, measured=value, held=bool(margin < 0.0 if self.below is not None else margin > 0.0))
 
 
 def judge_study(study: Study) -> list[Claim]:
@@ -101,6 +97,54 @@ def time_exponent(timings: Sequence[Timing], solver: str) -> float | None:
     return float(np.polyfit(windows, seconds, 1)[0])
 
 
+# ---- sampling errors: whether trials are enough to judge a claim ----
+
+
+def _is_large(study: Study) -> bool:
+    """Whether a study has the paper's number of trials, by which the paper judges its own claims."""
+    paper = StudyOptions()
+    return study.options.terrains >= paper.terrains and _count_noisy(study.options) >= _count_noisy(paper)
+
+
+def _count_noisy(options: StudyOptions) -> int:
+    return sum(noise > 0.0 for noise in options.noises_px)
+
+
+def jackknifed(study: Study, measure: Callable[[Study], float]) -> float:
+    """Return the one-sided 90 % sampling error of a statistic, from how it changes as terrains are left out.
+
+    It is infinite for one terrain. Terrains are what is drawn at random: one is the same for all trajectories and
+    noises. Source: Efron, "The Jackknife, the Bootstrap and Other Resampling Plans", 1982.
+    """
+    from scipy.special import stdtrit
+
+    groups = min(study.options.terrains, 20)  # left out in turn
+    if groups < 2:
+        return float("inf")
+    values = np.array([measure(_without(study, first, groups)) for first in range(groups)])
+    widening = round(float(stdtrit(groups - 1, 0.9)), 2)
+    return widening * float(np.sqrt((groups - 1) / groups * ((values - values.mean()) ** 2).sum()))
+
+
+def _without(study: Study, first: int, step: int) -> Study:
+    """The study without every `step`-th terrain from the first one on."""
+    left_out = range(first, study.options.terrains, step)
+    options = replace(study.options, terrains=study.options.terrains - len(left_out))
+    trials = [trial for trial in study.trials if trial.terrain not in left_out]
+    return replace(study, options=options, trials=trials, bounds=[b for b in study.bounds if b.terrain not in left_out])
+
+
+def chance_of_ratios(study: Study) -> float:
+    """Return how far the largest of all ratios of an RMS error to the bound departs from 1 by chance.
+
+    The RMS of n Gaussian errors has the standard deviation 1/sqrt(2 n) of itself; the largest of k departs by about
+    sqrt(2 ln k) of them.
+    """
+    o = study.options
+    count = len(o.trajectories_deg) * (len(QUANTITIES) - 1 + o.grid[0] * o.grid[1])  # rotation, direction, normals
+    return float(np.sqrt(np.log(count) / (o.terrains * _count_noisy(o))))
+
+
 # ---- what is measured ----
 
 
@@ -123,32 +167,33 @@ def _errors(study: Study, solver: str, quantity: str) -> FloatArray:
     return study.errors(solver, quantity)
 
 
-def _noises(study: Study) -> FloatArray:
+def _noises(study: Study, fewest: int = 1) -> FloatArray:
     noises = np.array(study.options.noises_px)
     if not (noises > 0.0).any():
         raise CannotTell("there is no noise in this study")
+    if len(noises) < fewest:
+        raise CannotTell("there are fewer than three noises in this study")
     return noises
 
 
-def _usual(study: Study) -> BoolArray:
-    noises = _noises(study)
+def _usual(study: Study, quantity: str) -> FloatArray:
+    """(trajectories,) or (trajectories, m) largest mean error of ha at usual noise, rad; slopes need windows 3 x 3."""
+    errors, noises = _errors(study, "ha", quantity), _noises(study)
     usual = (noises > 0.0) & (noises <= USUAL_PX + 1e-9)
     if not usual.any():
         raise CannotTell(f"no noise up to {USUAL_PX:g} px is in this study")
-    return np.asarray(usual)
+    return np.asarray(mean(errors[:, usual], 2).max(axis=1))
 
 
-def _trajectory(study: Study, angle: float) -> int:
-    if angle not in study.options.trajectories_deg:
+def _trajectories(study: Study, angle: float) -> tuple[int, list[int]]:
+    """Number of the trajectory at an angle, deg, and the numbers of the others."""
+    angles = study.options.trajectories_deg
+    if angle not in angles:
         raise CannotTell(f"the {angle:g} deg trajectory is not in this study")
-    if len(study.options.trajectories_deg) < 2:
+    if len(angles) < 2:
         raise CannotTell("there is only one trajectory in this study")
-    return study.options.trajectories_deg.index(angle)
-
-
-def _others(study: Study, angle: float) -> list[int]:
-    own = _trajectory(study, angle)
-    return [i for i in range(len(study.options.trajectories_deg)) if i != own]
+    own = angles.index(angle)
+    return own, [i for i in range(len(angles)) if i != own]
 
 
 def _per_noise(study: Study, errors: FloatArray) -> FloatArray:
@@ -167,29 +212,24 @@ def _unanswered(study: Study) -> float:
     return float(sum(trial.reason is not None for trial in study.trials if trial.solver != "lh"))
 
 
-def _usual_rotation(study: Study) -> float:
-    errors = _errors(study, "ha", "rotation_error")[:, _usual(study)]
-    return float(np.degrees(mean(errors).max()))
-
-
 def _usual_translation(study: Study, vertical: bool) -> float:
-    rows = [_trajectory(study, 0.0)] if vertical else _others(study, 0.0)
-    return float(100.0 * mean(_errors(study, "ha", "direction_error")[:, _usual(study)][rows]).max())
+    own, others = _trajectories(study, 0.0)
+    return float(100.0 * _usual(study, "direction_error")[[own] if vertical else others].max())
 
 
 def _usual_window(study: Study, window: int) -> float:
-    _nine(study)
-    return float(np.degrees(mean(_errors(study, "ha", "normal_errors")[:, _usual(study), :, window]).max()))
+    _refuse_other_windows(study)
+    return float(np.degrees(_usual(study, "normal_errors")[:, window].max()))
 
 
-def _nine(study: Study) -> None:
+def _refuse_other_windows(study: Study) -> None:
     if study.options.grid != (3, 3):
         raise CannotTell("the windows are not those of the paper, 3 x 3")
 
 
 def _against_others(study: Study, angle: float, best: bool) -> float:
     """Errors of one trajectory over those of the next best, or next worst; the less favourable of the motion's two."""
-    own, others = _trajectory(study, angle), _others(study, angle)
+    own, others = _trajectories(study, angle)
     errors = [_all_noises(study, "ha", quantity) for quantity in MOTION]
     if best:
         return float(max(e[own] / e[others].min() for e in errors))
@@ -203,22 +243,19 @@ def _gain_over_lh(study: Study) -> float:
 
 def _worst_window(study: Study) -> float:
     """How much larger the error of window 4 is, in vertical descent, than the largest of the other windows."""
-    _nine(study)
-    errors = _all_noises(study, "ha", "normal_errors")[_trajectory(study, 0.0)]
+    _refuse_other_windows(study)
+    errors = _all_noises(study, "ha", "normal_errors")[_trajectories(study, 0.0)[0]]
     return float(errors[4] / np.delete(errors, 4).max())
 
 
 def _correlation_with_noise(study: Study) -> float:
-    noises = _noises(study)
-    if len(noises) < 3:
-        raise CannotTell("there are fewer than three noises in this study")
+    noises = _noises(study, fewest=3)
     errors = mean(_errors(study, "ha", "rotation_error"))
     return float(min(np.corrcoef(noises, row)[0, 1] for row in errors))
 
 
 def _correlation_of_motion(study: Study) -> float:
-    if len(_noises(study)) < 3:
-        raise CannotTell("there are fewer than three noises in this study")
+    _noises(study, fewest=3)
     rotation, translation = (mean(_errors(study, "ha", quantity)) for quantity in MOTION)
     return float(min(np.corrcoef(a, b)[0, 1] for a, b in zip(rotation, translation, strict=True)))
 
@@ -245,102 +282,38 @@ def bound_ratios(study: Study, solver: str, quantity: str) -> FloatArray:
     return np.asarray(rms(errors, (1, 2)) / rms(least, (1, 2)))
 
 
+# name -> where the paper claims it, and what
+STATEMENTS = {
+    "all-answered": ("section V", "no trial fails: trials of ha and mle without an answer"),
+    "rotation": ("Fig. 4", "rotation error below 0.1 deg at usual noise, any trajectory"),
+    "vertical-translation": ("Fig. 4", "translation error of vertical descent roughly 0.5 % at usual noise"),
+    "other-translation": ("Fig. 4", "translation error of the other trajectories below 0.25 % at usual noise"),
+    "vertical-worst": ("Fig. 4", "vertical descent is the least accurate: its errors over the largest of the others"),
+    "gliding-best": ("Fig. 4", "45 deg gliding is the most accurate: its errors over the smallest of the others"),
+    "grows-with-noise": ("Fig. 4", "errors grow with noise: correlation"),
+    "rotation-and-translation": ("Fig. 4", "errors of rotation and translation go together: correlation"),
+    "twice-as-accurate": ("Fig. 4", "at least twice as accurate as averaged Longuet-Higgins: ratio of errors"),
+    "window-3": ("Fig. 5", "slope error of window 3 below 0.5 deg at usual noise, any trajectory"),
+    "window-4-worst": ("Fig. 5", "window 4 is the worst in vertical descent: its error over the largest of the others"),
+    "window-5": ("Fig. 5", "slope error of window 5, a typical one, below 1 deg at usual noise"),
+    "few-iterations": ("section 4.1", "a few iterations: median sweeps of ha, the slower of its two starts"),
+    "few-iterations-mle": ("slopemap", "a few iterations: median of mle"),
+    "at-the-bound": ("slopemap", "mle at the Cramer-Rao bound: largest departure of RMS error over bound from 1"),
+}
 RULES = (
-    _Rule(
-        "all-answered",
-        "section V",
-        "no trial fails: trials of ha and mle without an answer",
-        _unanswered,
-        below=0.5,
-        error=counted,
-    ),
-    _Rule(
-        "rotation", "Fig. 4", "rotation error below 0.1 deg at usual noise, any trajectory", _usual_rotation, below=0.1
-    ),
-    _Rule(
-        "vertical-translation",
-        "Fig. 4",
-        "translation error of vertical descent roughly 0.5 % at usual noise",
-        partial(_usual_translation, vertical=True),
-        below=0.6,
-    ),
-    _Rule(
-        "other-translation",
-        "Fig. 4",
-        "translation error of the other trajectories below 0.25 % at usual noise",
-        partial(_usual_translation, vertical=False),
-        below=0.25,
-    ),
-    _Rule(
-        "vertical-worst",
-        "Fig. 4",
-        "vertical descent is the least accurate: its errors over the largest of the others",
-        partial(_against_others, angle=0.0, best=False),
-        above=1.0,
-    ),
-    _Rule(
-        "gliding-best",
-        "Fig. 4",
-        "45 deg gliding is the most accurate: its errors over the smallest of the others",
-        partial(_against_others, angle=45.0, best=True),
-        below=1.0,
-    ),
-    _Rule("grows-with-noise", "Fig. 4", "errors grow with noise: correlation", _correlation_with_noise, above=TOGETHER),
-    _Rule(
-        "rotation-and-translation",
-        "Fig. 4",
-        "errors of rotation and translation go together: correlation",
-        _correlation_of_motion,
-        above=TOGETHER,
-    ),
-    _Rule(
-        "twice-as-accurate",
-        "Fig. 4",
-        "at least twice as accurate as averaged Longuet-Higgins: ratio of errors",
-        _gain_over_lh,
-        above=2.0,
-    ),
-    _Rule(
-        "window-3",
-        "Fig. 5",
-        "slope error of window 3 below 0.5 deg at usual noise, any trajectory",
-        partial(_usual_window, window=3),
-        below=0.5,
-    ),
-    _Rule(
-        "window-4-worst",
-        "Fig. 5",
-        "window 4 is the worst in vertical descent: its error over the largest of the others",
-        _worst_window,
-        above=1.0,
-    ),
-    _Rule(
-        "window-5",
-        "Fig. 5",
-        "slope error of window 5, a typical one, below 1 deg at usual noise",
-        partial(_usual_window, window=5),
-        below=1.0,
-    ),
-    _Rule(
-        "few-iterations",
-        "section 4.1",
-        "a few iterations: median sweeps of ha, the slower of its two starts",
-        partial(_iterations, solver="ha"),
-        below=10,
-    ),
-    _Rule(
-        "few-iterations-mle",
-        "slopemap",
-        "a few iterations: median of mle",
-        partial(_iterations, solver="mle"),
-        below=10,
-    ),
-    _Rule(
-        "at-the-bound",
-        "slopemap",
-        "mle at the Cramer-Rao bound: largest departure of RMS error over bound from 1",
-        _off_bound,
-        below=0.1,
-        error=chance_of_ratios,
-    ),
+    _Rule("all-answered", _unanswered, below=0.5, error=lambda study: 0.0),  # a count of what was run
+    _Rule("rotation", lambda study: float(np.degrees(_usual(study, "rotation_error").max())), below=0.1),
+    _Rule("vertical-translation", partial(_usual_translation, vertical=True), below=0.6),
+    _Rule("other-translation", partial(_usual_translation, vertical=False), below=0.25),
+    _Rule("vertical-worst", partial(_against_others, angle=0.0, best=False), above=1.0),
+    _Rule("gliding-best", partial(_against_others, angle=45.0, best=True), below=1.0),
+    _Rule("grows-with-noise", _correlation_with_noise, above=TOGETHER),
+    _Rule("rotation-and-translation", _correlation_of_motion, above=TOGETHER),
+    _Rule("twice-as-accurate", _gain_over_lh, above=2.0),
+    _Rule("window-3", partial(_usual_window, window=3), below=0.5),
+    _Rule("window-4-worst", _worst_window, above=1.0),
+    _Rule("window-5", partial(_usual_window, window=5), below=1.0),
+    _Rule("few-iterations", partial(_iterations, solver="ha"), below=10),
+    _Rule("few-iterations-mle", partial(_iterations, solver="mle"), below=10),
+    _Rule("at-the-bound", _off_bound, below=0.1, error=chance_of_ratios),
 )

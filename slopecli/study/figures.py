@@ -10,8 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from slopecli.study.claims import LINEAR_FROM, USUAL_PX, mean, time_exponent
-from slopecli.study.timing import Timing
-from slopecli.study.trials import Spread, Study
+from slopecli.study.trials import Spread, Study, Timing
 from slopecli.types import FloatArray
 
 if TYPE_CHECKING:
@@ -26,6 +25,7 @@ STYLES: dict[str, tuple[str, dict[str, Any]]] = {
     "ha": ("homography alignment", {"color": "#0072B2", "linestyle": "-", "marker": "o"}),
     "mle": ("joint maximum likelihood", {"color": "#009E73", "linestyle": "-", "marker": "D"}),
 }
+Unit = Callable[[FloatArray], FloatArray]  # of an error, from rad
 LETTERING = {
     "font.family": "DejaVu Sans",
     "font.size": 13.0,
@@ -43,11 +43,8 @@ TIMES = "figure6_time"
 def draw_figures(study: Study, spread: Spread) -> dict[str, bytes]:
     """Figures 2, 4 and 5 of the paper by file name, each as PNG and as SVG; the same study gives the same bytes."""
     with _drawing():
-        return {
-            **_encoded("figure2_alignment", _draw_spread(spread)),
-            **_encoded("figure4_motion", _draw_motion(study)),
-            **_encoded("figure5_slopes", _draw_slopes(study)),
-        }
+        figures = _encoded("figure2_alignment", _draw_spread(spread)) | _encoded("figure4_motion", _draw_motion(study))
+        return figures | _encoded("figure5_slopes", _draw_slopes(study))
 
 
 def draw_times(timings: Sequence[Timing]) -> dict[str, bytes]:
@@ -105,20 +102,16 @@ def _legend(figure: Figure, axes: Any, columns: int | None = None) -> None:
 
 def _draw_spread(spread: Spread) -> Figure:
     figure, axes = _panels(1, 2, sharey=True, sharex=True)
-    titles = ("each window by itself", "after alignment")
-    for panel, title, points, off in zip(
-        axes[0],
-        titles,
-        (spread.before, spread.after),
-        (spread.off_line_before, spread.off_line_after),
-        strict=True,
-    ):
+    before = "each window by itself", spread.before, spread.off_line_before
+    after = "after alignment", spread.after, spread.off_line_after
+    for panel, (title, points, off) in zip(axes[0], (before, after), strict=True):
         panel.plot(*points.T, **{**STYLES["ha"][1], "linestyle": "none", "markersize": 8.0})
         for rank, number in enumerate(np.argsort(points[:, 0])):  # neighbours would hide each other's number
             place = {"xytext": (0, (10, -20, 24)[rank % 3]), "textcoords": "offset points", "ha": "center"}
             panel.annotate(str(number), points[number], fontsize=11, **place)
-        panel.set_title(f"{title}:\n{_tidy(off)} px off one line (RMS)")
-        panel.axline((0.0, 0.0), slope=_main_slope(points), color="grey", linewidth=1.2, zorder=1)
+        panel.set_title(f"{title}:\n{off if off >= 0.005 else 0.0:.2f} px off one line (RMS)")
+        x, y = map(float, np.linalg.svd(points)[2][0])  # along the best line through the points
+        panel.axline((0.0, 0.0), slope=y / x, color="grey", linewidth=1.2, zorder=1)
         panel.set_xlabel("image x, px from the mean")
         panel.grid(alpha=0.4)
     reach = 1.6 * float(np.abs(spread.before[:, 1]).max())
@@ -128,32 +121,16 @@ def _draw_spread(spread: Spread) -> Figure:
     return figure
 
 
-def _main_slope(points: FloatArray) -> float:
-    """Slope of the best line through points (n, 2) about their mean."""
-    x, y = np.linalg.svd(points)[2][0]
-    return float(y / x)
-
-
-def _tidy(value: float) -> str:
-    return f"{value:.2f}" if value >= 0.005 else "0.00"
-
-
 def _draw_motion(study: Study) -> Figure:
-    rows: list[tuple[str, str, Callable[[FloatArray], FloatArray]]] = [
-        ("rotation error, deg", "rotation_error", np.degrees),
-        ("translation error, %", "direction_error", lambda e: 100.0 * e),
-    ]
     figure, axes = _panels(2, len(study.options.trajectories_deg), sharex=True, sharey="row")
-    for line, (label, quantity, unit) in zip(axes, rows, strict=True):
-        for i, panel in enumerate(line):
-            _curves(panel, study, quantity, unit, i)
-            angle = study.options.trajectories_deg[i]
-            printed = 0.1 if quantity == "rotation_error" else PRINTED_TRANSLATION_PERCENT.get(angle)
-            _printed(panel, study, printed)
-        line[0].set_ylabel(label)
-    _name_trajectories(axes, study)
-    _legend(figure, axes)
-    return figure
+    for i, angle in enumerate(study.options.trajectories_deg):
+        _curves(axes[0, i], study, "rotation_error", np.degrees, i)
+        _printed(axes[0, i], study, 0.1)
+        _curves(axes[1, i], study, "direction_error", lambda errors: 100.0 * errors, i)
+        _printed(axes[1, i], study, PRINTED_TRANSLATION_PERCENT.get(angle))
+    axes[0, 0].set_ylabel("rotation error, deg")
+    axes[1, 0].set_ylabel("translation error, %")
+    return _finished(figure, axes, study)
 
 
 def _draw_slopes(study: Study) -> Figure:
@@ -164,27 +141,21 @@ def _draw_slopes(study: Study) -> Figure:
             _curves(panel, study, "normal_errors", np.degrees, i, window)
             _printed(panel, study, PRINTED_SLOPE_DEG.get(window))
         line[0].set_ylabel(f"window {window}:\nslope error, deg")
-    _name_trajectories(axes, study)
-    _legend(figure, axes)
-    return figure
+    return _finished(figure, axes, study)
 
 
-def _name_trajectories(axes: Any, study: Study) -> None:
+def _finished(figure: Figure, axes: Any, study: Study) -> Figure:
+    """The figure with the names of the trajectories above, of the noise below, and a legend."""
     names = {0.0: " (vertical)", 45.0: " (gliding)", 90.0: " (level)"}
     for panel, angle in zip(axes[0], study.options.trajectories_deg, strict=True):
         panel.set_title(f"{angle:g}°{names.get(angle, '')}")
     for panel in axes[-1]:
         panel.set_xlabel("noise, px")
+    _legend(figure, axes)
+    return figure
 
 
-def _curves(
-    panel: Axes,
-    study: Study,
-    quantity: str,
-    unit: Callable[[FloatArray], FloatArray],
-    trajectory: int,
-    window: int | None = None,
-) -> None:
+def _curves(panel: Axes, study: Study, quantity: str, unit: Unit, trajectory: int, window: int | None = None) -> None:
     """Mean error of every solver, and at the bound, against noise; where there is none, errors are rounding."""
     noises = np.array(study.options.noises_px)
     noisy = noises > 0.0

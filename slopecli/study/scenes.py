@@ -69,10 +69,7 @@ def field_of_view_camera(width: int = 1024, height: int = 1024, fov_deg: float =
 
 
 def paper_scene(
-    rng: np.random.Generator,
-    trajectory_deg: float,
-    noise_px: float,
-    noise_rng: np.random.Generator | None = None,
+    rng: np.random.Generator, trajectory_deg: float, noise_px: float, noise_rng: np.random.Generator | None = None
 ) -> Scene:
     """One trial of section 4.1: 3x3 patches of 30 points, baseline one fifth of the height, noise in image 2 only.
 
@@ -85,8 +82,8 @@ def paper_scene(
 class Ground:
     """What camera 1 sees: planes, one in each cell of a grid over image 1, and points on them; lengths in heights.
 
-    x1 (n, 2); inverse_depth (n,), 1/height; patch (n,), -1 = on no plane; normals (m, 3) scaled, 1/height; relief: RMS
-    height of the points off their planes over the distance.
+    x1 (n, 2); inverse_depth (n,), 1/height; patch (n,), -1 = on no plane; normals (m, 3) scaled, 1/height; relief as
+    of `Scene`.
     """
 
     camera: Camera
@@ -130,9 +127,10 @@ def make_scene(
     """
     R = _random_rotation(rng, rotation_deg)
     seen = make_ground(rng, **ground)
-    position = baseline_over_height * flight_direction(trajectory_deg, heading_deg)
+    tilt, heading = np.radians(trajectory_deg), np.radians(heading_deg)
+    position = np.array([np.sin(tilt) * np.cos(heading), np.sin(tilt) * np.sin(heading), np.cos(tilt)])
     rng = noise_rng or rng
-    return _observe(seen, R, position, rng, noise_px, noise1_px, outliers, outlier_px)
+    return _observe(seen, R, baseline_over_height * position, rng, noise_px, noise1_px, outliers, outlier_px)
 
 
 def make_sequence(
@@ -146,27 +144,15 @@ def make_sequence(
 ) -> list[Scene]:
     """One ground seen by several cameras: a scene for image 1 with each of the others, which share image 1.
 
-    Parameters
-    ----------
     positions : (k, 3) of cameras 2, 3, ... in camera-1 axes, heights above the ground; each turned by rotation_deg
         about an axis of its own. Normals are in 1/baseline of their own pair, so they differ by a factor only.
-    ground : options of `make_ground`.
-
-    Raises
-    ------
-    InputError : as `make_scene`, or a camera stands where camera 1 does.
+    ground : options of `make_ground`. InputError as of `make_scene`, or where a camera stands where camera 1 does.
     """
     seen = make_ground(rng, **ground)
     x1 = _with_noise(rng, seen.x1, noise1_px / seen.camera.focal_px)
     turned = [(np.asarray(place, float), _random_rotation(rng, rotation_deg)) for place in positions]
     scenes = [_observe(seen, R, place, rng, noise_px, noise1_px) for place, R in turned]
     return [replace(scene, x1=x1) for scene in scenes]
-
-
-def flight_direction(trajectory_deg: float, heading_deg: float = 0.0) -> FloatArray:
-    """(3,) unit vector of a flight at an angle from the vertical, heading from image x towards image y."""
-    tilt, heading = np.radians(trajectory_deg), np.radians(heading_deg)
-    return np.array([np.sin(tilt) * np.cos(heading), np.sin(tilt) * np.sin(heading), np.cos(tilt)])
 
 
 def make_ground(
@@ -198,13 +184,14 @@ def make_ground(
     """
     camera = camera or field_of_view_camera()
     m = grid[0] * grid[1]
-    cells = _cells(camera, grid)
-    uv = np.concatenate([rng.uniform(low, high, (points, 2)) for low, high in cells])
+    size = np.array([camera.width / grid[0], camera.height / grid[1]])
+    corners = [np.array([column, row]) * size for row in range(grid[1]) for column in range(grid[0])]
+    uv = np.concatenate([rng.uniform(low - 0.5, low + size - 0.5, (points, 2)) for low in corners])
     patch = np.repeat(np.arange(m), points)
     slopes = rng.uniform(0.0, max_slope_deg, m) if slopes_deg is None else np.asarray(slopes_deg, dtype=float)
     if len(slopes) != m:
         raise InputError(f"{len(slopes)} slopes given for {m} patches; give one for each, row by row")
-    centres = _rays(camera, np.array([(low + high) / 2.0 for low, high in cells]))
+    centres = _rays(camera, np.array([(low - 0.5 + (low + size - 0.5)) / 2.0 for low in corners]))
     heights = 1.0 + rng.uniform(-height_spread, height_spread, m)
     normals = _terrain(rng, centres, np.radians(slopes), heights)
     x1 = _rays(camera, uv)
@@ -241,14 +228,12 @@ def _observe(
     if ((homogeneous(x1) - inverse_depth[:, None] * T) @ R[2] <= 0.0).any():
         raise InputError("camera 2 is below the ground or turned away from it; lower the baseline or the rotation")
     x2 = project(R, T, x1, inverse_depth)
-    noise, noise1 = noise_px / focal, noise1_px / focal
     outlier = rng.random(len(x1)) < outliers
     jumps = outlier[:, None] * rng.uniform(-outlier_px, outlier_px, x2.shape) / focal
-    found1 = _with_noise(rng, x1, noise1)
-    found2 = _with_noise(rng, x2, noise) + jumps
-    return Scene(
-        ground.camera, R, T, normals, found1, found2, x1, x2, ground.patch, noise, noise1, ground.relief, outlier
-    )
+    sigmas = noise_px / focal, noise1_px / focal
+    found1 = _with_noise(rng, x1, sigmas[1])
+    found2 = _with_noise(rng, x2, sigmas[0]) + jumps
+    return Scene(ground.camera, R, T, normals, found1, found2, x1, x2, ground.patch, *sigmas, ground.relief, outlier)
 
 
 def _with_noise(rng: np.random.Generator, x: FloatArray, sigma: float) -> FloatArray:
@@ -271,13 +256,6 @@ def _rays(camera: Camera, uv: FloatArray) -> FloatArray:
 def _random_rotation(rng: np.random.Generator, angle_deg: float) -> FloatArray:
     axis = rng.standard_normal(3)
     return rotation_from_vector(np.radians(angle_deg) * axis / np.linalg.norm(axis))
-
-
-def _cells(camera: Camera, grid: tuple[int, int]) -> list[tuple[FloatArray, FloatArray]]:
-    """Lower and upper pixel corners of the grid cells, row by row."""
-    size = np.array([camera.width / grid[0], camera.height / grid[1]])
-    corners = [np.array([column, row]) * size for row in range(grid[1]) for column in range(grid[0])]
-    return [(corner - 0.5, corner + size - 0.5) for corner in corners]
 
 
 def _terrain(rng: np.random.Generator, centres: FloatArray, slopes: FloatArray, heights: FloatArray) -> FloatArray:

@@ -1,11 +1,13 @@
-"""The simulation study of the paper, section 4.1: every solver on the same scenes, and the Cramer-Rao bound."""
+"""The simulation study of the paper, section 4.1: every solver on the same scenes, the Cramer-Rao bound, and times."""
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Executor, Future, wait
-from dataclasses import dataclass
-from typing import NamedTuple
+from dataclasses import dataclass, replace
+from itertools import count, product, takewhile
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -18,6 +20,7 @@ from slopecli.study.parameters import FEWEST_ALONE, StudyOptions
 from slopecli.study.scenes import Scene, field_of_view_camera, make_scene
 from slopecli.types import Camera, FloatArray
 
+PATIENCE_S = 5.0  # a solver that would take longer is not timed with more windows
 SOLVERS = ("mle", "ha", "lh")
 QUANTITIES = ("rotation_error", "direction_error", "normal_errors")
 OnProgress = Callable[[int, int], None]
@@ -43,8 +46,7 @@ class Trial:
 class Least:
     """What the Cramer-Rao bound leaves of the error measures in one scene, rad; slopes (m,) are the true ones.
 
-    rms : of rotation, direction and normals (m,), the least there can be.  mean : the same three, for errors that are
-    Gaussian and at the bound.
+    rms : of rotation, direction and normals (m,), the least there can be.  mean : of errors Gaussian and at the bound.
     """
 
     trajectory_deg: float
@@ -55,6 +57,7 @@ class Least:
     slopes: FloatArray
 
 
+Measures = tuple[float, float, FloatArray]  # of rotation, direction and normals (m,)
 Case = tuple[Least, list[Trial]]  # one scene: what can be reached, and what every solver reaches
 Work = tuple[StudyOptions, Camera, int, int]  # number of the trajectory, and of the terrain
 
@@ -93,9 +96,8 @@ def run_study(
 
     Parameters
     ----------
-    camera : of both images; None makes that of the options.
-    executors : each is given one piece of work at a time, which can be pickled; none: it is done here.
-    on_progress : called with trials done and trials in all.
+    camera : of both images; None makes that of the options.  executors : each is given one piece of work at a time,
+        which can be pickled; none: it is done here.  on_progress : called with trials done and trials in all.
 
     Raises
     ------
@@ -108,12 +110,8 @@ def run_study(
         answers[number] = answer
         if on_progress is not None:
             on_progress(len(answers) * len(options.noises_px), len(works) * len(options.noises_px))
-    cases = [
-        answers[i * options.terrains + k][noise]
-        for i in range(len(options.trajectories_deg))
-        for noise in range(len(options.noises_px))
-        for k in range(options.terrains)
-    ]
+    order = product(range(len(options.trajectories_deg)), range(len(options.noises_px)), range(options.terrains))
+    cases = [answers[i * options.terrains + k][noise] for i, noise, k in order]
     return Study(options, camera, [t for _, trials in cases for t in trials], [least for least, _ in cases])
 
 
@@ -139,9 +137,8 @@ def _answers(works: Sequence[Work], executors: Sequence[Executor]) -> Iterator[t
     if not executors:
         yield from ((number, run_terrain(*work)) for number, work in enumerate(works))
         return
-    left = iter(enumerate(works))
+    left, idle = iter(enumerate(works)), list(executors)
     under_way: dict[Future[list[Case]], tuple[int, Executor]] = {}
-    idle = list(executors)
     while True:
         for executor, (number, work) in zip(list(idle), left, strict=False):
             under_way[executor.submit(run_terrain, *work)] = number, executor
@@ -167,24 +164,25 @@ def run_terrain(options: StudyOptions, camera: Camera, trajectory: int, terrain:
 
 def study_scene(options: StudyOptions, camera: Camera, trajectory: int, noise: int, terrain: int) -> Scene:
     """The scene of one trial; trajectory and noise by their numbers."""
-    o = options
     return make_scene(
-        np.random.default_rng([o.seed, terrain]),
-        trajectory_deg=o.trajectories_deg[trajectory],
-        heading_deg=o.heading_deg,
-        baseline_over_height=o.baseline_over_height,
-        rotation_deg=o.rotation_deg,
-        noise_px=o.noises_px[noise],
-        noise1_px=o.noise1_px,
-        outliers=o.outliers,
-        noise_rng=np.random.default_rng([o.seed, terrain, trajectory, noise]),
-        camera=camera,
-        grid=o.grid,
-        points=o.points,
-        max_slope_deg=o.max_slope_deg,
-        height_spread=o.height_spread,
-        relief=o.relief,
+        np.random.default_rng([options.seed, terrain]),
+        trajectory_deg=options.trajectories_deg[trajectory],
+        heading_deg=options.heading_deg,
+        rotation_deg=options.rotation_deg,
+        noise_px=options.noises_px[noise],
+        noise1_px=options.noise1_px,
+        outliers=options.outliers,
+        noise_rng=np.random.default_rng([options.seed, terrain, trajectory, noise]),
+        grid=options.grid,
+        relief=options.relief,
+        **_scene_options(options, camera),
     )
+
+
+def _scene_options(options: StudyOptions, camera: Camera) -> dict[str, Any]:
+    """What all scenes of a study share, as options of `make_scene`."""
+    names = ("baseline_over_height", "points", "max_slope_deg", "height_spread")
+    return {"camera": camera, **{name: getattr(options, name) for name in names}}
 
 
 def run_trial(scene: Scene, solver: str, trajectory_deg: float, noise_px: float, terrain: int) -> Trial:
@@ -194,20 +192,9 @@ def run_trial(scene: Scene, solver: str, trajectory_deg: float, noise_px: float,
     except SlopemapError as error:
         nothing = np.full(len(scene.normals), np.nan)
         return Trial(solver, trajectory_deg, noise_px, terrain, np.nan, np.nan, nothing, 0, False, str(error))
-    return Trial(
-        solver,
-        trajectory_deg,
-        noise_px,
-        terrain,
-        float(rotation_angle(solution.R, scene.R)),
-        float(direction_angle(solution.T, scene.T)),
-        normal_angle(solution.scaled_normals, scene.normals),
-        solution.iterations,
-        solution.converged,
-    )
-
-
-Measures = tuple[float, float, FloatArray]
+    rotation, direction = rotation_angle(solution.R, scene.R), direction_angle(solution.T, scene.T)
+    errors = float(rotation), float(direction), normal_angle(solution.scaled_normals, scene.normals)
+    return Trial(solver, trajectory_deg, noise_px, terrain, *errors, solution.iterations, solution.converged)
 
 
 def _scaled(measures: Measures, factor: float) -> Measures:
@@ -259,18 +246,9 @@ class Spread(NamedTuple):
 
 def alignment_spread(options: StudyOptions, camera: Camera, noise_px: float = 0.3) -> Spread:
     """The paper's Figure 2: level flight along x without rotation, so that epipolar lines are parallel to x."""
-    scene = make_scene(
-        np.random.default_rng([options.seed, options.terrains]),
-        trajectory_deg=90.0,
-        baseline_over_height=options.baseline_over_height,
-        rotation_deg=0.0,
-        noise_px=noise_px,
-        camera=camera,
-        grid=(3, 3),
-        points=max(options.points, FEWEST_ALONE),
-        max_slope_deg=options.max_slope_deg,
-        height_spread=options.height_spread,
-    )
+    shared = _scene_options(replace(options, points=max(options.points, FEWEST_ALONE)), camera)
+    rng = np.random.default_rng([options.seed, options.terrains])
+    scene = make_scene(rng, trajectory_deg=90.0, rotation_deg=0.0, noise_px=noise_px, grid=(3, 3), **shared)
     own = [fit_homography(scene.x1[scene.patch == i], scene.x2[scene.patch == i]) for i in range(len(scene.normals))]
     solution = solve_planes(scene.x1, scene.x2, scene.patch, "ha")
     aligned = homography_of_plane(solution.R, solution.T, solution.scaled_normals)
@@ -279,10 +257,60 @@ def alignment_spread(options: StudyOptions, camera: Camera, noise_px: float = 0.
 
 
 def _images_of_middle(homographies: Sequence[FloatArray] | FloatArray, camera: Camera) -> FloatArray:
-    middle = np.zeros((1, 2))
-    images = np.array([apply_homography(H, middle)[0] for H in homographies]) * [camera.fx, camera.fy]
+    images = np.array([apply_homography(H, np.zeros((1, 2)))[0] for H in homographies]) * [camera.fx, camera.fy]
     return np.asarray(images - images.mean(axis=0))
 
 
 def _off_line(points: FloatArray) -> float:
     return float(np.linalg.svd(points - points.mean(axis=0), compute_uv=False)[-1] / np.sqrt(len(points)))
+
+
+# ---- Figure 6: time against the number of windows ----
+
+
+class Timing(NamedTuple):
+    """Processor time of one solver on one scene, the least of a few, seconds."""
+
+    solver: str
+    windows: int
+    seconds: float
+    iterations: int
+
+
+def measure_times(
+    options: StudyOptions, camera: Camera, on_progress: Callable[[int, int], None] | None = None
+) -> list[Timing]:
+    """Time of every solver on grids of 4, 16, ... windows; one that would take too long is left out from there on."""
+    sizes = list(takewhile(lambda windows: windows <= options.most_windows, (4**k for k in count(1))))
+    solvers = [s for s in options.solvers if s == "mle" or options.points >= FEWEST_ALONE]
+    timings: list[Timing] = []
+    for number, windows in enumerate(sizes):
+        side = round(np.sqrt(windows))
+        rng = np.random.default_rng([options.seed, windows])
+        scene = make_scene(rng, grid=(side, side), **_scene_options(options, camera))
+        timings += [_time(scene, s, windows) for s in solvers if _expected_s(timings, s) < PATIENCE_S]
+        if on_progress is not None:
+            on_progress(number + 1, len(sizes))
+    return timings
+
+
+def _expected_s(timings: Sequence[Timing], solver: str) -> float:
+    """Seconds with the next number of windows, if they grow as they did last time."""
+    own = [timing for timing in timings if timing.solver == solver]
+    if len(own) < 2:
+        return 0.0
+    if own[-1].windows != timings[-1].windows:
+        return np.inf  # left out already
+    return own[-1].seconds ** 2 / max(own[-2].seconds, 1e-6)
+
+
+def _time(scene: Scene, solver: str, windows: int) -> Timing:
+    best, iterations, spent = np.inf, 0, 0.0
+    for _ in range(3):
+        start = time.process_time()
+        iterations = solve_planes(scene.x1, scene.x2, scene.patch, solver).iterations  # type: ignore[arg-type]
+        taken = time.process_time() - start
+        best, spent = min(best, taken), spent + taken
+        if spent > PATIENCE_S / 2:
+            break
+    return Timing(solver, windows, best, iterations)

@@ -6,10 +6,8 @@ __getattr__, __dir__ = lazy_names(
     __name__,
     {
         "canvas": "LARGEST_PX SMALLEST_MAP_PX SMALLEST_PX",
-        "colormap": "slope_colours",
-        "label_text": "slope_text",
-        "lettering": "text_width wrapped",
-        "map_palette": "NO_REGION map_colours",
+        "colours": "NO_REGION map_colours slope_colours",
+        "lettering": "slope_text text_width wrapped",
         "outlines": "Footprint downhill_px footprints_of",
         "placement": "Placed place_labels",
     },

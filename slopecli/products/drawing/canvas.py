@@ -1,4 +1,4 @@
-"""Image 1 as background of a drawing: its scale, its colours, and the size of text on it."""
+"""Image 1 as background of a drawing: its scale, its colours, the size of text on it; pictures as PNG."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from slopecli.errors import InputError
 from slopecli.products.drawing.marks import Picture
 from slopecli.types import Image, Report
 
@@ -42,3 +43,26 @@ def resized(pixels: NDArray[np.uint8], scale: float) -> NDArray[np.uint8]:
 def converted(pixels: NDArray[np.uint8], code: int) -> NDArray[np.uint8]:
     """Return an image in other colours; `code` is one of OpenCV's."""
     return np.asarray(cv2.cvtColor(pixels, code), np.uint8)
+
+
+def encode_labels(report: Report, image: Image) -> bytes:
+    """Return the content of labels.png: the plane id of every pixel of image 1, 16 bits; 0 where there is no plane."""
+    # run lengths alone suit areas of one value: a third of the size, at the least effort
+    return _encode_png(report.labels, [cv2.IMWRITE_PNG_STRATEGY, cv2.IMWRITE_PNG_STRATEGY_RLE])
+
+
+def encode_picture(pixels: NDArray[np.uint8]) -> bytes:
+    """Encode a picture (h, w, 3) uint8 BGR; level 1 costs a tenth of the time of level 6 for a tenth more bytes.
+
+    To try all filters on every row would take as long again and gain nothing; OpenCV before 4.11 leaves no choice.
+    """
+    one_filter = [cv2.IMWRITE_PNG_FILTER, cv2.IMWRITE_PNG_FILTER_UP] if hasattr(cv2, "IMWRITE_PNG_FILTER") else []
+    return _encode_png(pixels, [cv2.IMWRITE_PNG_COMPRESSION, 1, *one_filter])
+
+
+def _encode_png(pixels: NDArray[np.uint8] | NDArray[np.uint16], parameters: list[int]) -> bytes:
+    done, buffer = cv2.imencode(".png", pixels, parameters)
+    if not done:
+        size = f"{pixels.shape[1]} x {pixels.shape[0]} px"
+        raise InputError(f"an image of {size} cannot be written as PNG; use a smaller one")
+    return buffer.tobytes()

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from slopecli.options import Options
 from slopecli.products.drawing import marks
-from slopecli.products.drawing.colormap import SLOPE_RANGE_DEG, slope_range_colours
+from slopecli.products.drawing.colours import SLOPE_RANGE_DEG, slope_range_colours
 from slopecli.products.drawing.lettering import LEADING, Text, text_width, wrapped, write
 from slopecli.products.drawing.marks import Picture
 from slopecli.report.second_root import margin
@@ -19,6 +19,7 @@ from slopecli.types import FloatArray, Report
 
 WARNING = (255, 224, 130)
 SIGN_WIDTH = 4.0  # of the text size, with the gap to the text
+ROW = 2.1  # height of a line over the text size
 UP_WORDS = {
     "camera": "the camera's axis, taken as vertical",
     "given": "the given up direction",
@@ -39,10 +40,6 @@ class Strip:
     u: float = 0.0
     v: float = 0.0
 
-    @property
-    def row(self) -> float:
-        return 2.1 * self.size
-
     def start(self, v: float) -> None:
         """Begin a line at a height."""
         self.u, self.v = self.size, v
@@ -51,14 +48,14 @@ class Strip:
         """Append a sign and its meaning, on the next line if this one is full."""
         length = SIGN_WIDTH * self.size + text_width(text, self.size)
         if self.u + length > self.width and self.u > self.size:
-            self.start(self.v + self.row)
+            self.start(self.v + ROW * self.size)
         self.signs.append((sign, np.array([self.u + 0.5 * (SIGN_WIDTH - 0.6) * self.size, self.v])))
-        self.note(text, self.u + SIGN_WIDTH * self.size)
+        self.note(text, self.u + SIGN_WIDTH * self.size, self.v)
         self.u += length + 1.3 * self.size
 
-    def note(self, text: str, u: float) -> None:
-        """Write on the current line."""
-        self.texts.append(Text((u, self.v), text, self.size, "lm", marks.INK, halo=None))
+    def note(self, text: str, u: float, v: float, anchor: str = "lm") -> None:
+        """Write a text at a place, anchored as `Text` is."""
+        self.texts.append(Text((u, v), text, self.size, anchor, marks.INK, halo=None))
 
 
 @dataclass(frozen=True)
@@ -82,9 +79,9 @@ def draw_sheet(
     strip.start(strip.size if bar is None else bar_v + bar_height + 3.1 * strip.size)
     for text, sign in entries:
         strip.add(text, sign)
-    strip.start(strip.v + strip.row if entries else strip.v)
+    strip.start(strip.v + ROW * strip.size if entries else strip.v)
     for line in wrapped(caption, strip.size, width - 2 * strip.size):
-        strip.note(line, strip.size)
+        strip.note(line, strip.size, strip.v)
         strip.v += LEADING * strip.size
     sheet = np.full((round(strip.v + 0.3 * strip.size), width, 3), marks.PAPER, np.uint8)
     if bar is not None:
@@ -97,23 +94,21 @@ def draw_sheet(
 def draw_legend(report: Report, width: int, text_px: int, with_focus: bool) -> Picture:
     """Draw the legend of the overlay, (h, width, 3) uint8 RGB: colours with the tolerance, signs, what up means."""
     low, high = SLOPE_RANGE_DEG
-    tolerance = tolerance_deg(report)
-    bar = ColourBar(
-        slope_range_colours,
-        [
-            ((tick - low) / (high - low), f"{tick:g}°{'+' if tick == high else ''}")
-            for tick in np.arange(low, high + 1, 5)
-        ],
-        ((tolerance - low) / (high - low), f"tolerance {tolerance:g}°") if low <= tolerance <= high else None,
-    )
-    return draw_sheet(width, text_px, _caption(report), bar, _entries(report, with_focus))
+    tolerance = float(report.options.get("tolerance_deg", Options.tolerance_deg))  # that the verdicts were made with
+    ticks = [((t - low) / (high - low), f"{t:g}°{'+' if t == high else ''}") for t in np.arange(low, high + 1, 5)]
+    mark = (tolerance - low) / (high - low), f"tolerance {tolerance:g}°"
+    bar = ColourBar(slope_range_colours, ticks, mark if low <= tolerance <= high else None)
+    return draw_sheet(width, text_px, _caption(report, tolerance), bar, _entries(report, with_focus))
 
 
 def draw_banner(report: Report, width: int, text_px: int) -> list[Picture]:
     """Draw the warning that a second answer fits too: one (h, width, 3) uint8 RGB strip, or none."""
     if report.ambiguity.status != "unresolved":
         return []
-    return [banner(_ambiguity_sentence(report), width, text_px)]
+    worse, remedy = margin(report.ambiguity, report.fit.n_inliers), report.ambiguity.resolve_with
+    advice = "" if remedy is None else f" Resolve it with {remedy}."
+    second = f'Two answers: a second motion, with the slopes after "or", fits these images as well{worse}.{advice}'
+    return [banner(second, width, text_px)]
 
 
 def banner(sentence: str, width: int, text_px: int) -> Picture:
@@ -125,24 +120,13 @@ def banner(sentence: str, width: int, text_px: int) -> Picture:
     return write(sheet, texts)
 
 
-def tolerance_deg(report: Report) -> float:
-    """Return the slope limit that the verdicts were made with."""
-    return float(report.options.get("tolerance_deg", Options.tolerance_deg))
-
-
-def _ambiguity_sentence(report: Report) -> str:
-    worse, remedy = margin(report.ambiguity, report.fit.n_inliers), report.ambiguity.resolve_with
-    advice = "" if remedy is None else f" Resolve it with {remedy}."
-    return f'Two answers: a second motion, with the slopes after "or", fits these images as well{worse}.{advice}'
-
-
-def _caption(report: Report) -> str:
+def _caption(report: Report, tolerance: float) -> str:
     confidence = float(report.options.get("confidence", Options.confidence))
     ruled_out = report.ambiguity.status == "resolved"
     second = f" A second motion is ruled out{margin(report.ambiguity, report.fit.n_inliers)}." if ruled_out else ""
     return (
         f"Patch: id, slope ± 1 sigma. Slope against {UP_WORDS[report.up.source]}. "
-        f"Safe, unsafe: below, above {tolerance_deg(report):g}° with probability {confidence:g} or more.{second}"
+        f"Safe, unsafe: below, above {tolerance:g}° with probability {confidence:g} or more.{second}"
     )
 
 
@@ -150,8 +134,8 @@ def _entries(report: Report, with_focus: bool) -> list[tuple[str, Sign]]:
     verdicts = ("safe", "undecided", "unsafe")
     entries: list[tuple[str, Sign]] = [(name, partial(swatch, name)) for name in verdicts]
     unknown = not all(plane.slope_known for plane in report.planes)
-    if report.rejected or unknown:
-        words = [*(["no answer"] if report.rejected else []), *(["slope not known"] if unknown else [])]
+    words = [word for word, found in (("no answer", report.rejected), ("slope not known", unknown)) if found]
+    if words:
         entries.append((" or ".join(words), partial(swatch, "rejected")))
     if any(plane.aspect_deg is not None and plane.slope_known for plane in report.planes):
         entries.append(("downhill", _arrow))
@@ -189,18 +173,13 @@ def _draw_bar(sheet: Picture, strip: Strip, top: float, height: float, bar: Colo
     for place, text in bar.ticks:
         u = left + place * (right - left)
         marks.stroke(sheet, np.array([[u, top + height], [u, top + height + 0.35 * strip.size]]), marks.INK, 1)
-        strip.texts.append(_bar_text(text, u, top + height + 1.1 * strip.size, strip))
+        strip.note(text, u, top + height + 1.1 * strip.size, "mm")
     if bar.mark is not None:
         place, text = bar.mark
         u, half = left + place * (right - left), 0.4 * strip.size
         marks.cased_stroke(sheet, np.array([[u, top - 2], [u, top + height + 2]]), marks.PAPER, 2)
         pointer = np.array([u, top]) + half * np.array([[-1.0, -1.6], [1.0, -1.6], [0.0, 0.0]])
         marks.fill(sheet, pointer, marks.HAZARD)
-        margin = 0.5 * text_width(text, strip.size) + 2
-        strip.texts.append(
-            _bar_text(text, float(np.clip(u, margin, strip.width - margin)), top - 1.4 * strip.size, strip)
-        )
-
-
-def _bar_text(text: str, u: float, v: float, strip: Strip) -> Text:
-    return Text((u, v), text, strip.size, "mm", marks.INK, halo=None)
+        aside = 0.5 * text_width(text, strip.size) + 2
+        middle = float(np.clip(u, aside, strip.width - aside))
+        strip.note(text, middle, top - 1.4 * strip.size, "mm")

@@ -1,20 +1,24 @@
-"""Text on pictures: its size and layout, and its drawing by Pillow."""
+"""Text on pictures: its size and layout, what labels of patches say, and its drawing by Pillow."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
 from typing import Any
 
 import numpy as np
 
 from slopecli.products.drawing.marks import INK, PAPER, Colour, Picture
-from slopecli.types import FloatArray
+from slopecli.products.drawing.outlines import Footprint
+from slopecli.types import AlternativePlane, FloatArray, Plane, Rejected
 
 LEADING = 1.22  # row height over font size
 MARGIN = 3.0  # px kept free around a label
+LARGEST, SMALLEST = 1.4, 0.62  # sizes of labels over that of the picture's text
+SMALLEST_TEXT_PX = 9  # legible
+UNKNOWN = "?"  # in place of a slope that is not known
 
 
 @dataclass(frozen=True)
@@ -72,19 +76,13 @@ def badge_centre(label: Label, centre: FloatArray) -> FloatArray:
 def write(picture: Picture, texts: Sequence[Text]) -> Picture:
     """Write texts on a picture and return it; those parts of it that texts lie on go through Pillow, not all of it."""
     for item in texts:
-        left, top, right, bottom = _reach(item)
-        left, top = max(left, 0), max(top, 0)
-        under = picture[top : max(bottom, 0), left : max(right, 0)]
+        (u, v), above = item.at, 2 * item.size
+        aside = math.ceil(text_width(item.text, item.size)) + item.size  # whichever point of the text is anchored
+        left, top = max(math.floor(u) - aside, 0), max(math.floor(v) - above, 0)
+        under = picture[top : max(math.ceil(v) + above, 0), left : max(math.ceil(u) + aside, 0)]
         if under.size:
-            under[:] = _lettered(under, item, (item.at[0] - left, item.at[1] - top))
+            under[:] = _lettered(under, item, (u - left, v - top))
     return picture
-
-
-def _reach(item: Text) -> tuple[int, int, int, int]:
-    """Left, top, right, bottom of what a text can touch, whichever of its points is anchored, px."""
-    u, v = item.at
-    aside, above = math.ceil(text_width(item.text, item.size)) + item.size, 2 * item.size
-    return math.floor(u) - aside, math.floor(v) - above, math.ceil(u) + aside, math.ceil(v) + above
 
 
 def _lettered(ground: Picture, item: Text, at: tuple[float, float]) -> Picture:
@@ -124,3 +122,65 @@ def _font(size: int) -> Any:
     from PIL import ImageFont
 
     return ImageFont.load_default(size)
+
+
+def slope_text(plane: Plane) -> tuple[str, str]:
+    """Return slope and sigma as "12.3°" and "± 0.4°"; "?" for a slope that is not known, "" for such a sigma."""
+    sigma = plane.slope_sigma_deg
+    if not math.isfinite(sigma):
+        return f"{plane.slope_deg:.1f}°", ""
+    digits = 0 if sigma >= 9.95 else 1 if sigma >= 0.095 else 2
+    slope = f"{plane.slope_deg:.{min(digits, 1)}f}°" if plane.slope_known else UNKNOWN
+    return slope, "± <0.01°" if 0 < sigma < 0.005 else f"± {sigma:.{digits}f}°"
+
+
+def full_labels(footprint: Footprint, text_px: int) -> list[Label]:
+    """Return labels with all that is known of a patch: large, small and, for a wide patch, in narrow rows."""
+    size, name = round(np.clip(footprint.size / 14, text_px, LARGEST * text_px)), str(footprint.item.id)
+    small = max(SMALLEST_TEXT_PX, round(0.8 * text_px))
+    if isinstance(footprint.item, Rejected):
+        return [Label((name, footprint.item.reason), height, "rejected") for height in (size, small)]
+    slope, sigma = slope_text(footprint.item)
+    if slope == UNKNOWN:
+        return [Label((f"{name} {UNKNOWN}", sigma), height, footprint.badge) for height in (size, small)]
+    other = footprint.other
+    notes = [] if other is None else [f"or {other.slope_deg:.1f}°" if other.slope_known else f"or {UNKNOWN}"]
+    notes += ["poor"] if footprint.item.status == "poor" else []
+    full = Label((name, f"{slope} {sigma}".strip(), *notes), size, footprint.badge)
+    labels = [full, replace(full, size=small)]
+    if sigma and footprint.size >= 6 * text_px:  # more rows would crowd a smaller patch
+        labels.append(replace(full, rows=(name, slope, sigma, *notes), size=small))
+    return labels
+
+
+def tiny_label(footprint: Footprint, text_px: int) -> Label:
+    """Return the label of a patch without room: id, whole degrees if it has a slope, and badge."""
+    item = footprint.item
+    second = (_degrees(item, footprint.other),) if isinstance(item, Plane) else ()
+    return Label((str(item.id), *second), _tiny(text_px), footprint.badge)
+
+
+def shorter_labels(footprint: Footprint, text_px: int) -> Iterator[list[Label]]:
+    """Yield labels with ever less than `full_labels`: id and whole degrees with and without badge, then the id."""
+    item = footprint.item
+    if isinstance(item, Plane):
+        slope = _degrees(item, footprint.other)
+        for badge in (footprint.badge, None):
+            rows = ((str(item.id), slope), (f"{item.id}: {slope}",))
+            yield [Label(one, _tiny(text_px), badge) for one in rows]
+    yield [number_label(footprint, text_px)]
+
+
+def number_label(footprint: Footprint, text_px: int) -> Label:
+    """Return the smallest label: the id."""
+    return Label((str(footprint.item.id),), _tiny(text_px))
+
+
+def _tiny(text_px: int) -> int:
+    return max(SMALLEST_TEXT_PX, round(SMALLEST * text_px))
+
+
+def _degrees(plane: Plane, other: AlternativePlane | None) -> str:
+    """Slope in whole degrees; both slopes where a second root is left."""
+    both = (plane,) if other is None else (plane, other)
+    return " or ".join(f"{one.slope_deg:.0f}°" if one.slope_known else UNKNOWN for one in both)

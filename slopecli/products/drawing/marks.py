@@ -64,13 +64,6 @@ def disc(picture: Picture, centre: FloatArray, radius: float, colour: Colour, wi
     cv2.circle(picture, (int(u), int(v)), round(radius * 2**SHIFT), colour, width, cv2.LINE_AA, SHIFT)
 
 
-def polygon_mask(points: FloatArray, shape: tuple[int, int]) -> NDArray[np.uint8]:
-    """Return (h, w) uint8, 255 inside the polygon."""
-    mask = np.zeros(shape, np.uint8)
-    cv2.fillPoly(mask, [fixed_point(points)], 255, cv2.LINE_8, SHIFT)
-    return mask
-
-
 def lay_over(picture: Picture, painted: Picture, cover: NDArray[np.uint8]) -> None:
     """Replace a picture by a painted one where `cover` (h, w) is 255, and mix them where it is between."""
     cv2.copyTo(painted, np.multiply(cover == 255, 255, dtype=np.uint8), picture)

@@ -14,8 +14,48 @@ from numpy.typing import NDArray
 
 from slopecli.geometry.camera import rays_from_pixels
 from slopecli.products.drawing import marks
-from slopecli.products.drawing.label_map import Mask, boxes_of, inner_distance, largest_piece, mask_of, outlines_of
-from slopecli.types import AlternativePlane, BoolArray, Camera, FloatArray, Plane, Rejected, Report
+from slopecli.types import AlternativePlane, BoolArray, FloatArray, Plane, Rejected, Report
+
+Mask = NDArray[np.uint8]
+Box = tuple[slice, slice]  # rows and columns
+
+
+def boxes_of(labels: NDArray[np.generic]) -> dict[int, Box]:
+    """Return the bounding box of every id in a label map (h, w), 0 left out, in the order of the ids."""
+    flat = labels.ravel()
+    order = np.argsort(flat, kind="stable")  # pixels of one id lie together, in reading order
+    ids, rows, columns = flat[order], *np.divmod(order, labels.shape[1])
+    starts = np.flatnonzero(np.r_[True, ids[1:] != ids[:-1]])
+    lefts, rights = np.minimum.reduceat(columns, starts), np.maximum.reduceat(columns, starts)
+    ends = np.r_[starts[1:], len(flat)] - 1
+    sides = np.column_stack([ids[starts], rows[starts], rows[ends] + 1, lefts, rights + 1]).tolist()
+    return {i: (slice(top, bottom), slice(left, right)) for i, top, bottom, left, right in sides if i != 0}
+
+
+def mask_of(labels: NDArray[np.generic], label: int) -> Mask:
+    """Return (h, w) uint8, 255 where the map has this id."""
+    return np.multiply(labels == label, 255, dtype=np.uint8)
+
+
+def inner_distance(mask: Mask) -> NDArray[np.float32]:
+    """Return (h, w) distance from every pixel of a mask to the nearest one outside it, or beyond its sides, px."""
+    distance = cv2.distanceTransform(np.pad(mask, 1), cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
+    return np.asarray(distance[1:-1, 1:-1], np.float32)
+
+
+def outlines_of(mask: Mask, step: float = 1.0) -> list[FloatArray]:
+    """Trace a mask (h, w): one closed outline (k, 2) px per piece, largest first, then one per hole.
+
+    They run along the centres of the outermost pixels, with staircases straightened, whose steps are `step` px high.
+    """
+    contours, hierarchy = cv2.findContours(mask, cv2.RETR_CCOMP, cv2.CHAIN_APPROX_NONE)
+    if hierarchy is None:
+        return []
+    hole = hierarchy.reshape(-1, 4)[:, 3] >= 0
+    tolerance = 0.7 * step  # steps of one pixel become the line they stand for
+    order = sorted(range(len(contours)), key=lambda i: (bool(hole[i]), -cv2.contourArea(contours[i])))
+    return [cv2.approxPolyDP(contours[i], tolerance, True).reshape(-1, 2).astype(float) for i in order]
+
 
 Pixel = TypeVar("Pixel", bound=np.generic)
 
@@ -24,8 +64,6 @@ Pixel = TypeVar("Pixel", bound=np.generic)
 class Pieces:
     """What a patch of any shape has beyond a polygon.
 
-    Attributes
-    ----------
     outlines : closed, (k, 2) picture px each, of all pieces and holes worth one.
     cover : (h, w) uint8, how much of a pixel the patch covers, 255 for all.
     ground : (h, w) uint8, 255 where label and arrow may lie: the largest piece, specks of no plane included.
@@ -44,8 +82,6 @@ class Pieces:
 class Footprint:
     """A patch on the picture.
 
-    Attributes
-    ----------
     polygon : (k, 2) picture px; of a patch in pieces the outline of the largest.
     mask : (h, w) uint8, 255 where the patch shows, of its bounding box, whose first pixel is `corner` (u, v).
     downhill : (2,) unit vector on the picture, None where undefined.
@@ -121,7 +157,9 @@ def footprints_of(report: Report, scale: float, shape: tuple[int, int], text_px:
     """
     regions = [plane for plane in report.planes if plane.found]
     windows = [plane for plane in report.planes if not plane.found]
-    labels = _labels_at(report, shape) if regions else np.zeros(shape, np.uint16)
+    labels = np.zeros(shape, np.uint16)
+    if regions:
+        labels = np.asarray(cv2.resize(report.labels, shape[::-1], interpolation=cv2.INTER_NEAREST_EXACT), np.uint16)
     polygons = _largest_first(_of_polygons(report, [*windows, *report.rejected], scale, labels))
     _share_ground(polygons, shape)
     if not regions:
@@ -145,27 +183,16 @@ def downhill_px(report: Report, plane: Plane, uv: FloatArray | None = None) -> F
     up, normal = np.array(report.up.vector_cam1), np.asarray(plane.normal_cam1)
     fall = (up @ normal) * normal - up
     middle = np.asarray(plane.polygon_px, float).mean(axis=0) if uv is None else uv
-    ray, ray_by_px = _ray_and_slope(report.cameras[0], middle)
+    ray, *beside = rays_from_pixels(report.cameras[0], middle + np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]]))
+    ray_by_px = (np.array(beside) - ray).T  # derivative, lens distortion included
     motion = fall[:2] - ray * fall[2]  # of the normalised coordinate, times depth
     direction = np.linalg.solve(ray_by_px, motion)
     length = np.linalg.norm(direction)
     return direction / length if length > 0 else None  # NaN where the lens has no ray compares false too
 
 
-def _ray_and_slope(camera: Camera, uv: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """(2,) normalised ray of a pixel and (2, 2) its derivative, lens distortion included."""
-    rays = rays_from_pixels(camera, uv + np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]]))
-    return rays[0], (rays[1:] - rays[0]).T
-
-
 def _largest_first(footprints: Iterable[Footprint]) -> list[Footprint]:
     return sorted(footprints, key=lambda footprint: -cv2.countNonZero(footprint.mask))
-
-
-def _labels_at(report: Report, shape: tuple[int, int]) -> NDArray[np.uint16]:
-    if report.labels.shape == shape:
-        return report.labels
-    return np.asarray(cv2.resize(report.labels, shape[::-1], interpolation=cv2.INTER_NEAREST_EXACT), np.uint16)
 
 
 def _of_polygons(
@@ -179,7 +206,8 @@ def _of_polygons(
         high = np.minimum(np.ceil(polygon.max(axis=0)).astype(int) + 1, labels.shape[::-1])
         if (high <= low).any():
             continue
-        mask = marks.polygon_mask(polygon - low, (int(high[1] - low[1]), int(high[0] - low[0])))
+        mask = np.zeros(tuple(high - low)[::-1], np.uint8)
+        cv2.fillPoly(mask, [marks.fixed_point(polygon - low)], 255, cv2.LINE_8, marks.SHIFT)
         mask[labels[low[1] : high[1], low[0] : high[0]] > 0] = 0
         downhill = downhill_px(report, item) if isinstance(item, Plane) else None
         if mask.any():
@@ -223,7 +251,8 @@ def _smoothed(mask: Mask, scale: float) -> Mask:
 
 def _pieces(mask: Mask, free: BoolArray, corner: tuple[int, int], step: float, text_px: int) -> Pieces:
     """Shape of a mask (h, w) whose first pixel is `corner`; `free` (h, w) is where no plane is."""
-    piece, outlines = largest_piece(mask), outlines_of(mask, step)
+    _, parts, stats, _ = cv2.connectedComponentsWithStats(mask)
+    piece, outlines = mask_of(parts, 1 + int(np.argmax(stats[1:, cv2.CC_STAT_AREA]))), outlines_of(mask, step)
     closing = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (text_px // 2 * 2 + 1,) * 2)
     ground = np.asarray(cv2.morphologyEx(piece, cv2.MORPH_CLOSE, closing), np.uint8)
     ground[~free & (piece == 0)] = 0
@@ -232,11 +261,6 @@ def _pieces(mask: Mask, free: BoolArray, corner: tuple[int, int], step: float, t
     cv2.fillPoly(cover, [marks.fixed_point(outline) for outline in outlines], 255, cv2.LINE_AA, marks.SHIFT)
     large = [outline for outline in outlines if cv2.contourArea(outline.astype(np.float32)) >= 0.25 * text_px**2]
     outlines = [outline + corner for outline in large or outlines[:1]]
-    return Pieces(outlines, cover, ground, _pole(depth) + corner, float(depth.max()))
-
-
-def _pole(depth: NDArray[np.float32]) -> FloatArray:
-    """(2,) u, v of the point deepest inside a region; of those nearly as deep the one nearest to their middle."""
     deep = np.argwhere(depth >= 0.95 * depth.max())  # a long region is deepest all along its middle line
-    offsets = deep - deep.mean(axis=0)
-    return deep[np.argmin((offsets**2).sum(axis=1)), ::-1].astype(float)
+    pole = deep[np.argmin(((deep - deep.mean(axis=0)) ** 2).sum(axis=1)), ::-1].astype(float)
+    return Pieces(outlines, cover, ground, pole + corner, float(depth.max()))

@@ -9,8 +9,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from slopecli.products.drawing.label_text import full_labels, number_label, shorter_labels, tiny_label
-from slopecli.products.drawing.lettering import Label
+from slopecli.products.drawing.lettering import Label, full_labels, number_label, shorter_labels, tiny_label
 from slopecli.products.drawing.outlines import Footprint
 from slopecli.types import FloatArray
 
@@ -66,29 +65,26 @@ def place_labels(
 
     Parameters
     ----------
-    footprints : patches on the picture.
-    obstacles : boxes that labels keep clear of.
-    shape : height and width of the picture, px.
-    text_px : size of the text.
+    footprints : patches on the picture.  obstacles : boxes that labels keep clear of.
+    shape : height and width of the picture, px.  text_px : size of the text.
     """
     ground = np.full(shape, 255, np.uint8)
-    if any(footprint.pieces is not None for footprint in footprints):
-        return _place(
-            footprints,
-            obstacles,
-            lambda footprint, taken: _place_what_fits(footprint, taken, text_px),
-            lambda footprint, taken: _place_number(footprint, ground, taken, text_px),
-        )
-    for footprint in footprints:
-        footprint.crop(ground)[footprint.mask > 0] = 0
-    return _place(
-        footprints,
-        obstacles,
-        lambda footprint, taken: _place_inside(footprint, full_labels(footprint, text_px), taken, footprint.downhill),
-        lambda footprint, taken: (
-            _place_beside(footprint, ground, taken, text_px) or _place_tiny(footprint, taken, text_px)
-        ),
-    )
+
+    def in_region(one: Footprint, taken: Sequence[Box]) -> Placed | None:
+        fuller = (full_labels(one, text_px), *shorter_labels(one, text_px))
+        return next(filter(None, (_place_with_or_without_arrow(one, labels, taken) for labels in fuller)), None)
+
+    def in_window(one: Footprint, taken: Sequence[Box]) -> Placed | None:
+        return _place_inside(one, full_labels(one, text_px), taken, one.downhill)
+
+    def near_window(one: Footprint, taken: Sequence[Box]) -> Placed:
+        return _place_beside(one, ground, taken, text_px) or _place_tiny(one, taken, text_px)
+
+    if any(one.pieces is not None for one in footprints):
+        return _place(footprints, obstacles, in_region, lambda one, taken: _place_number(one, ground, taken, text_px))
+    for one in footprints:
+        one.crop(ground)[one.mask > 0] = 0
+    return _place(footprints, obstacles, in_window, near_window)
 
 
 def place_numbers(footprints: Sequence[Footprint], shape: tuple[int, int], text_px: int) -> list[Placed]:
@@ -119,15 +115,6 @@ def _place(footprints: Sequence[Footprint], obstacles: Sequence[Box], inside: In
     return placed
 
 
-def _place_what_fits(footprint: Footprint, taken: Sequence[Box], text_px: int) -> Placed | None:
-    """Fullest label that fits into the patch, with its arrow if that fits too."""
-    for labels in (full_labels(footprint, text_px), *shorter_labels(footprint, text_px)):
-        one = _place_with_or_without_arrow(footprint, labels, taken)
-        if one is not None:
-            return one
-    return None
-
-
 def _place_with_or_without_arrow(footprint: Footprint, labels: Sequence[Label], taken: Sequence[Box]) -> Placed | None:
     return _place_inside(footprint, labels, taken, footprint.downhill) or _place_inside(footprint, labels, taken, None)
 
@@ -137,8 +124,9 @@ def _place_inside(
 ) -> Placed | None:
     """First label that fits into the patch together with an arrow along `downhill`, the pair as central as can be."""
     for label in labels:
-        if not _may_fit(footprint, label):
-            continue
+        wide = footprint.pieces is None or label.extent.min() <= 2 * footprint.pieces.radius
+        if not wide or label.extent.prod() > footprint.size**2:
+            continue  # which spares looking for a place
         tail, least = _arrow_from(label, downhill)
         points = np.array([-label.extent / 2, label.extent / 2, tail + least])
         low, high = points.min(axis=0), points.max(axis=0)
@@ -149,12 +137,6 @@ def _place_inside(
             length = 0.0 if downhill is None else _arrow_length(footprint, downhill, centre + tail, label.size)
             return Placed(footprint, label, centre, centre + tail, length)
     return None
-
-
-def _may_fit(footprint: Footprint, label: Label) -> bool:
-    """Whether a patch is large and wide enough for a label, which spares looking for its place."""
-    wide = footprint.pieces is None or label.extent.min() <= 2 * footprint.pieces.radius
-    return wide and bool(label.extent.prod() <= footprint.size**2)
 
 
 def _arrow_from(label: Label, downhill: FloatArray | None) -> tuple[FloatArray, FloatArray]:
@@ -181,17 +163,17 @@ def _place_beside(footprint: Footprint, free: NDArray[np.uint8], taken: Sequence
     centre = _room_near(footprint, free, (low, high), label.extent + 0.5 * text_px, taken)
     if centre is None:
         return None
-    if footprint.downhill is None:
-        return Placed(footprint, label, centre, footprint.centre, 0.0, outside=True)
-    length = 0.7 * footprint.size
-    return Placed(footprint, label, centre, footprint.centre - 0.5 * length * footprint.downhill, length, outside=True)
+    length = 0.0 if footprint.downhill is None else 0.7 * footprint.size
+    tail = footprint.centre if footprint.downhill is None else footprint.centre - 0.5 * length * footprint.downhill
+    return Placed(footprint, label, centre, tail, length, outside=True)
 
 
 def _place_tiny(footprint: Footprint, taken: Sequence[Box], text_px: int) -> Placed:
     """Id and whole degrees for a small patch among others, with the arrow only where it fits."""
     label = tiny_label(footprint, text_px)
-    inside = _place_with_or_without_arrow(footprint, [label], taken)
-    return inside or Placed(footprint, label, footprint.centre, footprint.centre, 0.0)
+    return _place_with_or_without_arrow(footprint, [label], taken) or Placed(
+        footprint, label, footprint.centre, footprint.centre, 0.0
+    )
 
 
 def _place_number(footprint: Footprint, ground: NDArray[np.uint8], taken: Sequence[Box], text_px: int) -> Placed:
@@ -251,8 +233,7 @@ def find_room(
     if not len(rows):
         return None
     centres = (np.column_stack([columns, rows]) + 0.5) * step - 0.5 + corner
-    best: FloatArray = centres[np.argmin(((centres - wish) ** 2).sum(axis=1))]
-    return best
+    return np.asarray(centres[np.argmin(((centres - wish) ** 2).sum(axis=1))])
 
 
 def _in_cells(taken: Sequence[Box], corner: FloatArray, shape: tuple[int, ...], step: float) -> NDArray[np.int64]:
@@ -260,8 +241,7 @@ def _in_cells(taken: Sequence[Box], corner: FloatArray, shape: tuple[int, ...], 
     boxes = (np.array(taken, float).reshape(-1, 4) - np.tile(corner, 2)) / step
     ends = np.tile(np.array(shape[1::-1]) / step, 2)
     cells = np.clip(np.column_stack([np.floor(boxes[:, :2]), np.ceil(boxes[:, 2:])]), 0, np.ceil(ends)).astype(np.int64)
-    touching: NDArray[np.int64] = cells[(cells[:, 2:] > cells[:, :2]).all(axis=1)]
-    return touching
+    return np.asarray(cells[(cells[:, 2:] > cells[:, :2]).all(axis=1)])
 
 
 def box_around(centre: FloatArray, extent: FloatArray) -> Box:

@@ -1,17 +1,51 @@
-"""Colours for a map of regions: few and distinct, never the same for two neighbours (graph colouring)."""
+"""Colours of slopes, in one fixed range for all files, and of a map of regions, where neighbours differ."""
 
 from __future__ import annotations
 
 import heapq
+from functools import lru_cache
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
-from slopecli.types import IntArray
+from slopecli.types import FloatArray
 
-HUES = 12
+SLOPE_RANGE_DEG = (0.0, 30.0)  # twice the usual tolerance of landers; fixed, never stretched to the data
+HUES = 12  # of a map of regions
 NO_REGION = (30, 30, 34)
+
+
+def slope_colours(slope_deg: ArrayLike) -> NDArray[np.uint8]:
+    """Colour slopes by cividis, which reads the same with and without colour-vision deficiency.
+
+    Source: Nunez, Anderton, Renslow, "Optimizing colormaps with consideration for color vision deficiency", 2018.
+
+    Parameters
+    ----------
+    slope_deg : (n,) slopes in degrees; those outside `SLOPE_RANGE_DEG` take the colour of the nearer end.
+
+    Returns
+    -------
+    (n, 3) uint8 RGB.
+    """
+    low, high = SLOPE_RANGE_DEG
+    fraction = np.clip((np.atleast_1d(np.asarray(slope_deg, float)) - low) / (high - low), 0.0, 1.0)
+    level = np.rint(255.0 * fraction).astype(np.uint8)
+    return _cividis()[level]
+
+
+def slope_range_colours(places: FloatArray) -> NDArray[np.uint8]:
+    """Return colours (n, 3) uint8 RGB along `SLOPE_RANGE_DEG`; places (n,) run from 0 at its low end to 1."""
+    low, high = SLOPE_RANGE_DEG
+    return slope_colours(low + places * (high - low))
+
+
+@lru_cache(maxsize=1)
+def _cividis() -> NDArray[np.uint8]:
+    """(256, 3) RGB of every level; OpenCV makes the map anew at every call."""
+    levels = np.arange(256, dtype=np.uint8)[:, None]  # (n, 1): OpenCV 4 and 5 differ on 1-D input
+    return np.ascontiguousarray(cv2.applyColorMap(levels, cv2.COLORMAP_CIVIDIS)[:, 0, ::-1])
 
 
 def map_colours(labels: NDArray[np.int32]) -> NDArray[np.uint8]:
@@ -59,18 +93,12 @@ def _neighbours(labels: NDArray[np.int32]) -> list[set[int]]:
     owner = np.zeros(int(nearest.max()) + 1, np.int64)
     owner[nearest[labels > 0]] = labels[labels > 0]
     filled = owner[nearest]
-    for a, b in _unlike_pairs(filled, len(found)):
+    sides = ((filled[:, 1:], filled[:, :-1]), (filled[1:], filled[:-1]))  # side by side, one above the other
+    codes = np.unique(np.concatenate([a[a != b] * len(found) + b[a != b] for a, b in sides]))
+    for a, b in np.column_stack(np.divmod(codes, len(found))).tolist():
         found[a].add(b)
         found[b].add(a)
     return found
-
-
-def _unlike_pairs(labels: IntArray, count: int) -> list[list[int]]:
-    """Pairs of different ids side by side or one above the other."""
-    sides = ((labels[:, 1:], labels[:, :-1]), (labels[1:], labels[:-1]))
-    codes = np.unique(np.concatenate([a[a != b] * count + b[a != b] for a, b in sides]))
-    pairs: list[list[int]] = np.column_stack(np.divmod(codes, count)).tolist()
-    return pairs
 
 
 def _smallest_last(neighbours: list[set[int]]) -> list[int]:
