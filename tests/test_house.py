@@ -131,6 +131,13 @@ def test_modules_stay_short(path: Path) -> None:
     assert len(path.read_text(encoding="utf-8").splitlines()) <= 350
 
 
+@pytest.mark.parametrize("path", MODULES, ids=name_of)
+def test_functions_stay_short(path: Path) -> None:
+    for node in ast.walk(parse(path)):
+        if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef):
+            assert (node.end_lineno or 0) - node.lineno < 50, f"{name_of(path)}:{node.lineno} {node.name}"
+
+
 def test_no_module_name_stands_in_two_rooms() -> None:
     """The modules of the command line are named after its commands."""
     names = [path.stem for path in MODULES if not path.stem.startswith("__") and room_of(path) != "cli"]

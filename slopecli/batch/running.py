@@ -47,21 +47,16 @@ def run(
     """Estimate many pairs and write the results to one folder, in which finished pairs are kept.
 
     Each pair has a folder in `directory` as `slopemap estimate -o` writes it; beside them are summary.csv,
-    results.jsonl and index.html. A run that was stopped in any way can be continued by the same call.
+    results.jsonl and index.html. The same call continues a stopped run. Returns outcomes in the order of `pairs`.
 
     Parameters
     ----------
     keep : the user's choices of files, of `slopecli.products.CHOICES`.
     jobs : number of worker processes on this machine; None: one a core.
     timeout_s : time limit of a pair.  memory_gb : memory limit of a worker, 1e9 bytes (Linux).
-    cluster : address of the scheduler of a Dask cluster that is used instead of this machine.
-    executor : any executor that is used instead: of mpi4py, dask-jobqueue, ...
+    cluster : scheduler's address of a Dask cluster that is used instead.  executor : any executor, likewise.
     ship : send images to the workers, and files back, for workers that cannot open the paths of this machine.
     on_progress : called after every pair.
-
-    Returns
-    -------
-    The outcomes, in the order of `pairs`.
 
     Raises
     ------

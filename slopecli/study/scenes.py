@@ -171,12 +171,10 @@ def make_ground(
 
     Parameters
     ----------
-    camera : of both images, distorted or not; None takes the paper's.
-    grid : (columns, rows) of patches.  points : of each patch.
+    camera : of both images, distorted or not; None: the paper's.  grid : (columns, rows) of patches, each of `points`.
     slopes_deg : slope of each patch, row by row; None draws them uniformly from 0..max_slope_deg.
     height_spread : patch centres lie this part of the height above or below the nominal ground, uniformly.
-    relief : RMS height of the points off their plane over the distance of the plane.
-    free_points : points on no plane, depths within 20 % of the nominal.
+    relief : RMS height of points off their plane over its distance.  free_points : on no plane, depths within 20 %.
 
     Raises
     ------
