@@ -20,7 +20,6 @@ from slopecli.look import (
     cut,
     detrend,
     gain_between,
-    make_view,
     normalise,
     sample_map,
     shrink,
@@ -34,7 +33,7 @@ BROWN = make_camera(model="brown", distortion=(-0.25, 0.08, 0.001, -0.001))
 
 
 def view_of(pair: Pair, window: tuple[int, int, int, int] = WINDOW, max_pixels: float = 1e7) -> View:
-    return make_view(
+    return View(
         cut(Layer(*shrink(pair.grey1, max_pixels)), *window),
         lambda uv: rays_from_pixels(pair.camera1, uv),
         lambda x: pixels_from_rays(pair.camera2, x),
@@ -228,8 +227,8 @@ def test_correlation_is_one_for_alike_and_minus_one_where_hardly_anything_is_see
 
 def test_views_do_not_change_what_they_are_made_of() -> None:
     view = view_of(render(R, T, [GROUND]))
-    rays, pixels = view.rays.copy(), view.grid.grey.copy()
+    rays, pixels = view.pixels.rays.copy(), view.grid.grey.copy()
     align_plane(view, 1.01 * GROUND)
     cell_shifts(view, GROUND, 10)
-    assert np.array_equal(view.rays, rays)
+    assert np.array_equal(view.pixels.rays, rays)
     assert np.array_equal(view.grid.grey, pixels)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scenery import Pair, Surface, make_camera, pixel_grid, render, tilted, turn, unit
 
-from slopecli.look import Scene, build_scene, feature_matchers, find_motions
+from slopecli.look import Images, Scene, build_scene, feature_matchers, find_motions
 from slopecli.patches import Patch, region_footprints
 from slopecli.patches.regions import REGION, match_labelled, match_regions, region_cells
 from slopecli.types import FloatArray
@@ -26,8 +26,9 @@ def seen() -> tuple[Pair, Scene, np.ndarray]:
     """Ground, a wall and a bare platform; what is known of the pair; the true label map."""
     surfaces = [Surface(GROUND), Surface(WALL, WALL_BOX), Surface(BARE, BARE_BOX, contrast=0.0)]
     pair = render(R, T, surfaces, camera1=make_camera(480, 360), noise=1.0)
-    sparse = find_motions(pair.grey1, pair.grey2, pair.camera1, pair.camera2, feature_matchers("sift"), 0)
-    scene, _ = build_scene(pair.grey1, pair.grey2, pair.camera1, pair.camera2, sparse)
+    images = Images(pair.grey1, pair.grey2, pair.camera1, pair.camera2)
+    sparse = find_motions(images, feature_matchers("sift"), 0)
+    scene, _ = build_scene(images, sparse)
     labels = 1 + pair.surface_at(pixel_grid(480, 360).reshape(-1, 2)).reshape(360, 480)
     return pair, scene, labels.astype(np.int32)
 
@@ -81,8 +82,9 @@ def test_a_region_a_cell_wide_leaves_its_tilt_open() -> None:
 def test_cells_are_no_worse_than_their_sigmas_say_whatever_the_size_of_image_2(size: float) -> None:
     other = make_camera(int(320 * size), int(240 * size))
     pair = render(R, T, [GROUND], camera1=make_camera(), camera2=other, noise=1.0)
-    sparse = find_motions(pair.grey1, pair.grey2, pair.camera1, pair.camera2, feature_matchers("sift"), 0)
-    scene, _ = build_scene(pair.grey1, pair.grey2, pair.camera1, pair.camera2, sparse)
+    images = Images(pair.grey1, pair.grey2, pair.camera1, pair.camera2)
+    sparse = find_motions(images, feature_matchers("sift"), 0)
+    scene, _ = build_scene(images, sparse)
     cells, _ = region_cells(scene.cells, scene)
     assert len(cells) > 500
     off = cells.rows @ GROUND - cells.target

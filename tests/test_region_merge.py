@@ -9,7 +9,7 @@ import pytest
 from scenery import Surface, make_camera, pixel_grid, render, tilted, turn, unit
 
 from slopecli.geometry import normal_angle, pixels_from_rays, rays_from_pixels
-from slopecli.look import Comparison, Grid, Pyramid
+from slopecli.look import Comparison, Grid, Pyramid, View
 from slopecli.patches.regions import Labelled, merged, refitted
 from slopecli.types import FloatArray
 
@@ -24,7 +24,7 @@ def seen() -> tuple[Comparison, np.ndarray]:
     """Ground with a step, and its true labels 1, 2."""
     camera = make_camera()
     pair = render(R, T, [Surface(GROUND), Surface(STEP, STEP_BOX)], camera1=camera, noise=1.0)
-    comparison = Comparison(
+    view = View(
         Grid(pair.grey1, 0.0, 0.0, np.ones(2)),
         lambda uv: rays_from_pixels(camera, uv),
         lambda rays: pixels_from_rays(camera, rays),
@@ -32,8 +32,8 @@ def seen() -> tuple[Comparison, np.ndarray]:
         T,
         Pyramid(pair.grey2),
         pair.grey2.shape,
-        (camera.focal_px, camera.focal_px),
     )
+    comparison = Comparison(view, (camera.focal_px, camera.focal_px))
     labels = 1 + pair.surface_at(pixel_grid(320, 240).reshape(-1, 2)).reshape(240, 320)
     labels[:, :60] = 0  # image 2 does not show it
     return comparison, labels.astype(np.int32)

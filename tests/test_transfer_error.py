@@ -14,7 +14,7 @@ from slopecli.geometry import (
     pixels_from_rays,
     rays_from_pixels,
 )
-from slopecli.look import DIFFERENCE_GREY, OUTSIDE, TRUNCATED_COST, Comparison, Grid, Pyramid, shrink
+from slopecli.look import DIFFERENCE_GREY, OUTSIDE, TRUNCATED_COST, Comparison, Grid, Pyramid, View, shrink
 from slopecli.types import Camera
 
 R, T = turn(0.5, 1.0, 0.3), unit(1.0, 0.2, 0.1)
@@ -29,7 +29,7 @@ def comparison_of(
 ) -> Comparison:
     pair = render(R, T, [TRUE], noise=noise, camera1=camera, camera2=camera2 or camera)
     grey, scale = shrink(pair.grey1, pixels)
-    return Comparison(
+    view = View(
         Grid(grey, 0.0, 0.0, scale),
         lambda uv: rays_from_pixels(pair.camera1, uv),
         lambda rays: pixels_from_rays(pair.camera2, rays),
@@ -37,8 +37,8 @@ def comparison_of(
         T,
         Pyramid(pair.grey2),
         pair.grey2.shape,
-        (pair.camera1.focal_px, pair.camera2.focal_px),
     )
+    return Comparison(view, (pair.camera1.focal_px, pair.camera2.focal_px))
 
 
 @pytest.mark.parametrize("camera", [None, LENS], ids=["pinhole", "lens"])

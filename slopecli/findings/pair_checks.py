@@ -9,7 +9,7 @@ from slopecli.findings.facts import PairFacts
 from slopecli.findings.wording import finding
 from slopecli.geometry.epipolar import homogeneous
 from slopecli.geometry.motion import LensMisfit
-from slopecli.look.lens import lens_misfit
+from slopecli.look.changes import lens_misfit
 from slopecli.types import Camera, Diagnostic, FloatArray, Image
 
 FEW_FEATURES = 60  # in an image with hardly any texture

@@ -1,5 +1,6 @@
-"""Areas of image 1 that changed between the images: ground that became brighter or darker, and things that moved.
+"""Dense matches of a scene that contradict it: areas that changed between the images, and the camera file's lens model.
 
+Areas change where ground became brighter or darker, and where things moved.
 Noise, mismatches and occlusions are small or scattered; a shadow or a vehicle is one connected area. Both are searched
 for in cells over all of image 1; the robust solution copes with areas below `LEAST_AREA`.
 """
@@ -12,14 +13,13 @@ from typing import Literal
 import cv2
 import numpy as np
 
-from slopecli.geometry.motion import epipolar_residual, inverse_depth
+from slopecli.geometry.motion import LensMisfit, epipolar_residual, find_lens_misfit, inverse_depth
 from slopecli.geometry.statistics import median, robust_least_squares
 from slopecli.look.matches import pair_rays, thin
-from slopecli.look.noise import NOISE_GREY
+from slopecli.look.noise import NOISE_GREY, SYSTEMATIC_PX
 from slopecli.look.overview import CELL, sparse_transfer
 from slopecli.look.photometric import detrend
 from slopecli.look.scene import Scene
-from slopecli.look.scene_from_images import MIN_INFORMATION
 from slopecli.look.warp import FloatImage, Grid, covered, cut, resample, transfer_map
 from slopecli.types import BoolArray, FloatArray
 
@@ -120,10 +120,25 @@ def _motion(scene: Scene) -> Change:
     w, leverage = inverse_depth(scene.R, scene.T, x1, x2)
     off = np.abs(epipolar_residual(scene.R, scene.T, x1, x2)) * focal_px > CONTRADICTING_PX
     behind = w * leverage * focal_px < -CONTRADICTING_PX
-    sharp = np.linalg.eigvalsh(cells.information)[:, 0] > MIN_INFORMATION
-    contradicting = imaged & (off | behind) & sharp & (cells.agreement > 0.5)
+    contradicting = imaged & (off | behind) & cells.textured & (cells.agreement > 0.5)
     size = np.array(scene.shape1) * scene.pyramid1.overview_scale[::-1]
     mask = np.zeros((size / CELL).astype(int) + 1, bool)
     mask[tuple(cells.index[contradicting].T)] = True
     chosen = contradicting & _connected(mask)[tuple(cells.index.T)]
     return Change("motion", cells.uv1[chosen], CELL**2 / float(size.prod()))
+
+
+# ---- lens model ----
+
+
+def lens_misfit(scene: Scene) -> LensMisfit | None:
+    """The radial term by which the lens clearly differs from the camera file, or None.
+
+    Uses at most 1200 matches of the overview, mismatches included, spread over the image.
+    """
+    cells, focal_px = scene.cells, scene.camera2.focal_px
+    some = thin(cells.uv1, np.flatnonzero(cells.textured), 1200)
+    x1, x2, imaged = pair_rays(scene.camera1, scene.camera2, cells.uv1[some], cells.uv2[some])
+    # one radial term does not model a lens further off its axis
+    near = imaged & (np.linalg.norm(x1, axis=1) < 1.5) & (np.linalg.norm(x2, axis=1) < 1.5)
+    return find_lens_misfit(scene.R, scene.T, x1[near], x2[near], SYSTEMATIC_PX / focal_px)

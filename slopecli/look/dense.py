@@ -6,7 +6,8 @@ corner, as corners lie on ridges and would bias the slope of a window.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any
 
 import cv2
@@ -46,15 +47,14 @@ class Cells:
 
     def take(self, keep: NDArray[np.bool_]) -> Cells:
         """The cells where `keep` (n,) is true."""
-        return Cells(
-            self.uv1[keep],
-            self.uv2[keep],
-            self.information[keep],
-            self.index[keep],
-            self.share[keep],
-            self.agreement[keep],
-            self.pixel_scale,
-        )
+        names = ("uv1", "uv2", "information", "index", "share", "agreement")
+        return replace(self, **{name: getattr(self, name)[keep] for name in names})
+
+    @cached_property
+    def textured(self) -> NDArray[np.bool_]:
+        """(n,) whether noise hardly moves the match."""
+        # grey^2/px^2, smaller eigenvalue of the structure tensor
+        return np.asarray(np.linalg.eigvalsh(self.information)[:, 0] > 100.0)
 
 
 def flow(image1: Grey, image2: Grey, finest: int, smoothings: int = FULL_SMOOTHINGS) -> FloatImage:
@@ -102,30 +102,20 @@ def dense_cells(
     inside &= valid & covered(target, shape2)
     found, points = _at(pulled, qx, qy), np.stack([x, y], -1)
 
+    def checked(back: FloatImage) -> tuple[Cells, NDArray[np.bool_]]:
+        """The cells of the pixels where forward and backward flow cancel to within 0.6 px along either axis; those."""
+        closes = (np.abs(forward + _at(back, qx, qy)) < 0.6).all(axis=-1)
+        return _collect(grid, inside & closes, points, target, found, cell), closes[inside]
+
     # backward flow is only a check: first at half the resolution, for a fourth of the time, then as fine if in doubt
-    closes = _closes(forward, _at(flow(pulled, grid.grey, finest + 1, 0), qx, qy))
-    cells = _collect(grid, inside & closes, points, target, found, cell)
-    if _are_clear(cells, closes[inside]):
-        return cells
-    closes = _closes(forward, _at(flow(pulled, grid.grey, finest, smoothings), qx, qy))
-    return _collect(grid, inside & closes, points, target, found, cell)
+    cells, closes = checked(flow(pulled, grid.grey, finest + 1, 0))
+    clear = len(cells) and closes.mean() >= CLOSED_SHARE and np.quantile(cells.agreement, 0.1) > CLEAR_AGREEMENT
+    return cells if clear else checked(flow(pulled, grid.grey, finest, smoothings))[0]
 
 
 def _at(values: NDArray[Any], x: FloatImage, y: FloatImage) -> NDArray[Any]:
     """Values (h, w, ...) of a grid at points (h, w) of it, bilinear, of the same type."""
     return np.asarray(cv2.remap(values, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE))
-
-
-def _closes(forward: FloatImage, back: FloatImage) -> NDArray[np.bool_]:
-    """(h, w) whether forward and backward flow cancel to within 0.6 px along either axis."""
-    return np.asarray((np.abs(forward + back) < 0.6).all(axis=-1))
-
-
-def _are_clear(cells: Cells, closes: NDArray[np.bool_]) -> bool:
-    """Whether nearly all pixels have consistent flow and nearly all cells agree in grey values."""
-    if not len(cells) or closes.mean() < CLOSED_SHARE:
-        return False
-    return float(np.quantile(cells.agreement, 0.1)) > CLEAR_AGREEMENT
 
 
 def _collect(
@@ -145,22 +135,16 @@ def _collect(
     def means(*layers: FloatImage) -> FloatArray:
         return sums(*layers) / count[keep, None]
 
-    grey = means(first, second, first * first, second * second, first * second)
+    layers = (first, second, first * first, second * second, first * second)
+    mean1, mean2, square1, square2, product = means(*layers).T
+    variance1 = np.maximum(square1 - mean1**2, ROUNDING_GREY**2)
+    variance2 = np.maximum(square2 - mean2**2, ROUNDING_GREY**2)
     return Cells(
         uv1=grid.full(means(points[..., 0], points[..., 1])),
         uv2=means(target[..., 0], target[..., 1]),
         information=sums(gx * gx, gx * gy, gx * gy, gy * gy).reshape(-1, 2, 2),
         index=np.stack(np.divmod(np.flatnonzero(keep), grid.shape[1] // cell), -1),
         share=share[keep],
-        agreement=_correlation(*grey.T),
+        agreement=(product - mean1 * mean2) / np.sqrt(variance1 * variance2),
         pixel_scale=grid.mean_scale,
     )
-
-
-def _correlation(
-    mean1: FloatArray, mean2: FloatArray, square1: FloatArray, square2: FloatArray, product: FloatArray
-) -> FloatArray:
-    """(n,) correlation from the means of two values, of their squares and of their product."""
-    variance1 = np.maximum(square1 - mean1**2, ROUNDING_GREY**2)
-    variance2 = np.maximum(square2 - mean2**2, ROUNDING_GREY**2)
-    return np.asarray((product - mean1 * mean2) / np.sqrt(variance1 * variance2))

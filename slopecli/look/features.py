@@ -4,15 +4,25 @@ from __future__ import annotations
 
 import hashlib
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from slopecli.types import FloatArray, IntArray
+from slopecli.types import Camera, FloatArray, IntArray
 
 Grey = NDArray[np.uint8]
 Descriptors = NDArray[np.float32]
+
+
+class Images(NamedTuple):
+    """Grey values and cameras of a pair."""
+
+    grey1: Grey
+    grey2: Grey
+    camera1: Camera
+    camera2: Camera
 
 
 @dataclass(frozen=True)

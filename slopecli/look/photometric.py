@@ -7,6 +7,7 @@ determines it.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import NamedTuple
 
 import cv2
@@ -29,7 +30,7 @@ from slopecli.look.warp import (
     sample_layer,
     transfer_map,
 )
-from slopecli.types import FloatArray
+from slopecli.types import FloatArray, IntArray
 
 MIN_SEEN = 0.3  # share of the pixels that must lie in image 2 for a plane to be aligned or scored on them
 MAX_STEP_PX = 1.0  # largest displacement by a Gauss-Newton step: the range in which an image is about linear
@@ -38,54 +39,55 @@ SETTLED_PX = 0.01  # a step that displaces no pixel by more ends the alignment
 TILTS = ((0.0, 0.0), *((a * t, b * t) for t in (1.0, 2.5) for a, b in ((1, 0), (-1, 0), (0, 1), (0, -1))))
 
 
+class Bundle(NamedTuple):
+    """Homogeneous rays (n, 3) of image 1, in the axes of camera 1 and of camera 2."""
+
+    rays: FloatArray
+    turned: FloatArray
+
+    def take(self, index: IntArray) -> Bundle:
+        """The rays of these indices."""
+        return Bundle(self.rays[index], self.turned[index])
+
+
 @dataclass(frozen=True, eq=False)
 class View:
-    """A working grid over image 1 with all that is needed to resample image 2 onto it through a plane."""
+    """A working grid over image 1 with all that is needed to resample image 2 onto it through a plane.
+
+    rays1 : (n, 2) px of image 1 -> normalised.  pixels2 : (n, 2) normalised -> px of image 2.
+    R, T : (3, 3) and (3,) motion.  shape2 : (rows, columns) of image 2.
+    """
 
     grid: Grid
-    rays: FloatArray  # (h * w, 3), homogeneous, of image 1
-    turned: FloatArray  # (h * w, 3), rays @ R.T
-    epipole2: FloatArray  # (3,), R T
-    pixels2: Transfer  # (n, 2) normalised -> (n, 2) px of image 2
+    rays1: Transfer
+    pixels2: Transfer
+    R: FloatArray
+    T: FloatArray
     pyramid2: Pyramid
     shape2: tuple[int, int]
 
+    @cached_property
+    def pixels(self) -> Bundle:
+        """The grid's pixels, row by row."""
+        x, y = np.meshgrid(np.arange(self.grid.shape[1]), np.arange(self.grid.shape[0]))
+        return self.bundle(self.grid.full(np.stack([x, y], -1).reshape(-1, 2).astype(float)))
+
+    def bundle(self, uv: FloatArray) -> Bundle:
+        """Rays of pixels (n, 2) of image 1."""
+        rays = homogeneous(self.rays1(uv))
+        return Bundle(rays, rays @ self.R.T)
+
+    def transfer(self, bundle: Bundle, normal: FloatArray) -> FloatArray:
+        """(n, 2) px of image 2 that correspond to n rays on the plane of scaled normal (3,)."""
+        return plane_transfer(bundle.turned, bundle.rays @ normal, self.R @ self.T, self.pixels2)
+
     def mapping(self, normal: FloatArray) -> FloatImage:
         """(h, w, 2) full px of image 2 that correspond to the grid's pixels on the plane of scaled normal (3,)."""
-        uv2 = plane_transfer(self.turned, self.rays @ normal, self.epipole2, self.pixels2)
-        return uv2.reshape(*self.grid.shape, 2).astype(np.float32)
+        return self.transfer(self.pixels, normal).reshape(*self.grid.shape, 2).astype(np.float32)
 
-
-def plane_map(
-    grid: Grid, rays1: Transfer, pixels2: Transfer, R: FloatArray, T: FloatArray, normal: FloatArray
-) -> FloatImage:
-    """`View.mapping`, exact on nodes only and bilinear in between, which is several times faster."""
-
-    def transfer(uv: FloatArray) -> FloatArray:
-        rays = homogeneous(rays1(uv))
-        return plane_transfer(rays @ R.T, rays @ normal, R @ T, pixels2)
-
-    return transfer_map(grid, transfer)
-
-
-def make_view(
-    grid: Grid,
-    rays1: Transfer,
-    pixels2: Transfer,
-    R: FloatArray,
-    T: FloatArray,
-    pyramid2: Pyramid,
-    shape2: tuple[int, int],
-) -> View:
-    """`View` of a grid under a motion."""
-    rays = grid_rays(grid, rays1)
-    return View(grid, rays, rays @ R.T, R @ T, pixels2, pyramid2, shape2)
-
-
-def grid_rays(grid: Grid, rays1: Transfer) -> FloatArray:
-    """(h * w, 3) homogeneous rays of a grid's pixels, row by row; rays1 : (n, 2) px of image 1 -> normalised."""
-    x, y = np.meshgrid(np.arange(grid.shape[1]), np.arange(grid.shape[0]))
-    return homogeneous(rays1(grid.full(np.stack([x, y], -1).reshape(-1, 2).astype(float))))
+    def node_mapping(self, normal: FloatArray) -> FloatImage:
+        """`mapping`, exact on nodes only and bilinear in between, which is several times faster."""
+        return transfer_map(self.grid, lambda uv: self.transfer(self.bundle(uv), normal))
 
 
 def normalise(image: FloatImage, radius: float) -> FloatImage:
@@ -145,7 +147,7 @@ def align_plane(view: View, normal: FloatArray, iterations: int = 10) -> PlaneFi
             return PlaneFit(normal, -1.0, np.full((3, 3), np.inf))
         system = linear.system
         step = -np.linalg.solve(system + 1e-4 * np.diag(np.diag(system)) + 1e-12 * np.eye(3), linear.gradient)
-        reach = np.quantile(np.abs(view.rays @ step) * linear.px_per_depth, 0.9)
+        reach = np.quantile(np.abs(view.pixels.rays @ step) * linear.px_per_depth, 0.9)
         normal = normal + step * min(1.0, MAX_STEP_PX / max(reach, 1e-9))
         if reach < SETTLED_PX:
             break
@@ -184,7 +186,7 @@ def _linearise(view: View, normal: FloatArray, first: FloatImage, radius: float)
     if valid.mean() < MIN_SEEN:
         return None
     # displacement of each pixel per unit of inverse depth, by a small finite difference along the ray
-    depth_step = 1e-3 * float(np.abs(view.rays @ normal).mean()) + 1e-9
+    depth_step = 1e-3 * float(np.abs(view.pixels.rays @ normal).mean()) + 1e-9
     per_depth = (view.mapping(normal + np.array([0.0, 0.0, depth_step])) - mapping) / np.float32(depth_step)
     shift = np.linalg.norm(per_depth, axis=2)
     unit = per_depth / np.maximum(shift, 1e-9)[..., None]
@@ -195,7 +197,7 @@ def _linearise(view: View, normal: FloatArray, first: FloatImage, radius: float)
     residual = gain * second - first
     slope = gain * (_pulled(view, mapping + half * unit) - _pulled(view, mapping - half * unit)) / (2 * half) * shift
     weight, sigma = _robust_weight(residual, valid)
-    jacobian = slope.reshape(-1, 1) * view.rays
+    jacobian = slope.reshape(-1, 1) * view.pixels.rays
     weighted = jacobian * weight.reshape(-1, 1)
     system, gradient = weighted.T @ jacobian / sigma**2, weighted.T @ residual.reshape(-1) / sigma**2
     return _Linear(system, gradient, median(shift) / grid_px)
@@ -265,7 +267,7 @@ def sweep_planes(view: View, depths: FloatArray, keep: int = 4) -> list[PlaneFit
     radius = _shading_radius(view)
     first = normalise(view.grid.grey.astype(np.float32), radius)
     unknown = np.full((3, 3), np.inf)
-    normals = _visible(view, _swept(view.rays.mean(0), depths))
+    normals = _visible(view, _swept(view.pixels.rays.mean(0), depths))
     fits = [PlaneFit(normal, _score(view, normal, first, radius), unknown) for normal in normals]
     seen = [fit for fit in fits if fit.score > -1.0]
     return sorted(seen, key=lambda fit: -fit.score)[:keep]
@@ -283,6 +285,5 @@ def _visible(view: View, normals: FloatArray) -> FloatArray:
     """Planes (k, 3) that map any of 5 x 5 pixels of the window into image 2: a quick test before they are scored."""
     rows, columns = (np.linspace(0, side - 1, 5).astype(int) for side in view.grid.shape)
     some = (rows[:, None] * view.grid.shape[1] + columns).ravel()
-    turned = np.tile(view.turned[some], (len(normals), 1))
-    uv2 = plane_transfer(turned, (normals @ view.rays[some].T).ravel(), view.epipole2, view.pixels2)
-    return normals[covered(uv2, view.shape2).reshape(len(normals), -1).any(axis=1)]
+    bundle = view.pixels.take(some)
+    return normals[[covered(view.transfer(bundle, normal), view.shape2).any() for normal in normals]]

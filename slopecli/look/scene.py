@@ -13,7 +13,7 @@ from slopecli.geometry.epipolar import homogeneous
 from slopecli.look.dense import Cells
 from slopecli.look.evidence import Evidence
 from slopecli.look.features import shrink
-from slopecli.look.photometric import View, make_view
+from slopecli.look.photometric import View
 from slopecli.look.warp import Grid, Pyramid, cut
 from slopecli.types import Camera, FloatArray
 from slopecli.windows import Window
@@ -60,6 +60,10 @@ class Scene:
         """Normalised coordinates (n, 2) as pixels of image 2."""
         return pixels_from_rays(self.camera2, x2)
 
+    def view(self, grid: Grid) -> View:
+        """`View` of a working grid over image 1 under the motion."""
+        return View(grid, self.rays1, self.pixels2, self.R, self.T, self.pyramid2, self.shape2)
+
 
 def whole_grid(scene: Scene, max_pixels: float) -> Grid:
     """Working grid over all of image 1, shrunk to at most `max_pixels`."""
@@ -69,18 +73,12 @@ def whole_grid(scene: Scene, max_pixels: float) -> Grid:
 
 def view_of(window: Window, scene: Scene, side_px: int, border: bool) -> View:
     """`View` of a window on a working grid of about `side_px` px a side, with a border around it if `border`."""
-    grid = window_grid(window, scene, side_px, border)
-    return make_view(grid, scene.rays1, scene.pixels2, scene.R, scene.T, scene.pyramid2, scene.shape2)
-
-
-def window_grid(window: Window, scene: Scene, side_px: int, border: bool) -> Grid:
-    """The working grid of `view_of` alone."""
     x, y, w, h = window
     shrink_by = max(w, h) / side_px
     layer = scene.pyramid1.at(shrink_by)
     margin = 8 * max(shrink_by, 1.0) if border else 0.0  # 8 px of the grid: flow is biased at the border of an image
     side = round(side_px * (1 + 2 * margin / max(w, h)))
-    return cut(layer, x - margin, y - margin, w + 2 * margin, h + 2 * margin, side)
+    return scene.view(cut(layer, x - margin, y - margin, w + 2 * margin, h + 2 * margin, side))
 
 
 def epipolar_axes(uv1: FloatArray, scene: Scene) -> tuple[FloatArray, FloatArray]:

@@ -1,34 +1,42 @@
-"""First stage of the pipeline: from two images and their cameras to a scene and the motions that may explain it."""
+"""First stage of the pipeline: from two images and their cameras to a scene and the motions that may explain it.
+
+A quick pass, on features of small images and a coarse overview, takes about half the time of the full one. It is tried
+if it may suffice for the windows asked for; its scene is used only if matches and motion are clear.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
 
 from slopecli.geometry.motion import MotionEstimate, assess_motion, epipolar_residual, refine_motion
-from slopecli.look.dense import Cells
+from slopecli.geometry.statistics import median
+from slopecli.look.dense import CLEAR_AGREEMENT, FULL_SMOOTHINGS, Cells
 from slopecli.look.evidence import gather_evidence, scene_planes
-from slopecli.look.features import EFFORTS, QUICK, FeatureMemory, Grey, match_sift, shrink
+from slopecli.look.features import EFFORTS, QUICK, FeatureMemory, Grey, Images, match_sift, shrink
 from slopecli.look.foerstner import match_foerstner
 from slopecli.look.matches import Matches
-from slopecli.look.motions import SCORE_PX, distinct_motions
+from slopecli.look.motions import SCORE_PX, FeatureMatcher, Sparse, distinct_motions, find_motions
 from slopecli.look.noise import SYSTEMATIC_PX, WORST_MATCH_PX
-from slopecli.look.overview import WHOLE, OverviewEffort, overview_cells
-from slopecli.look.quick_pass import is_clear, is_decided, may_suffice, overview_effort
+from slopecli.look.overview import CELL, WHOLE, OverviewEffort, overview_cells
 from slopecli.look.scene import Scene
-from slopecli.look.sparse import FeatureMatcher, Sparse, find_motions
 from slopecli.look.threads import single_threaded
 from slopecli.look.warp import Layer, Pyramid, sample_grey
 from slopecli.options import Options
-from slopecli.types import Camera, FloatArray
+from slopecli.types import Camera
 from slopecli.windows import Window
 
-MIN_INFORMATION = 100.0  # grey^2/px^2, smaller eigenvalue of a cell's structure tensor: less texture moves with noise
+# Overviews of the quick pass. Large windows need them only for a first plane, as each is matched finely afterwards.
+COARSE = OverviewEffort(max_pixels=0.15e6, finest=0, smoothings=1)
+FINE = OverviewEffort(max_pixels=0.5e6, finest=1, smoothings=FULL_SMOOTHINGS)
+WINDOW_CELLS = 6  # cells of the overview along a window's shorter side that determine a first plane
+MOST_OF_IMAGE = 0.5  # share of image 1 that windows, and consistent cells, must cover to determine the motion
 
 Found = tuple[Scene, list[MotionEstimate]]  # a scene, and all motions that may explain it, best first
+OnLap = Callable[[str], None]  # called with "features" or "overview" whenever such a step ends
 
 
 def find_scene(
@@ -41,7 +49,7 @@ def find_scene(
     *,
     check_sparse: Callable[[tuple[int, int], int, int], None],
     memory: FeatureMemory | None = None,
-    on_lap: Callable[[str], None] = lambda name: None,
+    on_lap: OnLap = lambda name: None,
 ) -> Found:
     """Match two images, sparsely and then densely, and estimate the camera motion.
 
@@ -51,23 +59,22 @@ def find_scene(
     check_sparse : called with the number of features in each image, of matches, and of matches consistent with the
         best motion; raises if they are too few for an answer.
     memory : of SIFT features, if images may come again.
-    on_lap : called with "features" or "overview" whenever such a step ends.
 
     Returns
     -------
     scene : `Scene` under the best motion.
     motions : that motion and the other roots, best first.
     """
-    images = grey1, grey2, camera1, camera2
+    images = Images(grey1, grey2, camera1, camera2)
     # planes that have yet to be found need the full overview
     if options.planes == "windows" and options.features == "sift" and may_suffice(windows, grey1):
-        found = _quick_scene(*images, windows, options.seed, memory, on_lap)
+        found = _quick_scene(images, windows, options.seed, memory, on_lap)
         if found is not None:
             return found
-    sparse = find_motions(*images, feature_matchers(options.features, memory), options.seed)
+    sparse = find_motions(images, feature_matchers(options.features, memory), options.seed)
     check_sparse(sparse.n_features, len(sparse.matches), sparse.n_inliers)
     on_lap("features")
-    return build_scene(*images, sparse, options.seed)
+    return build_scene(images, sparse, options.seed)
 
 
 def feature_matchers(name: str, memory: FeatureMemory | None = None) -> Sequence[FeatureMatcher]:
@@ -78,36 +85,49 @@ def feature_matchers(name: str, memory: FeatureMemory | None = None) -> Sequence
 
 
 def _quick_scene(
-    grey1: Grey,
-    grey2: Grey,
-    camera1: Camera,
-    camera2: Camera,
-    windows: list[Window],
-    seed: int,
-    memory: FeatureMemory | None,
-    on_lap: Callable[[str], None],
+    images: Images, windows: list[Window], seed: int, memory: FeatureMemory | None, on_lap: OnLap
 ) -> Found | None:
     """The result of the quick pass; None where matches or motion are not clear."""
-    images, matcher = (grey1, grey2, camera1, camera2), partial(match_sift, effort=QUICK, memory=memory)
     with single_threaded():
-        sparse = find_motions(*images, [matcher], seed, thorough=False)
+        sparse = find_motions(images, [partial(match_sift, effort=QUICK, memory=memory)], seed, thorough=False)
         on_lap("features")
         if not is_decided(sparse):
             return None
-        found = build_scene(*images, sparse, seed, overview_effort(windows, grey1))
+        found = build_scene(images, sparse, seed, overview_effort(windows, images.grey1))
         on_lap("overview")
-    return found if is_clear(found[0]) else None
+    return found if _is_clear(found[0]) else None
 
 
-def build_scene(
-    grey1: Grey,
-    grey2: Grey,
-    camera1: Camera,
-    camera2: Camera,
-    sparse: Sparse,
-    seed: int = 0,
-    effort: OverviewEffort = WHOLE,
-) -> Found:
+def may_suffice(windows: list[Window], grey1: Grey) -> bool:
+    """Whether the windows (px of image 1) are so large, and cover so much, that the quick pass is worth trying."""
+    covered = sum(width * height for _, _, width, height in windows)
+    return _cells_along(windows, grey1, FINE) >= WINDOW_CELLS and covered >= MOST_OF_IMAGE * grey1.size
+
+
+def overview_effort(windows: list[Window], grey1: Grey) -> OverviewEffort:
+    """The coarsest overview of the quick pass that still has enough cells in every window."""
+    return COARSE if _cells_along(windows, grey1, COARSE) >= 2 * WINDOW_CELLS else FINE
+
+
+def _cells_along(windows: list[Window], grey1: Grey, effort: OverviewEffort) -> float:
+    """Number of cells of an overview along the shortest side of any window."""
+    scale = min(1.0, effort.max_pixels / grey1.size) ** 0.5
+    return min(min(width, height) for _, _, width, height in windows) * scale / CELL
+
+
+def is_decided(sparse: Sparse) -> bool:
+    """Whether the sparse matches are many, agree, and leave one motion only."""
+    return sparse.n_inliers >= max(120, 0.85 * len(sparse.matches)) and len(sparse.roots()) == 1
+
+
+def _is_clear(scene: Scene) -> bool:
+    """Whether most cells of the overview are matched, are consistent with one motion, and agree in brightness."""
+    possible = float(np.prod(scene.shape1) * np.prod(scene.pyramid1.overview_scale)) / CELL**2
+    enough = max(0.9 * len(scene.cells), MOST_OF_IMAGE * possible)
+    return len(scene.evidence) >= enough and median(scene.cells.agreement) >= CLEAR_AGREEMENT
+
+
+def build_scene(images: Images, sparse: Sparse, seed: int = 0, effort: OverviewEffort = WHOLE) -> Found:
     """Match all of image 1 densely under each root of the sparse matches, and keep the one most cells agree with.
 
     Returns
@@ -115,59 +135,41 @@ def build_scene(
     scene : under the best motion.
     motions : that motion and the other roots, refined on the dense matches, best first.
     """
+    grey1, grey2, camera1, camera2 = images
     layer = Layer(*shrink(grey1, effort.max_pixels))
     pyramid1, pyramid2 = Pyramid(grey1, layer.scale), Pyramid(grey2)
-    overviews = [_overview_of(root, sparse, layer, pyramid2, camera1, camera2, effort) for root in sparse.roots()]
-    overview = max(overviews, key=lambda found: found.n_consistent(camera2.focal_px))
-    matches, best = overview.matches, overview.motions[0]
-    grey = sample_grey(grey1, matches.uv1)
-    evidence = gather_evidence(matches, grey, best.R, best.T, camera2.focal_px)
-    find_planes = partial(scene_planes, evidence, seed)
-    scene = Scene(camera1, camera2, pyramid1, pyramid2, best.R, best.T, evidence, find_planes, overview.cells)
-    return scene, overview.motions
+    focal_px = camera2.focal_px
 
-
-@dataclass(frozen=True, eq=False)
-class _Overview:
-    """Overview guided by one root: all its cells, its matches of sufficient texture, and the motions refined on them,
-    best first."""
-
-    cells: Cells
-    matches: Matches
-    motions: list[MotionEstimate]
-
-    def n_consistent(self, focal_px: float) -> int:
-        """Number of matches consistent with the best motion; flow under a wrong root gives few."""
-        best = self.motions[0]
-        residual = np.abs(epipolar_residual(best.R, best.T, self.matches.x1, self.matches.x2)) * focal_px
+    def n_consistent(overview: tuple[Cells, Matches, list[MotionEstimate]]) -> int:
+        # flow under a wrong root gives few
+        _, matches, (best, *_) = overview
+        residual = np.abs(epipolar_residual(best.R, best.T, matches.x1, matches.x2)) * focal_px
         return int((residual < WORST_MATCH_PX).sum())
+
+    overviews = [_overview_of(root, sparse, images, layer, pyramid2, effort) for root in sparse.roots()]
+    cells, matches, motions = max(overviews, key=n_consistent)
+    R, T = motions[0].R, motions[0].T
+    evidence = gather_evidence(matches, sample_grey(grey1, matches.uv1), R, T, focal_px)
+    find_planes = partial(scene_planes, evidence, seed)
+    return Scene(camera1, camera2, pyramid1, pyramid2, R, T, evidence, find_planes, cells), motions
 
 
 def _overview_of(
-    root: MotionEstimate,
-    sparse: Sparse,
-    layer: Layer,
-    pyramid2: Pyramid,
-    camera1: Camera,
-    camera2: Camera,
-    effort: OverviewEffort,
-) -> _Overview:
-    consistent = sparse.consistent_with(root)
-    sparse1, sparse2 = sparse.matches.uv1[consistent], sparse.matches.uv2[consistent]
-    cells = overview_cells(layer, pyramid2, (camera2.height, camera2.width), sparse1, sparse2, effort)
-    textured = cells.take(np.linalg.eigvalsh(cells.information)[:, 0] > MIN_INFORMATION)
-    uv1, uv2 = textured.uv1, textured.uv2
-    if len(textured) < 500:  # so few that the less precise sparse matches help
-        uv1, uv2 = np.vstack([uv1, sparse1]), np.vstack([uv2, sparse2])
+    root: MotionEstimate, sparse: Sparse, images: Images, layer: Layer, pyramid2: Pyramid, effort: OverviewEffort
+) -> tuple[Cells, Matches, list[MotionEstimate]]:
+    """Overview guided by one root: all its cells, its matches of sufficient texture, and the motions refined on them,
+    best first."""
+    camera1, camera2 = images.camera1, images.camera2
+    guide = sparse.matches.take(sparse.consistent_with(root))
+    cells = overview_cells(layer, pyramid2, (camera2.height, camera2.width), guide.uv1, guide.uv2, effort)
+    uv1, uv2 = cells.uv1[cells.textured], cells.uv2[cells.textured]
+    if len(uv1) < 500:  # so few that the less precise sparse matches help
+        uv1, uv2 = np.vstack([uv1, guide.uv1]), np.vstack([uv2, guide.uv2])
     matches = Matches.between(camera1, camera2, uv1, uv2)
-    starts = [root, *(m for m in sparse.motions if m is not root)]
-    return _Overview(cells, matches, _refined(starts, matches.x1, matches.x2, camera2.focal_px))
-
-
-def _refined(motions: list[MotionEstimate], x1: FloatArray, x2: FloatArray, focal_px: float) -> list[MotionEstimate]:
-    """Motions refined on matches, ranked by one cost, repeats dropped."""
+    x1, x2, focal_px = matches.x1, matches.x2, camera2.focal_px
     bounds = (SYSTEMATIC_PX / focal_px, WORST_MATCH_PX / focal_px)
-    refined = [refine_motion(m.R, m.T, x1, x2, bounds) for m in motions]
+    starts = [root, *(m for m in sparse.motions if m is not root)]
+    refined = [refine_motion(m.R, m.T, x1, x2, bounds) for m in starts]
     common = max(SCORE_PX / focal_px, min(m.scale for m in refined))
     scored = [replace(assess_motion(m.R, m.T, x1, x2, common), scale=m.scale) for m in refined]
-    return distinct_motions(sorted(scored, key=lambda m: m.cost))
+    return cells, matches, distinct_motions(sorted(scored, key=lambda m: m.cost))

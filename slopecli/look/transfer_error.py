@@ -5,26 +5,19 @@ The motion is held fixed. What does not depend on the plane is computed once, as
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import cv2
 import numpy as np
 
-from slopecli.geometry.epipolar import homogeneous
 from slopecli.geometry.statistics import geman_mcclure
 from slopecli.look.noise import DIFFERENCE_GREY
-from slopecli.look.photometric import MAX_STEP_PX, MIN_SEEN, detrend, grid_rays
+from slopecli.look.photometric import MAX_STEP_PX, MIN_SEEN, Bundle, View, detrend
 from slopecli.look.warp import (
     NODE_STEP,
     FloatImage,
-    Grid,
-    Pyramid,
-    Transfer,
     covered,
     image_gradient,
     map_nodes,
     node_shape,
-    plane_transfer,
     spread_table,
 )
 from slopecli.types import FloatArray, IntArray
@@ -38,58 +31,31 @@ Points = tuple[IntArray, IntArray]  # rows and columns of working pixels
 Box = tuple[slice, slice]  # rows and columns of a rectangle of them
 
 
-@dataclass(frozen=True, eq=False)
-class _Bundle:
-    """Homogeneous rays (n, 3) of image 1, in the axes of camera 1 and of camera 2."""
-
-    rays: FloatArray
-    turned: FloatArray
-
-    @classmethod
-    def of(cls, rays: FloatArray, R: FloatArray) -> _Bundle:
-        return cls(rays, rays @ R.T)
-
-    def take(self, index: IntArray) -> _Bundle:
-        return _Bundle(self.rays[index], self.turned[index])
-
-
 class Comparison:
-    """Compares a working grid over image 1 with image 2 through any plane.
+    """Compares the working grid of a view with image 2 through any plane.
 
-    Parameters
-    ----------
-    rays1 : (n, 2) px of image 1 -> normalised.  pixels2 : (n, 2) normalised -> px of image 2.
-    R, T : (3, 3) and (3,) motion.  shape2 : (rows, columns) of image 2.  focal_px : of image 1 and of image 2; image 2
-        is compared at a resolution reduced by their ratio, so that both show things at about one size.
+    focal_px : of image 1 and of image 2; image 2 is compared at a resolution reduced by their ratio, so that both show
+        things at about one size.
     """
 
-    def __init__(
-        self,
-        grid: Grid,
-        rays1: Transfer,
-        pixels2: Transfer,
-        R: FloatArray,
-        T: FloatArray,
-        pyramid2: Pyramid,
-        shape2: tuple[int, int],
-        focal_px: tuple[float, float],
-    ) -> None:
-        self.grid, self.shape, self._shape2, self._focal2_px = grid, grid.shape, shape2, focal_px[1]
+    def __init__(self, view: View, focal_px: tuple[float, float]) -> None:
+        grid = view.grid
+        self.grid, self.shape, self._view, self._focal2_px = grid, grid.shape, view, focal_px[1]
         self._working_per_px2 = grid.mean_scale / (focal_px[1] / focal_px[0])
-        self._pixels2, self._epipole2 = pixels2, R @ T
-        self._nodes = _Bundle.of(homogeneous(rays1(map_nodes(grid))), R)
+        self._nodes = view.bundle(map_nodes(grid))
         self._node_number = np.arange(len(self._nodes.rays)).reshape(node_shape(grid.shape))
         self.everywhere: Box = slice(0, self.shape[0]), slice(0, self.shape[1])
         grey1 = grid.grey.astype(np.float32)
         self._first = detrend(grey1, SHADING_PX)
-        self._certainty = (1 / (DIFFERENCE_GREY**2 + MISPLACED_PX**2 * _squared_gradient(grey1))).astype(np.float32)
-        layer = pyramid2.at(1.0 / self._working_per_px2)
+        gx, gy = image_gradient(grey1)
+        variance = DIFFERENCE_GREY**2 + MISPLACED_PX**2 * (gx * gx + gy * gy)
+        self._certainty = (1 / variance).astype(np.float32)
+        layer = view.pyramid2.at(1.0 / self._working_per_px2)
         self._scale2 = layer.scale
         shading_px = SHADING_PX * float(layer.scale.mean()) / self._working_per_px2
         self._second = detrend(layer.grey.astype(np.float32), shading_px)
         gx, gy = image_gradient(self._second)
         self._with_gradient = np.dstack([self._second, gx * layer.scale[0], gy * layer.scale[1]]).astype(np.float32)
-        self._pixels = _Bundle.of(grid_rays(grid, rays1), R)
 
     def cost(self, normal: FloatArray, step: int = 1, box: Box | None = None) -> FloatImage:
         """(h, w) squared photometric transfer error of a plane, in variances, truncated; of every `step`-th pixel.
@@ -117,7 +83,7 @@ class Comparison:
         top, left = rows.start // NODE_STEP, columns.start // NODE_STEP
         high, wide = node_shape(shape)
         nodes = self._nodes.take(self._node_number[top : top + high, left : left + wide].ravel())
-        return spread_table(self._local(self._transferred(nodes, normal)).reshape(high, wide, 2), shape)
+        return spread_table(self._local(self._view.transfer(nodes, normal)).reshape(high, wide, 2), shape)
 
     def _local(self, uv: FloatArray) -> FloatArray:
         """Full px of image 2 (n, 2) as px of the layer that is compared."""
@@ -125,9 +91,9 @@ class Comparison:
 
     def cost_at(self, points: Points, normal: FloatArray) -> FloatArray:
         """(n,) the cost of single pixels."""
-        uv = self._transferred(self._bundle(points), normal)
+        uv = self._view.transfer(self._bundle(points), normal)
         error = self._sample(uv)[:, 0] - self._first[points]
-        seen = covered(uv, self._shape2)
+        seen = covered(uv, self._view.shape2)
         return np.where(seen, np.minimum(error**2 * self._certainty[points], TRUNCATED_COST), OUTSIDE)
 
     def apart_px(self, points: Points, normal: FloatArray, others: FloatArray) -> FloatArray:
@@ -135,7 +101,7 @@ class Comparison:
         bundle = self._bundle(points)
 
         def mapped(planes: FloatArray) -> FloatArray:
-            moved = bundle.turned - (planes @ bundle.rays.T)[..., None] * self._epipole2
+            moved = bundle.turned - (planes @ bundle.rays.T)[..., None] * (self._view.R @ self._view.T)
             depth = np.where(moved[..., 2:] > 1e-9, moved[..., 2:], np.nan)
             return np.asarray(moved[..., :2] / depth)
 
@@ -148,8 +114,8 @@ class Comparison:
         points = points[0][imaged], points[1][imaged]
         bundle, first, certainty = self._bundle(points), self._first[points], self._certainty[points]
         for _ in range(iterations):
-            uv = self._transferred(bundle, normal)
-            seen = covered(uv, self._shape2)
+            uv = self._view.transfer(bundle, normal)
+            seen = covered(uv, self._view.shape2)
             if not seen.any() or seen.mean() < MIN_SEEN:
                 break
             shift = self._shift(bundle, normal, uv)
@@ -169,16 +135,13 @@ class Comparison:
                 break
         return normal
 
-    def _bundle(self, points: Points) -> _Bundle:
-        return self._pixels.take(points[0] * self.shape[1] + points[1])
+    def _bundle(self, points: Points) -> Bundle:
+        return self._view.pixels.take(points[0] * self.shape[1] + points[1])
 
-    def _transferred(self, bundle: _Bundle, normal: FloatArray) -> FloatArray:
-        return plane_transfer(bundle.turned, bundle.rays @ normal, self._epipole2, self._pixels2)
-
-    def _shift(self, bundle: _Bundle, normal: FloatArray, uv: FloatArray) -> FloatArray:
+    def _shift(self, bundle: Bundle, normal: FloatArray, uv: FloatArray) -> FloatArray:
         """(n, 2) displacement, px of image 2, per unit of inverse depth, of points mapped to uv."""
         step = 1e-3 * float(np.abs(bundle.rays @ normal).mean()) + 1e-12
-        return (self._transferred(bundle, normal + np.array([0.0, 0.0, step])) - uv) / step
+        return (self._view.transfer(bundle, normal + np.array([0.0, 0.0, step])) - uv) / step
 
     def _sample(self, uv: FloatArray) -> FloatArray:
         """(n, 3) detrended grey values of image 2 and their gradient along u and v, per full px."""
@@ -187,8 +150,3 @@ class Comparison:
             self._with_gradient, local[..., 0], local[..., 1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT
         )
         return np.asarray(found[:, 0], float)
-
-
-def _squared_gradient(image: FloatImage) -> FloatImage:
-    gx, gy = image_gradient(image)
-    return np.asarray(gx * gx + gy * gy, np.float32)

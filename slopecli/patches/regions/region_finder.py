@@ -79,16 +79,7 @@ def _check_any(labels: Labels, options: Options) -> None:
 
 
 def _comparison(scene: Scene, grid: Grid) -> Comparison:
-    return Comparison(
-        grid,
-        scene.rays1,
-        scene.pixels2,
-        scene.R,
-        scene.T,
-        scene.pyramid2,
-        scene.shape2,
-        (scene.camera1.focal_px, scene.camera2.focal_px),
-    )
+    return Comparison(scene.view(grid), (scene.camera1.focal_px, scene.camera2.focal_px))
 
 
 def _proposed_planes(scene: Scene, components: Labels, grid: Grid, rng: np.random.Generator) -> list[FloatArray]:

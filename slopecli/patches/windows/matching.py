@@ -16,8 +16,8 @@ from slopecli.look.evidence import Evidence
 from slopecli.look.matches import Matches, pair_rays
 from slopecli.look.noise import NOISE_GREY
 from slopecli.look.overview import CELL
-from slopecli.look.photometric import PlaneFit, align_plane, plane_map, sweep_planes
-from slopecli.look.scene import FINE_PX, Scene, axis_variance, view_of, window_grid
+from slopecli.look.photometric import PlaneFit, align_plane, sweep_planes
+from slopecli.look.scene import FINE_PX, Scene, axis_variance, view_of
 from slopecli.patches.patch import Patch, overdispersion, weight_of
 from slopecli.patches.windows.borrowed import borrow
 from slopecli.patches.windows.direct_alignment import polish
@@ -117,12 +117,13 @@ def _informed(fit: PlaneFit) -> bool:
 def _densely_matched(patch: Patch, scene: Scene, normal: FloatArray) -> Patch:
     """The window with the matches of dense flow between it and image 2 pulled onto it by a plane."""
     window = patch.window
-    grid = window_grid(window, scene, FINE_PX, border=True)
+    view = view_of(window, scene, FINE_PX, border=True)
+    grid = view.grid
     if min(grid.shape) < MIN_SIDE_PX:
         return patch.unmatched("too few pixels")
     side = max(window[2:]) * grid.mean_scale
     cell = int(np.clip(side / TUNE.cells_across, 4, 8))
-    mapping = plane_map(grid, scene.rays1, scene.pixels2, scene.R, scene.T, normal)
+    mapping = view.node_mapping(normal)
     possible = max(1.0, window[2] * window[3] * float(np.prod(grid.scale)) / cell**2)
 
     def flow_matched(smoothings: int) -> Patch:
