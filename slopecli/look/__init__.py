@@ -6,18 +6,15 @@ __getattr__, __dir__ = lazy_names(
     __name__,
     {
         "changes": "Change find_changes",
-        "dense": "Cells dense_cells flow match_exposure",
-        "evidence": "Evidence gather_evidence scene_planes",
+        "dense": "Cells dense_cells flow match_exposure overview_cells sparse_transfer",
         "features": "EFFORTS FeatureEffort FeatureMemory Grey Images match_descriptors match_sift shrink to_full",
-        "foerstner": "foerstner_corners match_foerstner",
+        "foerstner": "SEARCH_PX correlate_windows foerstner_corners match_foerstner",
         "gradient_components": "Labels adaptive_threshold connected_components grown smooth_gradient "
         "without_small_pieces",
-        "least_squares_matching": "SEARCH_PX correlate_windows",
-        "matches": "Matches pair_rays thin",
+        "matches": "Evidence Matches gather_evidence pair_rays scene_planes thin",
         "motions": "Sparse distinct_motions find_motions inliers_of rank_motions starting_motions",
         "noise": "DIFFERENCE_GREY LEAST_MATCH_PX MAX_GAIN NOISE_GREY OVERVIEW_CELL_PX ROUNDING_GREY SYSTEMATIC_PX "
         "WORST_MATCH_PX correlation_gain",
-        "overview": "overview_cells sparse_transfer",
         "photometric": "PlaneFit View align_plane cell_shifts correlation detrend gain_between normalise sweep_planes",
         "scene": "Scene epipolar_axes",
         "scene_from_images": "COARSE FINE build_scene feature_matchers find_scene is_decided may_suffice "

@@ -15,9 +15,9 @@ import numpy as np
 
 from slopecli.geometry.motion import LensMisfit, epipolar_residual, find_lens_misfit, inverse_depth
 from slopecli.geometry.statistics import median, robust_least_squares
+from slopecli.look.dense import CELL, sparse_transfer
 from slopecli.look.matches import pair_rays, thin
 from slopecli.look.noise import NOISE_GREY, SYSTEMATIC_PX
-from slopecli.look.overview import CELL, sparse_transfer
 from slopecli.look.photometric import detrend
 from slopecli.look.scene import Scene
 from slopecli.look.warp import FloatImage, Grid, covered, cut, resample, transfer_map

@@ -121,7 +121,7 @@ class FeatureMemory:
 
     def detect(self, grey: Grey, effort: FeatureEffort) -> tuple[FloatArray, Descriptors]:
         """The result of `detect_sift`, as read-only arrays."""
-        key = (_digest(grey), effort)
+        key = (hashlib.sha256(str(grey.shape).encode() + grey.tobytes()).digest(), effort)
         features = self._held.pop(key, None) or detect_sift(grey, effort)
         for array in features:
             array.flags.writeable = False
@@ -129,12 +129,6 @@ class FeatureMemory:
         while len(self._held) > self._most:
             del self._held[next(iter(self._held))]
         return features
-
-
-def _digest(grey: Grey) -> bytes:
-    digest = hashlib.sha256(str(grey.shape).encode())
-    digest.update(np.ascontiguousarray(grey).data)
-    return digest.digest()
 
 
 def match_sift(
@@ -145,13 +139,7 @@ def match_sift(
     uv1, descriptors1 = detect(grey1, effort)
     uv2, descriptors2 = detect(grey2, effort)
     i, j = match_descriptors(descriptors1, descriptors2, effort.ratio)
-    return (*_drop_repeats(uv1[i], uv2[j]), (len(uv1), len(uv2)))
-
-
-def _drop_repeats(uv1: FloatArray, uv2: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Matches without repeats: SIFT may give one point several orientations, and so one match several times."""
-    first: dict[tuple[float, ...], int] = {}
-    for index, place in enumerate(np.round(np.hstack([uv1, uv2]), 1).tolist()):
-        first.setdefault(tuple(place), index)
-    chosen = list(first.values())
-    return uv1[chosen], uv2[chosen]
+    # SIFT may give one point several orientations, and so one match several times
+    _, first = np.unique(np.round(np.hstack([uv1[i], uv2[j]]), 1), axis=0, return_index=True)
+    first = np.sort(first)
+    return uv1[i[first]], uv2[j[first]], (len(uv1), len(uv2))

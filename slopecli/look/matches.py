@@ -1,4 +1,5 @@
-"""Points found in both images: the one container of matches, in pixels and in normalised coordinates."""
+"""Matches in pixels and in normalised coordinates; evidence: those of the overview consistent with the motion, with
+inverse depths; the dominant planes among them."""
 
 from __future__ import annotations
 
@@ -7,7 +8,18 @@ from dataclasses import dataclass
 import numpy as np
 
 from slopecli.geometry.camera import rays_from_pixels
+from slopecli.geometry.epipolar import homogeneous
+from slopecli.geometry.motion import epipolar_residual, inverse_depth
+from slopecli.geometry.plane_fit import robust_plane
+from slopecli.geometry.statistics import median
+from slopecli.look.noise import LEAST_MATCH_PX
 from slopecli.types import BoolArray, Camera, FloatArray, IntArray
+from slopecli.windows import Window
+
+TOLERANCE_PX = 1.5  # largest epipolar residual of a consistent match
+ON_PLANE_PX = 1.0  # largest distance in image 2 between a match on a plane and the plane's prediction
+MIN_ON_PLANE = 6  # matches that determine a plane: three, and as many to check it
+TRIES = 400  # triples of neighbours drawn per plane
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,3 +85,97 @@ def thin(uv: FloatArray, index: IntArray, limit: int) -> IntArray:
     evenly = last[np.linspace(0, len(last) - 1, limit - len(whole)).round().astype(int)]
     chosen = order[np.concatenate([whole, evenly])]
     return np.sort(index[chosen])
+
+
+@dataclass(frozen=True, eq=False)
+class Evidence(Matches):
+    """Matches of the overview that are consistent with the motion.
+
+    w (n,): inverse depth, 1/baseline; leverage (n,): displacement in image 2, normalised, per unit of inverse depth;
+    grey (n,) of image 1; n_given: number of matches, inconsistent ones included.
+    """
+
+    w: FloatArray
+    leverage: FloatArray
+    grey: FloatArray
+    focal_px: float
+    n_given: int
+
+    def near(self, window: Window, grow: float) -> BoolArray:
+        """(n,) whether a match is in the window enlarged on every side by `grow` times its longer side."""
+        x, y, width, height = window
+        d = grow * max(width, height)
+        u, v = self.uv1.T
+        return np.asarray((u >= x - d) & (u < x + width + d) & (v >= y - d) & (v < y + height + d))
+
+    def plane_through(self, which: BoolArray) -> FloatArray | None:
+        """Scaled normal (3,) of the robust plane through the chosen (n,) matches; None if they are too few."""
+        if which.sum() < MIN_ON_PLANE:
+            return None
+        floor = LEAST_MATCH_PX / self.focal_px
+        return robust_plane(self.x1[which], self.w[which], self.leverage[which], floor).normal
+
+    def misfit_px(self, normal: FloatArray) -> FloatArray:
+        """(n,) distance in image 2 between each match and the plane's prediction, px."""
+        return np.abs(self.w - homogeneous(self.x1) @ normal) * self.leverage * self.focal_px
+
+
+def gather_evidence(matches: Matches, grey: FloatArray, R: FloatArray, T: FloatArray, focal_px: float) -> Evidence:
+    """Evidence of the matches that are consistent with the motion and in front of the camera; grey (n,) at them."""
+    w, leverage = inverse_depth(R, T, matches.x1, matches.x2)
+    keep = np.abs(epipolar_residual(R, T, matches.x1, matches.x2)) * focal_px < TOLERANCE_PX
+    keep &= (w > 0) & (leverage > 0)
+    kept = matches.take(keep)
+    return Evidence(
+        kept.uv1, kept.uv2, kept.x1, kept.x2, w[keep], leverage[keep], grey[keep], focal_px, n_given=len(keep)
+    )
+
+
+def scene_planes(evidence: Evidence, seed: int = 0) -> list[FloatArray]:
+    """Scaled normals (3,) of at most 8 dominant planes, largest first: sequential RANSAC over triples of neighbours."""
+    rng = np.random.default_rng(seed)
+    left = np.arange(len(evidence))
+    rays = homogeneous(evidence.x1)
+    planes: list[FloatArray] = []
+    while len(left) >= 40 and len(planes) < 8:
+        found = _largest_plane(evidence, rays, left, rng)
+        if found is None or found[1].sum() < max(30, 0.02 * len(evidence)):
+            break
+        planes.append(found[0])
+        left = left[~found[1]]
+    return planes
+
+
+def _largest_plane(
+    evidence: Evidence, rays: FloatArray, left: IntArray, rng: np.random.Generator
+) -> tuple[FloatArray, BoolArray] | None:
+    """Scaled normal (3,) of the plane that most of the matches `left` are on, and (len(left),) which; None if none."""
+    triple = _neighbours(evidence.uv1, left, rng)
+    matrix = rays[triple]
+    area = np.abs(np.linalg.det(matrix))
+    wide = area > median(area) * 0.5
+    if not wide.any() or not (area[wide] > 0).all():
+        return None
+    normals = np.linalg.solve(matrix[wide], evidence.w[triple[wide]][..., None])[..., 0]
+    rays, w, px = rays[left], evidence.w[left], evidence.leverage[left] * evidence.focal_px
+    best = normals[(np.abs(w - normals @ rays.T) * px < ON_PLANE_PX).sum(1).argmax()]
+    inlier = np.zeros(len(left), bool)
+    for _ in range(3):
+        inlier = np.abs(w - rays @ best) * px < ON_PLANE_PX
+        if inlier.sum() < MIN_ON_PLANE:
+            return None
+        best = np.linalg.lstsq(rays[inlier] * px[inlier, None], w[inlier] * px[inlier], rcond=None)[0]
+    return best, inlier
+
+
+def _neighbours(uv1: FloatArray, left: IntArray, rng: np.random.Generator) -> IntArray:
+    """(TRIES, 3) indices of matches: each third is about a twelfth of the image wide, which tends to be one surface.
+
+    The partners of a match are the two, of 24 drawn at random, whose distance is nearest to that.
+    """
+    seeds = left[rng.integers(0, len(left), TRIES)]
+    span = np.ptp(uv1, axis=0).max() / 12
+    partners = left[rng.integers(0, len(left), (TRIES, 24))]
+    distance = np.linalg.norm(uv1[partners] - uv1[seeds][:, None], axis=2)
+    two = np.argsort(np.abs(distance - span), axis=1)[:, :2]
+    return np.column_stack([seeds, np.take_along_axis(partners, two, 1)])

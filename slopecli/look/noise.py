@@ -37,19 +37,13 @@ def correlation_gain(groups: list[tuple[IntArray, FloatArray]]) -> float:
         limit = 3 * robust_sigma(residual) + 1e-15  # one mismatch is not correlation
         value = np.clip(residual, -limit, limit)
         square, count = square + float(value @ value), count + len(value)
-        product, known = _lagged_products(index, value)
-        products, pairs = products + product, pairs + known
+        reach = np.abs(LAGS).max()
+        row, column = (index - index.min(0) + reach).T
+        table = np.full(tuple(np.ptp(index, axis=0) + 1 + 2 * reach), np.nan)
+        table[row, column] = value
+        both = np.array([value * table[row + down, column + right] for down, right in LAGS])
+        products, pairs = products + np.nansum(both, axis=1), pairs + np.isfinite(both).sum(1)
     if count == 0 or square == 0.0:
         return 1.0
     correlation = products / np.maximum(pairs, 1) / (square / count)
     return float(np.sqrt(np.clip(1 + 2 * correlation.sum(), 1.0, MAX_GAIN**2)))
-
-
-def _lagged_products(index: IntArray, value: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """(len(LAGS),) sums of products of values at each lag, and the numbers of such pairs."""
-    reach = np.abs(LAGS).max()
-    row, column = (index - index.min(0) + reach).T
-    table = np.full(tuple(np.ptp(index, axis=0) + 1 + 2 * reach), np.nan)
-    table[row, column] = value
-    both = np.array([value * table[row + down, column + right] for down, right in LAGS])
-    return np.nansum(both, axis=1), np.isfinite(both).sum(1).astype(float)

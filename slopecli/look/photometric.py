@@ -129,13 +129,8 @@ class PlaneFit:
 def align_plane(view: View, normal: FloatArray, iterations: int = 10) -> PlaneFit:
     """Fit a plane to the grey values of a window by robust Gauss-Newton; exposure and shading are removed.
 
-    Parameters
-    ----------
-    normal : (3,) scaled normal to start from, 1/baseline; it must map pixels to within a few grid px.
-
-    Returns
-    -------
-    fit : `PlaneFit`; score -1 and infinite covariance if image 2 shows less than MIN_SEEN of the window.
+    normal : (3,) scaled normal to start from, 1/baseline; it must map pixels to within a few grid px. The score is -1
+        and the covariance infinite if image 2 shows less than MIN_SEEN of the window.
     """
     radius = _shading_radius(view)
     grey = view.grid.grey.astype(np.float32)
@@ -145,9 +140,9 @@ def align_plane(view: View, normal: FloatArray, iterations: int = 10) -> PlaneFi
         linear = _linearise(view, normal, first, radius)
         if linear is None:
             return PlaneFit(normal, -1.0, np.full((3, 3), np.inf))
-        system = linear.system
-        step = -np.linalg.solve(system + 1e-4 * np.diag(np.diag(system)) + 1e-12 * np.eye(3), linear.gradient)
-        reach = np.quantile(np.abs(view.pixels.rays @ step) * linear.px_per_depth, 0.9)
+        system, gradient, px_per_depth = linear
+        step = -np.linalg.solve(system + 1e-4 * np.diag(np.diag(system)) + 1e-12 * np.eye(3), gradient)
+        reach = np.quantile(np.abs(view.pixels.rays @ step) * px_per_depth, 0.9)
         normal = normal + step * min(1.0, MAX_STEP_PX / max(reach, 1e-9))
         if reach < SETTLED_PX:
             break
@@ -170,17 +165,11 @@ def _covariance(system: FloatArray) -> FloatArray:
     return np.asarray(np.linalg.inv(system), float)
 
 
-class _Linear(NamedTuple):
+def _linearise(
+    view: View, normal: FloatArray, first: FloatImage, radius: float
+) -> tuple[FloatArray, FloatArray, float] | None:
     """Squared residuals linearised in the plane: normal matrix (3, 3), gradient (3,), and the median displacement, in
-    grid px, per unit of inverse depth."""
-
-    system: FloatArray
-    gradient: FloatArray
-    px_per_depth: float
-
-
-def _linearise(view: View, normal: FloatArray, first: FloatImage, radius: float) -> _Linear | None:
-    """The residuals of a plane, linearised; None where image 2 shows too little of the window."""
+    grid px, per unit of inverse depth; None where image 2 shows too little of the window."""
     mapping = view.mapping(normal)
     valid = covered(mapping, view.shape2)
     if valid.mean() < MIN_SEEN:
@@ -200,7 +189,7 @@ def _linearise(view: View, normal: FloatArray, first: FloatImage, radius: float)
     jacobian = slope.reshape(-1, 1) * view.pixels.rays
     weighted = jacobian * weight.reshape(-1, 1)
     system, gradient = weighted.T @ jacobian / sigma**2, weighted.T @ residual.reshape(-1) / sigma**2
-    return _Linear(system, gradient, median(shift) / grid_px)
+    return system, gradient, median(shift) / grid_px
 
 
 def _robust_weight(residual: FloatImage, valid: NDArray[np.bool_]) -> tuple[FloatArray, float]:
@@ -284,6 +273,5 @@ def _swept(centre: FloatArray, depths: FloatArray) -> FloatArray:
 def _visible(view: View, normals: FloatArray) -> FloatArray:
     """Planes (k, 3) that map any of 5 x 5 pixels of the window into image 2: a quick test before they are scored."""
     rows, columns = (np.linspace(0, side - 1, 5).astype(int) for side in view.grid.shape)
-    some = (rows[:, None] * view.grid.shape[1] + columns).ravel()
-    bundle = view.pixels.take(some)
+    bundle = view.pixels.take((rows[:, None] * view.grid.shape[1] + columns).ravel())
     return normals[[covered(view.transfer(bundle, normal), view.shape2).any() for normal in normals]]

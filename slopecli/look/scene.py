@@ -11,8 +11,8 @@ import numpy as np
 from slopecli.geometry.camera import pixels_from_rays, rays_from_pixels
 from slopecli.geometry.epipolar import homogeneous
 from slopecli.look.dense import Cells
-from slopecli.look.evidence import Evidence
 from slopecli.look.features import shrink
+from slopecli.look.matches import Evidence
 from slopecli.look.photometric import View
 from slopecli.look.warp import Grid, Pyramid, cut
 from slopecli.types import Camera, FloatArray
@@ -90,17 +90,11 @@ def epipolar_axes(uv1: FloatArray, scene: Scene) -> tuple[FloatArray, FloatArray
 
 
 def axis_variance(information: FloatArray, uv1: FloatArray, scene: Scene, floor_px: float, noise: float) -> FloatArray:
-    """Variance (n, 2) of matches along and across the epipolar line, from the structure tensors of their cells.
+    """Variance (n, 2), grid px squared, of matches along and across the epipolar line.
 
-    Parameters
-    ----------
-    information : (n, 2, 2) structure tensors, noise units squared per grid px squared.
+    information : (n, 2, 2) structure tensors of their cells, noise units squared per grid px squared.
     uv1 : (n, 2) px of image 1.
     floor_px : 1-sigma of a match of ideal texture, grid px.  noise : 1-sigma of grey values, in the tensors' unit.
-
-    Returns
-    -------
-    variance : (n, 2) grid px squared.
     """
     known = [np.einsum("ni,nij,nj->n", axis, information, axis) for axis in epipolar_axes(uv1, scene)]
     return floor_px**2 + noise**2 / np.maximum(np.column_stack(known), 1e-6)

@@ -14,14 +14,12 @@ import numpy as np
 
 from slopecli.geometry.motion import MotionEstimate, assess_motion, epipolar_residual, refine_motion
 from slopecli.geometry.statistics import median
-from slopecli.look.dense import CLEAR_AGREEMENT, FULL_SMOOTHINGS, Cells
-from slopecli.look.evidence import gather_evidence, scene_planes
+from slopecli.look.dense import CELL, CLEAR_AGREEMENT, FULL_SMOOTHINGS, WHOLE, Cells, OverviewEffort, overview_cells
 from slopecli.look.features import EFFORTS, QUICK, FeatureMemory, Grey, Images, match_sift, shrink
 from slopecli.look.foerstner import match_foerstner
-from slopecli.look.matches import Matches
+from slopecli.look.matches import Matches, gather_evidence, scene_planes
 from slopecli.look.motions import SCORE_PX, FeatureMatcher, Sparse, distinct_motions, find_motions
 from slopecli.look.noise import SYSTEMATIC_PX, WORST_MATCH_PX
-from slopecli.look.overview import CELL, WHOLE, OverviewEffort, overview_cells
 from slopecli.look.scene import Scene
 from slopecli.look.threads import single_threaded
 from slopecli.look.warp import Layer, Pyramid, sample_grey

@@ -11,15 +11,7 @@ import numpy as np
 from slopecli.geometry.statistics import geman_mcclure
 from slopecli.look.noise import DIFFERENCE_GREY
 from slopecli.look.photometric import MAX_STEP_PX, MIN_SEEN, Bundle, View, detrend
-from slopecli.look.warp import (
-    NODE_STEP,
-    FloatImage,
-    covered,
-    image_gradient,
-    map_nodes,
-    node_shape,
-    spread_table,
-)
+from slopecli.look.warp import NODE_STEP, FloatImage, covered, image_gradient, map_nodes, node_shape, spread_table
 from slopecli.types import FloatArray, IntArray
 
 SHADING_PX = 8.0  # working px, sigma of the Gaussian that separates shading from texture

@@ -67,7 +67,7 @@ def plane_transfer(
 
 def transfer_map(grid: Grid, transfer: Transfer) -> FloatImage:
     """Map (h, w, 2) float32 in full px of image 2, exact on nodes NODE_STEP apart and bilinear in between."""
-    return spread_nodes(grid, transfer(map_nodes(grid)))
+    return spread_table(transfer(map_nodes(grid)).reshape(*node_shape(grid.shape), 2), grid.shape)
 
 
 def map_nodes(grid: Grid) -> FloatArray:
@@ -76,11 +76,6 @@ def map_nodes(grid: Grid) -> FloatArray:
     node = lambda n: (np.arange(n) - 0.5) * NODE_STEP - 0.5  # noqa: E731
     x, y = np.meshgrid(node(columns), node(rows))
     return grid.full(np.stack([x, y], -1).reshape(-1, 2))
-
-
-def spread_nodes(grid: Grid, values: FloatArray) -> FloatImage:
-    """Map (h, w, 2) float32, bilinear between its values (n, 2) at `map_nodes`."""
-    return spread_table(values.reshape(*node_shape(grid.shape), 2), grid.shape)
 
 
 def spread_table(table: FloatArray, shape: tuple[int, int]) -> FloatImage:

@@ -11,10 +11,10 @@ import numpy as np
 
 from slopecli.errors import NoAnswer
 from slopecli.geometry.epipolar import homogeneous
-from slopecli.look.evidence import Evidence
+from slopecli.look.dense import CELL
 from slopecli.look.gradient_components import Labels, renumbered_by_size
+from slopecli.look.matches import Evidence
 from slopecli.look.noise import OVERVIEW_CELL_PX
-from slopecli.look.overview import CELL
 from slopecli.look.scene import Scene
 from slopecli.options import Options
 from slopecli.patches.footprint import Footprint, region_footprints

@@ -7,8 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from slopecli.geometry.statistics import median
-from slopecli.look.evidence import ON_PLANE_PX
-from slopecli.look.matches import thin
+from slopecli.look.matches import ON_PLANE_PX, thin
 from slopecli.look.noise import OVERVIEW_CELL_PX
 from slopecli.look.scene import Scene, view_of
 from slopecli.look.warp import covered

@@ -9,8 +9,7 @@ import numpy as np
 from slopecli.geometry.motion import epipolar_residual, inverse_depth
 from slopecli.geometry.plane_fit import robust_plane
 from slopecli.geometry.statistics import median
-from slopecli.look.foerstner import foerstner_corners
-from slopecli.look.least_squares_matching import correlate_windows
+from slopecli.look.foerstner import correlate_windows, foerstner_corners
 from slopecli.look.matches import Matches, pair_rays
 from slopecli.look.noise import LEAST_MATCH_PX
 from slopecli.look.scene import FINE_PX, Scene, view_of

@@ -11,11 +11,9 @@ from slopecli.geometry.epipolar import homogeneous
 from slopecli.geometry.motion import epipolar_residual, inverse_depth
 from slopecli.geometry.plane_fit import robust_plane
 from slopecli.geometry.statistics import median
-from slopecli.look.dense import Cells, dense_cells
-from slopecli.look.evidence import Evidence
-from slopecli.look.matches import Matches, pair_rays
+from slopecli.look.dense import CELL, Cells, dense_cells
+from slopecli.look.matches import Evidence, Matches, pair_rays
 from slopecli.look.noise import NOISE_GREY
-from slopecli.look.overview import CELL
 from slopecli.look.photometric import PlaneFit, align_plane, sweep_planes
 from slopecli.look.scene import FINE_PX, Scene, axis_variance, view_of
 from slopecli.patches.patch import Patch, overdispersion, weight_of

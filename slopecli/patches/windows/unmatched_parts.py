@@ -11,7 +11,7 @@ from slopecli.geometry.epipolar import homogeneous
 from slopecli.geometry.motion import inverse_depth
 from slopecli.geometry.plane_fit import BEND_RAD, lever, plane_products, planes_of_sums
 from slopecli.geometry.statistics import median
-from slopecli.look.evidence import MIN_ON_PLANE, ON_PLANE_PX, Evidence
+from slopecli.look.matches import MIN_ON_PLANE, ON_PLANE_PX, Evidence
 from slopecli.look.noise import NOISE_GREY
 from slopecli.look.scene import Scene
 from slopecli.look.warp import FloatImage, covered, plane_transfer, sample_layer
