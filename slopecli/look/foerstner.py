@@ -287,11 +287,9 @@ def correlate_windows(grey1: Grey, pulled: FloatImage, corners: FloatArray) -> t
 
     pulled : (h, w) float32, the pixel of image 2 expected at every pixel of `grey1`; NaN where there is none.
 
-    Returns
-    -------
-    displacement : (n, 2) px; what `grey1` shows at a corner, `pulled` shows at corner + displacement.
-    correlation : (n,) of the two blocks, -1 where there is none.
-    ok : (n,) whether the displacement is reliable; it is then at most SEARCH_PX along either axis.
+    Returns the displacement (n, 2) px: what `grey1` shows at a corner, `pulled` shows at corner + displacement; the
+    correlation (n,) of the two blocks, -1 where there is none; and (n,) whether the displacement is reliable: it is
+    then at most SEARCH_PX along either axis.
     """
     hidden = ~np.isfinite(pulled)
     image1, image2 = grey1.astype(np.float32), np.where(hidden, 0, pulled).astype(np.float32)

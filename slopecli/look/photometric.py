@@ -118,8 +118,7 @@ def correlation(a: FloatImage, b: FloatImage, valid: NDArray[np.bool_]) -> float
 
 @dataclass(frozen=True, eq=False)
 class PlaneFit:
-    """A plane aligned on pixels: scaled normal (3,), correlation of the two images through it, and the covariance
-    (3, 3) of the normal due to image noise alone."""
+    """A plane aligned on pixels: scaled normal (3,), correlation of the images, covariance (3, 3) due to noise."""
 
     normal: FloatArray
     score: float

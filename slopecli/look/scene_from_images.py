@@ -128,10 +128,7 @@ def _is_clear(scene: Scene) -> bool:
 def build_scene(images: Images, sparse: Sparse, seed: int = 0, effort: OverviewEffort = WHOLE) -> Found:
     """Match all of image 1 densely under each root of the sparse matches, and keep the one most cells agree with.
 
-    Returns
-    -------
-    scene : under the best motion.
-    motions : that motion and the other roots, refined on the dense matches, best first.
+    The motions are refined on the dense matches.
     """
     grey1, grey2, camera1, camera2 = images
     layer = Layer(*shrink(grey1, effort.max_pixels))
