@@ -22,10 +22,8 @@ from slopecli.look.scene import Scene
 from slopecli.look.scene_from_images import find_scene
 from slopecli.options import Options
 from slopecli.patches import PLANE_FINDERS
-from slopecli.patches.given.given_solution import solve_given
-from slopecli.patches.given.rows import RAYS, Given, join_rows
-from slopecli.patches.join import Joined, join_patches, solve_jointly
-from slopecli.patches.merge_coplanar import merge_patches
+from slopecli.patches.given import RAYS, Given, join_rows, solve_given
+from slopecli.patches.join import Joined, join_patches, merge_patches, solve_jointly
 from slopecli.patches.windows.window_finder import wanted_windows
 from slopecli.report.build import build_report
 from slopecli.types import Camera, Diagnostic, Image, ImageInfo, Report, Solution

@@ -43,6 +43,11 @@ def inside_window(uv: FloatArray, window: Window) -> BoolArray:
 
 def window_polygon(window: Window) -> FloatArray:
     """Corners (4, 2) px of the window's outline, pixel edges at half integers."""
-    x, y, w, h = window
-    left, top, right, bottom = x - 0.5, y - 0.5, x + w - 0.5, y + h - 0.5
+    corner = np.array(window[:2]) - 0.5
+    return box_polygon(corner, corner + window[2:])
+
+
+def box_polygon(low: FloatArray, high: FloatArray) -> FloatArray:
+    """Corners (4, 2) of an upright rectangle between two of its corners (2,), from the top left on."""
+    (left, top), (right, bottom) = low, high
     return np.array([[left, top], [right, top], [right, bottom], [left, bottom]])

@@ -16,7 +16,7 @@ from slopecli.geometry.statistics import median
 from slopecli.look.changes import Change
 from slopecli.look.scene import Scene
 from slopecli.options import Options
-from slopecli.patches.given.rows import RAYS
+from slopecli.patches.given import RAYS
 from slopecli.patches.join import Joined
 from slopecli.patches.patch import Patch
 from slopecli.types import BoolArray, Camera, FloatArray, Image, Plane, Solution

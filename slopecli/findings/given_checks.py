@@ -12,8 +12,7 @@ from slopecli.findings.solution_checks import solver_remedy
 from slopecli.findings.wording import finding, listed
 from slopecli.geometry.epipolar import homogeneous
 from slopecli.geometry.slope import tilt_growth
-from slopecli.patches.given.given_solution import GivenSolution
-from slopecli.patches.given.rows import FEWEST, RAYS
+from slopecli.patches.given import FEWEST, RAYS, GivenSolution
 from slopecli.patches.join import Joined
 from slopecli.types import Camera, Diagnostic, Solution
 

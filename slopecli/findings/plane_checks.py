@@ -10,7 +10,7 @@ from slopecli.findings.facts import AnswerFacts
 from slopecli.findings.wording import finding, listed
 from slopecli.look.changes import Change
 from slopecli.patches import FINDER_OF
-from slopecli.patches.given.given_solution import MOST_LEFT_OUT
+from slopecli.patches.given import MOST_LEFT_OUT
 from slopecli.types import Diagnostic, Plane
 
 NON_PLANAR = "non-planar-patch"  # as a diagnostic, and as the reason of a plane

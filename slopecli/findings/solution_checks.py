@@ -11,7 +11,7 @@ from slopecli.findings.wording import finding
 from slopecli.geometry.epipolar import homogeneous
 from slopecli.geometry.motion import inverse_depth
 from slopecli.geometry.statistics import median
-from slopecli.patches.merge_coplanar import MergedGroup
+from slopecli.patches.join import MergedGroup
 from slopecli.types import Diagnostic, FloatArray, Solution
 
 POOR_FIT_PX = 0.5  # noise of matches beyond which the cameras or the images are suspect

@@ -12,7 +12,7 @@ import numpy as np
 
 from slopecli.errors import InputError
 from slopecli.io.files import csv_rows, read_file, readable
-from slopecli.patches.given.rows import Given
+from slopecli.patches.given import Given
 
 MAX_BYTES = 500_000_000
 COORDINATES = ("x1", "y1", "x2", "y2")

@@ -104,9 +104,7 @@ __getattr__, __dir__ = lazy_names(
     __name__,
     {
         "uncalibrated": "label_planes",
-        "footprint": "Footprint paint_labels region_footprints window_footprint",
-        "join": "Joined join_patches",
-        "merge_coplanar": "MergedGroup merge_patches",
-        "patch": "Found Patch overdispersion",
+        "join": "Joined MergedGroup join_patches merge_patches",
+        "patch": "Footprint Found Patch overdispersion paint_labels region_footprints window_footprint",
     },
 )

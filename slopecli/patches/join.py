@@ -1,18 +1,20 @@
-"""The joint problem: the matches of all patches stacked, and one motion with one plane per patch solved from them."""
+"""The joint problem: the matches of all patches stacked, one motion and one plane per patch, coplanar ones as one."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Literal
+from typing import Literal, NamedTuple
 
 import numpy as np
 
 from slopecli.errors import NoAnswer
 from slopecli.geometry.motion import MotionEstimate, epipolar_residual
+from slopecli.geometry.solver.coplanar import merge_coplanar
 from slopecli.geometry.solver.priors import MotionPrior
 from slopecli.geometry.solver.solve import solve_planes
 from slopecli.geometry.solver.uncertainty import rules_out
+from slopecli.geometry.statistics import median
 from slopecli.look.matches import Matches, thin
 from slopecli.look.noise import OVERVIEW_CELL_PX, SYSTEMATIC_PX, correlation_gain
 from slopecli.look.scene import Scene
@@ -20,6 +22,7 @@ from slopecli.patches.patch import Found, Patch, weight_of
 from slopecli.types import BoolArray, FloatArray, IntArray, Segmentation, Solution
 
 OUTSIDE_POINTS = 1500  # matches outside the patches that join the solution: more add time, not accuracy
+MOST_TILT_SIGMA_DEG = 5.0  # of a patch that is merged with others: one less certain agrees with any plane
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,20 +44,16 @@ class Joined:
 
     @classmethod
     def of(
-        cls,
-        patches: Sequence[Patch],
-        outside: Matches,
-        outside_weight: FloatArray,
-        segmentation: Segmentation | None = None,
+        cls, patches: Sequence[Patch], outside: Matches, weight: FloatArray, segmentation: Segmentation | None = None
     ) -> Joined:
-        """Stack the matches of the patches that have some, and those `outside` all of them."""
+        """Stack the matches of the patches that have some, and those `outside` all of them, of this weight."""
         chosen = tuple(patch for patch in patches if patch.origin != "none")
         return cls(
             patches=chosen,
             unanswered=tuple(patch for patch in patches if patch.origin == "none"),
             matches=Matches.none().joined(*(patch.matches for patch in chosen), outside),
             plane=np.repeat([*range(len(chosen)), -1], [*(len(patch.matches) for patch in chosen), len(outside)]),
-            weight=np.concatenate([*(patch.weight for patch in chosen), outside_weight]),
+            weight=np.concatenate([*(patch.weight for patch in chosen), weight]),
             segmentation=segmentation,
         )
 
@@ -82,17 +81,11 @@ def join_patches(found: Found, scene: Scene) -> Joined:
             f"none of the {len(found.patches)} {noun}s can be matched: {first.reason}",
             f"choose {noun}s with texture that both images show",
         )
-    outside = _outside(scene, answered)
+    evidence = scene.evidence
+    free = np.flatnonzero(~np.any([patch.footprint.covers(evidence.uv1) for patch in answered], axis=0))
+    outside = evidence.take(thin(evidence.uv1, free, OUTSIDE_POINTS))
     sigma_px = OVERVIEW_CELL_PX / float(scene.pyramid1.overview_scale.mean())
     return Joined.of(found.patches, outside, weight_of(np.full(len(outside), sigma_px**2)), found.segmentation)
-
-
-def _outside(scene: Scene, patches: Sequence[Patch]) -> Matches:
-    """Matches of the overview that lie on none of the patches, spread evenly."""
-    free = np.ones(len(scene.evidence), bool)
-    for patch in patches:
-        free &= ~patch.footprint.covers(scene.evidence.uv1)
-    return scene.evidence.take(thin(scene.evidence.uv1, np.flatnonzero(free), OUTSIDE_POINTS))
 
 
 def solve_jointly(
@@ -107,13 +100,9 @@ def solve_jointly(
 
     prior : what is known of the motion besides.  noise_factor : by how much all sigmas of matches are too small.
     """
-    matches = joined.matches
     across = [(p.cell, epipolar_residual(scene.R, scene.T, p.matches.x1, p.matches.x2)) for p in joined.patches]
     solution = solve_planes(
-        matches.x1,
-        matches.x2,
-        joined.plane,
-        solver,
+        *(joined.matches.x1, joined.matches.x2, joined.plane, solver),
         weights=joined.weight,
         relief=solver == "mle",
         initial=[(m.R, m.T) for m in motions],
@@ -130,13 +119,8 @@ def _facing(solution: Solution, T: FloatArray) -> Solution:
     """
     if solution.T @ T >= 0:
         return solution
-    return replace(
-        solution,
-        T=-solution.T,
-        scaled_normals=-solution.scaled_normals,
-        tangent=-solution.tangent,
-        normal_gain=-solution.normal_gain,
-    )
+    turned = ("T", "scaled_normals", "tangent", "normal_gain")
+    return replace(solution, **{name: -getattr(solution, name) for name in turned})
 
 
 def excess_px(solution: Solution, delta_chi2: float, focal_px: float) -> float:
@@ -156,3 +140,54 @@ def _beyond_systematics(solution: Solution, focal_px: float) -> Solution:
     if rules_out(found.delta_chi2, found.delta_chi2_prior or 0.0, floor):
         return solution
     return replace(solution, ambiguity=replace(found, status="unresolved"))
+
+
+class MergedGroup(NamedTuple):
+    """Patches, by id, that were given one plane or one normal: the chi-square of the test over its degrees of freedom,
+    and the median 1-sigma of their tilts before and after."""
+
+    ids: tuple[int, ...]
+    shares: str
+    chi2: float
+    dof: int
+    before_deg: float
+    after_deg: float
+
+
+def merge_patches(joined: Joined, solution: Solution) -> tuple[Joined, Solution, list[MergedGroup]]:
+    """The solution with coplanar and parallel patches solved as one, and every group of them.
+
+    Only patches with matches of their own and no reason against them take part. The tilt variance of their matches
+    goes into the covariance here, so the patches returned keep only that of their unmatched parts, of which other
+    patches tell nothing.
+    """
+    own = np.array([patch.origin == "own" and not patch.reason for patch in joined.patches])
+    extra = np.where(own, [patch.tilt_sigma_rad for patch in joined.patches], 0.0)
+    own &= _tilt_sigma_deg(solution, extra) < MOST_TILT_SIGMA_DEG
+    extra *= own
+    merged, groups = merge_coplanar(solution, np.flatnonzero(own), extra)
+    if not groups:
+        return joined, solution, []
+    patches = [
+        replace(patch, tilt_sigma_rad=patch.unmatched_sigma_rad) if takes_part else patch
+        for patch, takes_part in zip(joined.patches, own, strict=True)
+    ]
+    left = np.where(own, [patch.tilt_sigma_rad for patch in patches], 0.0)
+    before, after = _tilt_sigma_deg(solution, extra), _tilt_sigma_deg(merged, left)
+    found = []
+    for group in groups:
+        members = list(group.members)
+        ids = tuple(patches[k].id for k in members)
+        sigmas = median(before[members]), median(after[members])
+        found.append(MergedGroup(ids, group.shares, group.chi2, group.dof, *sigmas))
+    return joined.with_patches(patches), merged, found
+
+
+def _tilt_sigma_deg(solution: Solution, extra_rad: FloatArray) -> FloatArray:
+    """(m,) 1-sigma of each plane's tilt, the mean over all directions; extra_rad (m,) is added in quadrature."""
+    N = solution.scaled_normals
+    length = np.linalg.norm(N, axis=1)
+    unit = N / length[:, None]
+    along = np.einsum("mi,mij,mj->m", unit, solution.normal_covariance, unit)
+    across = np.einsum("mii->m", solution.normal_covariance) - along
+    return np.degrees(np.sqrt(np.maximum(across, 0.0) / 2 / length**2 + extra_rad**2))

@@ -13,7 +13,7 @@ from slopecli.geometry.homography import apply_homography, homography_in_pixels,
 from slopecli.geometry.slope import surface_normals
 from slopecli.measure import Measured, judge, signed_distance
 from slopecli.options import MOST_SIGMA_DEG, Options
-from slopecli.patches.given.given_solution import MOST_LEFT_OUT
+from slopecli.patches.given import MOST_LEFT_OUT
 from slopecli.patches.join import Joined
 from slopecli.patches.patch import Patch
 from slopecli.report.units import residual_in_unit

@@ -14,8 +14,8 @@ from slopecli.look.changes import Change
 from slopecli.measure import measure
 from slopecli.options import Options
 from slopecli.patches import FINDERS
-from slopecli.patches.footprint import paint_labels
 from slopecli.patches.join import Joined
+from slopecli.patches.patch import paint_labels
 from slopecli.report.answered_planes import divide, planes_of
 from slopecli.report.second_root import ambiguity_report
 from slopecli.report.units import fit_of, in_unit, motion_of, scale_of

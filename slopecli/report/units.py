@@ -12,7 +12,7 @@ from slopecli.geometry.epipolar import homogeneous, rotation_angle
 from slopecli.geometry.statistics import median
 from slopecli.measure import Measured
 from slopecli.options import Options
-from slopecli.patches.given.rows import RAYS
+from slopecli.patches.given import RAYS
 from slopecli.patches.join import Joined
 from slopecli.types import Camera, Fit, Motion, Plane, Scale, Solution
 

@@ -17,13 +17,12 @@ from slopecli.look.matches import Evidence
 from slopecli.look.noise import OVERVIEW_CELL_PX
 from slopecli.look.scene import Scene
 from slopecli.options import Options
-from slopecli.patches.footprint import Footprint, region_footprints
 from slopecli.patches.labelling.depth_planes import DepthPlanes, robust_planes
 from slopecli.patches.labelling.energy import Energy, neighbour_costs
 from slopecli.patches.labelling.labelling_tunables import LABELLING
 from slopecli.patches.labelling.search import State, make_pool, search, settled
 from slopecli.patches.neighbours import nearest
-from slopecli.patches.patch import Found, Patch, weight_of
+from slopecli.patches.patch import Footprint, Found, Patch, region_footprints, weight_of
 from slopecli.types import FloatArray, IntArray
 
 

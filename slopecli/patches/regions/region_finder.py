@@ -24,8 +24,7 @@ from slopecli.look.threads import single_threaded
 from slopecli.look.transfer_error import Comparison
 from slopecli.look.warp import FloatImage, Grid
 from slopecli.options import Options
-from slopecli.patches.footprint import region_footprints
-from slopecli.patches.patch import Found, Patch
+from slopecli.patches.patch import Found, Patch, region_footprints
 from slopecli.patches.regions.block_labels import BorderCost, enlarged, label_blocks, surroundings
 from slopecli.patches.regions.cell_planes import component_planes, fewest_planes, neighbourhood_planes, region_cells
 from slopecli.patches.regions.merging import Labelled, merged, refitted

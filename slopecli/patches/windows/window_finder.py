@@ -7,8 +7,7 @@ from collections.abc import Callable
 from slopecli.look.scene import Scene
 from slopecli.look.threads import single_threaded
 from slopecli.options import Options
-from slopecli.patches.footprint import window_footprint
-from slopecli.patches.patch import Found, Patch
+from slopecli.patches.patch import Found, Patch, window_footprint
 from slopecli.patches.windows.corners import match_window_corners
 from slopecli.patches.windows.matching import match_window
 from slopecli.windows import Window, check_windows, grid_windows

@@ -1,24 +1,29 @@
-"""Correspondences given by the user, as patches with their matches."""
+"""Correspondences given by the user, as patches; solved as exactly planar, or with relief where residuals show some."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import Literal
 
 import cv2
 import numpy as np
 
 from slopecli.errors import InputError
 from slopecli.geometry.camera import rays_from_pixels
+from slopecli.geometry.solver.priors import MotionPrior
+from slopecli.geometry.solver.relief import Flatness, flatness
+from slopecli.geometry.solver.solve import solve_planes
 from slopecli.geometry.statistics import median
 from slopecli.look.matches import Matches
-from slopecli.patches.footprint import Footprint
 from slopecli.patches.join import Joined
-from slopecli.patches.patch import Patch
-from slopecli.types import BoolArray, Camera, FloatArray, IntArray
+from slopecli.patches.patch import Footprint, Patch
+from slopecli.types import BoolArray, Camera, FloatArray, IntArray, Solution
+from slopecli.windows import box_polygon
 
 WIDEST_RAY = 5.0  # tangent of the angle to the axis
 RAYS = Camera(0, 0, 1.0, 1.0, 0.0, 0.0, source="rays")  # stands for no camera: its pixels are rays
 FEWEST = 3  # points that make a plane
+MOST_LEFT_OUT = 0.25  # share of a patch's rows off its plane beyond which it is not one plane
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,7 +42,7 @@ class Given:
 
 
 class Hull(Footprint):
-    """Footprint of given points: their convex outline, without pixels."""
+    """Footprint of given points: their convex outline, without pixels, in one piece."""
 
     @property
     def area_px(self) -> int:
@@ -46,18 +51,7 @@ class Hull(Footprint):
 
     @property
     def largest_share(self) -> float:
-        """It is in one piece."""
         return 1.0
-
-
-def _refuse_pixels(given: Given, cameras: tuple[Camera, Camera]) -> None:
-    """Raise InputError if values without a camera cannot be rays: half of them beyond 79 degrees off the axis."""
-    typical = min(float(median(np.abs(xy).max(axis=1))) for xy in (given.xy1, given.xy2))
-    if cameras[0] is RAYS and typical > WIDEST_RAY:
-        raise InputError(
-            f"{given.path}: half of the points lie beyond {typical:.4g}, which are pixels and no rays (x/z, y/z); "
-            "give the camera with --camera or --intrinsics"
-        )
 
 
 def join_rows(given: Given, cameras: tuple[Camera, Camera]) -> Joined:
@@ -68,7 +62,12 @@ def join_rows(given: Given, cameras: tuple[Camera, Camera]) -> Joined:
     InputError : pixels where rays are needed, a pixel that the lens sends nowhere, or no patch of three points off a
         line.
     """
-    _refuse_pixels(given, cameras)
+    typical = min(median(np.abs(xy).max(axis=1)) for xy in (given.xy1, given.xy2))
+    if cameras[0] is RAYS and typical > WIDEST_RAY:  # half of them would be beyond 79 degrees off the axis
+        raise InputError(
+            f"{given.path}: half of the points lie beyond {typical:.4g}, which are pixels and no rays (x/z, y/z); "
+            "give the camera with --camera or --intrinsics"
+        )
     x1, x2 = (_rays(camera, xy) for camera, xy in zip(cameras, (given.xy1, given.xy2), strict=True))
     matches = Matches(given.xy1, given.xy2, x1, x2)
     weight = np.ones(len(matches)) if given.sigma is None else (median(given.sigma) / given.sigma) ** 2
@@ -98,7 +97,10 @@ def _rays(camera: Camera, xy: FloatArray) -> FloatArray:
 def _patch(label: int, matches: Matches, weight: FloatArray, mine: BoolArray) -> Patch:
     """The patch of one label with its rows (mask `mine`), or with none and the reason."""
     own = matches.take(mine)
-    patch, n = Patch(label, "given", _hull(own.uv1)), len(own)
+    polygon = own.uv1[cv2.convexHull(own.uv1.astype(np.float32), returnPoints=False).ravel()]
+    if len(polygon) < 3:
+        polygon = box_polygon(own.uv1.min(axis=0), own.uv1.max(axis=0))
+    patch, n = Patch(label, "given", Hull((0, 0), np.zeros((0, 0), bool), polygon)), len(own)
     if n < FEWEST:
         return patch.unmatched(f"it has {n} row{'s' if n > 1 else ''}, and a plane needs {FEWEST}", "too-few-points")
     spread = np.linalg.svd(own.x1 - own.x1.mean(axis=0), compute_uv=False)
@@ -107,11 +109,40 @@ def _patch(label: int, matches: Matches, weight: FloatArray, mine: BoolArray) ->
     return replace(patch, matches=own, weight=weight[mine], origin="own", score=1.0, share=1.0)
 
 
-def _hull(points: FloatArray) -> Hull:
-    """The outline of points (n, 2), or the box around them where they have none."""
-    corners = cv2.convexHull(points.astype(np.float32), returnPoints=False).ravel()
-    polygon = points[corners]
-    if len(polygon) < 3:
-        (left, top), (right, bottom) = points.min(axis=0), points.max(axis=0)
-        polygon = np.array([[left, top], [right, top], [right, bottom], [left, bottom]])
-    return Hull((0, 0), np.zeros((0, 0), bool), polygon)
+@dataclass(frozen=True, eq=False)
+class GivenSolution:
+    """The solution and checks of its patches (m,).
+
+    flatness : whether residuals along the epipolar lines exceed those across.  emptied : too many rows lie off the
+    exactly planar fit.  unchecked : no more rows are left than determine a plane, so none of them is checked.
+    """
+
+    solution: Solution
+    flatness: Flatness
+    emptied: BoolArray
+    unchecked: BoolArray
+
+
+def solve_given(
+    joined: Joined, solver: Literal["mle", "ha", "lh"], noise: float | None, prior: MotionPrior | None = None
+) -> GivenSolution:
+    """One motion and one plane per patch, exactly planar unless the residuals show relief.
+
+    Points whose residuals along the epipolar lines exceed those across bias an exactly planar fit. It is then solved
+    once more with relief, as for images.
+
+    noise : 1-sigma of a coordinate of weight 1 in image 2, normalised; None estimates it.
+    """
+    given = (joined.matches.x1, joined.matches.x2, joined.plane)
+    exact = solve_planes(*given, solver, noise, weights=joined.weight, prior=prior)
+    counted = joined.plane >= 0
+    total, kept = (np.bincount(joined.plane[chosen]) for chosen in (counted, counted & exact.inlier))
+    emptied = kept < (1 - MOST_LEFT_OUT) * total
+    unchecked = (kept <= FEWEST) & (kept < total)
+    if solver == "mle":
+        rough = solve_planes(*given, solver, noise, weights=joined.weight, prior=prior, relief=True)
+        seen = flatness(rough, *given, joined.weight)
+        # a fit with relief takes many mismatches for noise
+        if seen.off.any() and rough.noise <= exact.noise:
+            return GivenSolution(rough, seen, emptied, unchecked)
+    return GivenSolution(exact, flatness(exact, *given, joined.weight), emptied, unchecked)
