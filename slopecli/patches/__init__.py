@@ -42,18 +42,16 @@ class Finder:
     found: bool
 
     def find(self, scene: Scene, options: Options) -> Found:
-        """Return the patches of a scene, each with its own matches or the reason why it has none.
+        """The patches of a scene, each with its own matches or the reason why it has none.
 
-        Raises
-        ------
-        InputError : the options ask for patches that cannot be.
-        NoAnswer : there is no patch.
+        InputError if the options ask for patches that cannot be; NoAnswer if there is no patch.
         """
         module, function = self.function.split(":")
         found: Found = getattr(import_module(f"{__name__}.{module}"), function)(scene, options)
         return found
 
 
+_FLATTER = "look at it with slopemap estimate --window, or lower --merge-px"
 FINDERS = (
     Finder(
         choice="windows",
@@ -72,7 +70,7 @@ FINDERS = (
         what="planes among the matches (ransac)",
         function="labelling.feature_planes:find_feature_planes",
         options=("min_region_percent",),
-        flatter="look at it with slopemap estimate --window, or lower --merge-px",
+        flatter=_FLATTER,
         found=True,
     ),
     Finder(
@@ -82,7 +80,7 @@ FINDERS = (
         what="planes in the image (regions)",
         function="regions.region_finder:find_regions",
         options=("min_region_percent", "gradient_threshold", "merge_px", "debug_images"),
-        flatter="look at it with slopemap estimate --window, or lower --merge-px",
+        flatter=_FLATTER,
         found=True,
     ),
     Finder(  # a user's own correspondences, which `pipeline.solve` joins without a scene

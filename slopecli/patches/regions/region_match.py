@@ -15,7 +15,7 @@ from slopecli.look.scene import Scene, whole_grid
 from slopecli.look.warp import NOWHERE, FloatImage, Grid, plane_transfer
 from slopecli.patches.patch import Patch
 from slopecli.patches.regions.region_tunables import REGION
-from slopecli.patches.windows.matching import with_cells
+from slopecli.patches.windows.window_finder import with_cells
 from slopecli.types import FloatArray
 
 

@@ -24,7 +24,9 @@ def borrow(patch: Patch, scene: Scene) -> Patch:
     That is the plane that most matches around it lie on; else, amid clutter, the most common orientation of the
     scene. The tilt sigma is the disagreement between the candidate planes.
     """
-    return _from_around(patch, scene) or _from_scene(patch, scene) or _nothing(patch, scene)
+    code, reason = _why_not(patch.window, scene, None)
+    nothing = patch.unmatched(f"{reason}, and nothing around the window can be matched", code)
+    return _from_around(patch, scene) or _from_scene(patch, scene) or nothing
 
 
 def _from_around(patch: Patch, scene: Scene) -> Patch | None:
@@ -61,11 +63,6 @@ def _from_scene(patch: Patch, scene: Scene) -> Patch | None:
     sigma = _disagreement(scene.planes, weight, best)
     words = "this is the orientation most of the scene shares, its distance is not the window's"
     return _borrowed(chosen, patch, scene, scene.planes[best], sigma, words)
-
-
-def _nothing(patch: Patch, scene: Scene) -> Patch:
-    code, reason = _why_not(patch.window, scene, None)
-    return patch.unmatched(f"{reason}, and nothing around the window can be matched", code)
 
 
 def _shares(planes: list[FloatArray], scene: Scene, vote: FloatArray) -> FloatArray:

@@ -1,22 +1,32 @@
-"""The windows finder: rectangles given by the user, or those of a grid, each matched by itself."""
+"""The windows finder: rectangles of image 1, each matched by itself, guided by a first plane of it."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from dataclasses import replace
 
-from slopecli.look.scene import Scene
+import numpy as np
+
+from slopecli.geometry.epipolar import homogeneous
+from slopecli.geometry.motion import epipolar_residual, inverse_depth
+from slopecli.geometry.plane_fit import robust_plane
+from slopecli.geometry.statistics import median
+from slopecli.look.dense import CELL, Cells, dense_cells
+from slopecli.look.foerstner import correlate_windows, foerstner_corners
+from slopecli.look.matches import Evidence, Matches, pair_rays
+from slopecli.look.noise import LEAST_MATCH_PX, NOISE_GREY
+from slopecli.look.photometric import PlaneFit, align_plane, sweep_planes
+from slopecli.look.scene import FINE_PX, Scene, axis_variance, view_of
 from slopecli.look.threads import single_threaded
+from slopecli.look.warp import covered, resample, sample_map
 from slopecli.options import Options
-from slopecli.patches.patch import Found, Patch, window_footprint
-from slopecli.patches.windows.corners import match_window_corners
-from slopecli.patches.windows.matching import match_window
-from slopecli.windows import Window, check_windows, grid_windows
-
-# what `--features` names: the matcher of a window
-WINDOW_MATCHERS: dict[str, Callable[[Patch, Scene], Patch]] = {
-    "sift": match_window,
-    "foerstner": match_window_corners,
-}
+from slopecli.patches.patch import Found, Patch, overdispersion, weight_of, window_footprint
+from slopecli.patches.windows.borrowed import borrow
+from slopecli.patches.windows.direct_alignment import polish
+from slopecli.patches.windows.tunables import TUNE
+from slopecli.patches.windows.unmatched_parts import with_unmatched_parts
+from slopecli.types import FloatArray
+from slopecli.windows import MIN_SIDE_PX, Window, check_windows, grid_windows, inside_window
 
 
 def find_in_windows(scene: Scene, options: Options) -> Found:
@@ -24,7 +34,7 @@ def find_in_windows(scene: Scene, options: Options) -> Found:
 
     Raises
     ------
-    InputError : a window is not inside image 1.
+    InputError : a window is too small or not inside image 1.
     """
     windows = wanted_windows(options, scene.camera1.width, scene.camera1.height)
     match = WINDOW_MATCHERS[options.features]
@@ -32,18 +42,213 @@ def find_in_windows(scene: Scene, options: Options) -> Found:
         return Found([match(window_patch(window, k), scene) for k, window in enumerate(windows, 1)])
 
 
+def wanted_windows(options: Options, width: int, height: int) -> list[Window]:
+    """The windows given, or those of the grid; InputError if one is too small or not inside image 1 (px)."""
+    windows = list(options.windows) or grid_windows(*options.grid, width, height)
+    check_windows(windows, width, height)
+    return windows
+
+
 def window_patch(window: Window, number: int = 1) -> Patch:
     """The patch of a window, still without matches; `number`: its id."""
     return Patch(number, "window", window_footprint(window))
 
 
-def wanted_windows(options: Options, width: int, height: int) -> list[Window]:
-    """The windows given, or those of the grid, checked against image 1 (px).
+# ---- dense flow ----
 
-    Raises
-    ------
-    InputError : a window is too small or not inside image 1.
+
+def match_window(patch: Patch, scene: Scene) -> Patch:
+    """The window with its dense matches, or with those of the plane around it, or with none and the reason."""
+    tried: list[FloatArray] = []
+    for normal in _first_ideas(patch.window, scene):
+        matched = _densely_matched(patch, scene, normal)
+        if matched.origin == "own":
+            return matched
+        tried.append(normal)
+    inside = scene.evidence.plane_through(scene.evidence.near(patch.window, 0.0))
+    if inside is not None and not any(np.array_equal(inside, earlier) for earlier in tried):
+        matched = _densely_matched(patch, scene, inside)
+        if matched.share >= TUNE.part_share:  # image 2 shows a part of the window
+            return matched
+    return borrow(patch, scene)
+
+
+def _first_ideas(window: Window, scene: Scene) -> Iterator[FloatArray]:
+    """Scaled normals to start a dense match from, the cheapest first; the search runs only if the first one fails."""
+    first = _plane_from_overview(window, scene)
+    if first is not None:
+        yield first
+    yield from _search_plane(window, scene)
+
+
+def _plane_from_overview(window: Window, scene: Scene) -> FloatArray | None:
+    """Scaled normal (3,) of the plane through the overview matches in the window; None if they cover too little."""
+    inside = scene.evidence.near(window, 0.0)
+    cell_area = CELL**2 / float(np.prod(scene.pyramid1.overview_scale))
+    if inside.sum() * cell_area < TUNE.overview_share * window[2] * window[3]:
+        return None
+    return scene.evidence.plane_through(inside)
+
+
+def _search_plane(window: Window, scene: Scene) -> list[FloatArray]:
+    """Scaled normal of the plane with the highest correlation of pixels: of the surroundings, the scene, or a sweep.
+
+    Empty if no plane correlates, or if the pixels do not determine the normal.
     """
-    windows = list(options.windows) or grid_windows(*options.grid, width, height)
-    check_windows(windows, width, height)
-    return windows
+    view = view_of(window, scene, TUNE.coarse_px, border=False)
+    if min(view.grid.shape) < 8:  # px: too narrow to compare
+        return []
+    candidates = [scene.evidence.plane_through(scene.evidence.near(window, grow)) for grow in (0.0, 0.5, 1.5)]
+    fits = [align_plane(view, normal, 6) for normal in (*candidates, *scene.planes) if normal is not None]
+    fits = [fit for fit in fits if np.isfinite(fit.score)]
+    if max((fit.score for fit in fits), default=-1.0) < TUNE.good_score and len(scene.evidence) >= TUNE.least_matches:
+        depths = _sweep_depths(scene.evidence, view.grid.mean_scale)
+        fits += [align_plane(view, fit.normal, 8) for fit in sweep_planes(view, depths)]
+    best = max(fits, key=lambda fit: fit.score, default=None)
+    if best is None or best.score <= TUNE.fair_score:
+        # too little of the window is in image 2 to compare, but some of that may have overview matches
+        return [candidates[0]] if candidates[0] is not None else []
+    for side in (TUNE.coarse_px * 2, FINE_PX):  # finer, up to the resolution of the window
+        if max(window[2:]) > 0.6 * side:
+            best = align_plane(view_of(window, scene, side, border=False), best.normal, 8)
+    return [best.normal] if _informed(best) else []
+
+
+def _sweep_depths(evidence: Evidence, scale: float) -> FloatArray:
+    """Inverse depths (n,) over the range of the scene and somewhat beyond, about a grid px apart, at most 60."""
+    low, high = np.percentile(evidence.w, [1, 99])
+    spread = high - low
+    low, high = max(low - 0.3 * spread, 1e-4 * high), high + 0.3 * spread
+    pixels = (high - low) * median(evidence.leverage) * evidence.focal_px * scale
+    return np.linspace(low, high, int(np.clip(pixels, 8, 60)))
+
+
+def _informed(fit: PlaneFit) -> bool:
+    """Whether the pixels determine the direction of the normal."""
+    if not np.isfinite(fit.covariance).all():
+        return False
+    length = max(float(np.linalg.norm(fit.normal)), 1e-12)
+    unit = fit.normal / length
+    project = (np.eye(3) - np.outer(unit, unit)) / length
+    sigma = np.sqrt(max(np.linalg.eigvalsh(project @ fit.covariance @ project.T)[-1], 0.0))
+    return bool(sigma < TUNE.informed_rad)
+
+
+def _densely_matched(patch: Patch, scene: Scene, normal: FloatArray) -> Patch:
+    """The window with the matches of dense flow between it and image 2 pulled onto it by a plane."""
+    window = patch.window
+    view = view_of(window, scene, FINE_PX, border=True)
+    grid = view.grid
+    if min(grid.shape) < MIN_SIDE_PX:
+        return patch.unmatched("too few pixels")
+    side = max(window[2:]) * grid.mean_scale
+    cell = int(np.clip(side / TUNE.cells_across, 4, 8))
+    mapping = view.node_mapping(normal)
+    possible = max(1.0, window[2] * window[3] * float(np.prod(grid.scale)) / cell**2)
+
+    def flow_matched(smoothings: int) -> Patch:
+        cells = dense_cells(grid, mapping, scene.pyramid2, scene.shape2, cell, finest=0, smoothings=smoothings)
+        return with_cells(patch, cells.take(inside_window(cells.uv1, window)), scene, possible)
+
+    matched = flow_matched(TUNE.smoothings)
+    if matched.score < TUNE.clear_score:
+        smooth = flow_matched(TUNE.faint_smoothings)
+        # a smooth flow reaches from the border of bare ground into it, where it is no match
+        matched = smooth if matched.origin == "own" or smooth.share >= TUNE.part_share else matched
+    return with_unmatched_parts(polish(matched, scene, cell), matched, scene)
+
+
+def with_cells(patch: Patch, cells: Cells, scene: Scene, possible: float) -> Patch:
+    """The patch with those of the cells that are well matched and on its plane.
+
+    possible : number of cells if all of the patch were matched.
+    """
+    x1, x2, seen = pair_rays(scene.camera1, scene.camera2, cells.uv1, cells.uv2)
+    focal = scene.camera2.focal_px
+    variance = axis_variance(cells.information, cells.uv1, scene, TUNE.flow_floor_px, NOISE_GREY) / cells.pixel_scale**2
+    residual = np.abs(epipolar_residual(scene.R, scene.T, x1, x2)) * focal * cells.pixel_scale
+    good = seen & (residual < TUNE.mismatch_px)
+    good &= (variance[:, 0] * cells.pixel_scale**2 < TUNE.max_sigma_px**2) & (cells.agreement > TUNE.fair_score)
+    good[good] &= inverse_depth(scene.R, scene.T, x1[good], x2[good])[0] > 0
+    share = float(good.sum() / possible)
+    if good.sum() < TUNE.least_matches or share < TUNE.least_share:
+        return patch.unmatched("too few matches")
+    w, leverage = inverse_depth(scene.R, scene.T, x1[good], x2[good])
+    plane = robust_plane(x1[good], w, leverage, TUNE.flow_floor_px / focal / cells.pixel_scale)
+    score = median(cells.agreement[good])
+    sigma = _poor_match_rad(share, score)
+    sigma += plane.tilt_sigma_rad(homogeneous(x1[good]) * leverage[:, None], w * leverage)
+    keep = np.flatnonzero(good)[plane.inlier]
+    matches = Matches(cells.uv1, cells.uv2, x1, x2).take(keep)
+    across = epipolar_residual(scene.R, scene.T, matches.x1, matches.x2) * focal
+    return replace(
+        patch,
+        matches=matches,
+        weight=weight_of(variance[keep, 0] * overdispersion(across**2 / variance[keep, 1])),
+        cell=cells.index[keep],
+        origin="own",
+        score=score,
+        share=share,
+        tilt_sigma_rad=sigma,
+        left_out=1 - float(plane.inlier.mean()),
+    )
+
+
+def _poor_match_rad(share: float, score: float) -> float:
+    """1-sigma of the tilt due to a small matched share or a low score, much larger where both occur."""
+    scarce, faint = max(0.0, 1 - share / TUNE.scarce_share), max(0.0, 1 - score / TUNE.good_score)
+    # both at once is how other ground matches: what little agrees has been picked by chance
+    unclear = min(max(0.0, (TUNE.clear_score - score) / (TUNE.clear_score - TUNE.good_score)), 1.0)
+    chance = min(2 * scarce, 1.0) * unclear
+    return float(np.hypot(TUNE.poor_rad * (scarce + faint), TUNE.most_rad * chance))
+
+
+# ---- the paper's matcher (section IV, experiment 1): Förstner corners, correlation, outlier removal ----
+
+
+def match_window_corners(patch: Patch, scene: Scene) -> Patch:
+    """Corners of the window correlated with image 2 pulled onto it, or the matches of the plane around it."""
+    first = _plane_from_overview(patch.window, scene)
+    for normal in [first] if first is not None else _search_plane(patch.window, scene):
+        matched = _correlated(patch, scene, normal)
+        if matched.origin == "own":
+            return matched
+    return borrow(patch, scene)
+
+
+def _correlated(patch: Patch, scene: Scene, normal: FloatArray) -> Patch:
+    view = view_of(patch.window, scene, FINE_PX, border=True)
+    mapping = view.mapping(normal)
+    pulled = resample(scene.pyramid2, mapping, view.grid)
+    pulled[~covered(mapping, scene.shape2)] = np.nan
+    corners = foerstner_corners(view.grid.grey, 60, TUNE.corner_distance_px)  # 60 as in the paper
+    if len(corners) < TUNE.least_matches:
+        return patch.unmatched("too few corners")
+    displacement, correlation, ok = correlate_windows(view.grid.grey, pulled, corners)
+    scale = view.grid.mean_scale
+    uv1, uv2 = view.grid.full(corners), sample_map(mapping, corners + displacement)
+    x1, x2, seen = pair_rays(scene.camera1, scene.camera2, uv1, uv2)
+    ok &= seen & inside_window(uv1, patch.window)
+    grid_focal = scene.camera2.focal_px * scale
+    ok[ok] &= np.abs(epipolar_residual(scene.R, scene.T, x1[ok], x2[ok])) * grid_focal < TUNE.mismatch_px
+    if ok.sum() < TUNE.least_matches:
+        return patch.unmatched("too few corners matched")
+    w, leverage = inverse_depth(scene.R, scene.T, x1[ok], x2[ok])
+    kept = np.flatnonzero(ok)[robust_plane(x1[ok], w, leverage, LEAST_MATCH_PX / grid_focal).inlier]
+    matched = replace(
+        patch,
+        matches=Matches(uv1, uv2, x1, x2).take(kept),
+        weight=weight_of(np.full(len(kept), (LEAST_MATCH_PX / scale) ** 2)),
+        cell=np.round(corners[kept, ::-1] / TUNE.corner_distance_px).astype(np.int64),
+        origin="own",
+        score=median(correlation[kept]),
+        share=len(kept) / len(corners),
+    )
+    return with_unmatched_parts(matched, matched, scene)
+
+
+# what `--features` names: the matcher of a window
+WINDOW_MATCHERS: dict[str, Callable[[Patch, Scene], Patch]] = {
+    "sift": match_window,
+    "foerstner": match_window_corners,
+}
