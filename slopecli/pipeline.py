@@ -88,16 +88,13 @@ def solve(given: Given, cameras: tuple[Camera, Camera] | None, options: Options,
 
     Parameters
     ----------
-    given : correspondences, px of the cameras or, without cameras, rays; with their sigmas, if they have their own.
-    options : `Options`; those of images and finders have no effect.
-    noise : 1-sigma of a coordinate in image 2, px or, without cameras, mrad; None takes the correspondences' own, or
-        estimates it from the residuals.
+    given : correspondences, px of the cameras or, without cameras, rays.  options : those of images have no effect.
+    noise : 1-sigma of a coordinate in image 2, px or mrad; None takes that of `given`, or estimates it from residuals.
 
     Raises
     ------
-    InputError : no three rows off a line lie on one plane.
-    DegenerateConfiguration, NoAnswer : there are too few correspondences, no parallax, a mirrored image, or rows that
-        agree on no motion.
+    InputError : no patch has three rows off a line.
+    DegenerateConfiguration, NoAnswer : too few rows, no parallax, a mirrored image, or no motion explains the rows.
     """
     both = cameras or (RAYS, RAYS)
     prior = motion_prior(options)

@@ -73,7 +73,7 @@ def review(
         remedy = remedy or "check the camera and the rows; if the points are no better, say so with --noise"
         found.append(finding("poor-fit", message, measured * per, remedy))
     patches = [replace(patch, reason=reason) for patch, reason in zip(joined.patches, reasons, strict=True)]
-    return joined.with_patches(patches), [*found, *_rough(solved, joined, reasons)]
+    return replace(joined, patches=tuple(patches)), [*found, *_rough(solved, joined, reasons)]
 
 
 def _off_plane(solved: GivenSolution, noise: float | None) -> list[str]:

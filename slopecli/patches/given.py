@@ -57,10 +57,7 @@ class Hull(Footprint):
 def join_rows(given: Given, cameras: tuple[Camera, Camera]) -> Joined:
     """The rows as patches with their matches; rows of a patch that makes no plane constrain the motion only.
 
-    Raises
-    ------
-    InputError : pixels where rays are needed, a pixel that the lens sends nowhere, or no patch of three points off a
-        line.
+    InputError : pixels where rays are needed, a pixel without a ray, or no patch of three points off a line.
     """
     typical = min(median(np.abs(xy).max(axis=1)) for xy in (given.xy1, given.xy2))
     if cameras[0] is RAYS and typical > WIDEST_RAY:  # half of them would be beyond 79 degrees off the axis

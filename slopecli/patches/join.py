@@ -61,18 +61,9 @@ class Joined:
         """(n,) the matches on plane k."""
         return self.plane == k
 
-    def with_patches(self, patches: Sequence[Patch]) -> Joined:
-        """The same with more known of the patches, whose matches stay."""
-        return replace(self, patches=tuple(patches))
-
 
 def join_patches(found: Found, scene: Scene) -> Joined:
-    """Stack the patches' matches, and for the motion some of those outside all patches.
-
-    Raises
-    ------
-    NoAnswer : no patch has matches.
-    """
+    """Stack the patches' matches, and for the motion some of those outside all patches; NoAnswer if none has any."""
     answered = [patch for patch in found.patches if patch.origin != "none"]
     if not answered:
         first, noun = found.patches[0], found.patches[0].finder.noun
@@ -180,7 +171,7 @@ def merge_patches(joined: Joined, solution: Solution) -> tuple[Joined, Solution,
         ids = tuple(patches[k].id for k in members)
         sigmas = median(before[members]), median(after[members])
         found.append(MergedGroup(ids, group.shares, group.chi2, group.dof, *sigmas))
-    return joined.with_patches(patches), merged, found
+    return replace(joined, patches=tuple(patches)), merged, found
 
 
 def _tilt_sigma_deg(solution: Solution, extra_rad: FloatArray) -> FloatArray:

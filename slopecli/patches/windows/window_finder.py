@@ -30,12 +30,7 @@ from slopecli.windows import MIN_SIDE_PX, Window, check_windows, grid_windows, i
 
 
 def find_in_windows(scene: Scene, options: Options) -> Found:
-    """One patch per window, each matched by itself, guided by the scene.
-
-    Raises
-    ------
-    InputError : a window is too small or not inside image 1.
-    """
+    """One patch per window, each matched by itself, guided by the scene; InputError as in `wanted_windows`."""
     windows = wanted_windows(options, scene.camera1.width, scene.camera1.height)
     match = WINDOW_MATCHERS[options.features]
     with single_threaded():
@@ -141,8 +136,7 @@ def _densely_matched(patch: Patch, scene: Scene, normal: FloatArray) -> Patch:
     grid = view.grid
     if min(grid.shape) < MIN_SIDE_PX:
         return patch.unmatched("too few pixels")
-    side = max(window[2:]) * grid.mean_scale
-    cell = int(np.clip(side / TUNE.cells_across, 4, 8))
+    cell = int(np.clip(max(window[2:]) * grid.mean_scale / TUNE.cells_across, 4, 8))
     mapping = view.node_mapping(normal)
     possible = max(1.0, window[2] * window[3] * float(np.prod(grid.scale)) / cell**2)
 
