@@ -62,10 +62,7 @@ def window_footprint(window: Window) -> Footprint:
 
 
 def region_footprints(labels: Labels, shape: tuple[int, int]) -> list[Footprint]:
-    """Footprints 1, 2, ... of a label map, enlarged to the image's shape (rows, columns) if it is smaller.
-
-    Labels are consecutive, and each has at least one pixel.
-    """
+    """Footprints of labels 1, 2, ..., none without pixels, enlarged to the image's shape (rows, columns) if smaller."""
     labels = resized(labels, shape)
     footprints = []
     for number in range(1, int(labels.max()) + 1):
@@ -159,7 +156,6 @@ def overdispersion(normalised_squares: FloatArray) -> float:
     """Robust ratio of the variance of a patch's residuals to that predicted from its texture, at least 0.25.
 
     The fewer residuals there are, the less a ratio below 1 is trusted: of 20 or fewer it is at least 1.
-
     normalised_squares : (n,) squared residuals over their predicted variances.
     """
     least = np.interp(len(normalised_squares), [20, 60], [1.0, 0.25])

@@ -61,11 +61,6 @@ class Gaps:
     matched: FloatArray
     per_px: float
 
-    @property
-    def unseen(self) -> FloatArray:
-        """(g, 2) px of image 1: centres of the cells without a match."""
-        return self.uv1[~self.seen]
-
     def tilt_rad(self, height_px: FloatArray | float) -> float:
         """Tilt of the least-squares plane of the whole window if its unmatched cells stand off the plane, rad.
 
@@ -137,7 +132,7 @@ def beside_rad(gaps: Gaps, normal: FloatArray, evidence: Evidence, focal1_px: fl
     off = np.abs(homogeneous(evidence.x1[near]) @ normal - evidence.w[near])
     height = off / np.linalg.norm(normal) * focal1_px
     height = np.where(off * evidence.leverage[near] * evidence.focal_px > ON_PLANE_PX, height, 0.0)
-    distance = np.sqrt(((gaps.unseen[:, None] - evidence.uv1[near][None]) ** 2).sum(2))
+    distance = np.sqrt(((gaps.uv1[~gaps.seen][:, None] - evidence.uv1[near][None]) ** 2).sum(2))
     nearest = np.argsort(distance, axis=1, kind="stable")[:, :8]  # 8: to average out their noise
     distance = np.take_along_axis(distance, nearest, 1)
     within = distance < TUNE.beside * max(gaps.window[2:])
@@ -175,7 +170,7 @@ def contradicted_rad(gaps: Gaps, normal: FloatArray, scene: Scene) -> float:
 
     normal : (3,) scaled, of the plane of the window's matches.
     """
-    off = contradict(gaps.unseen, gaps.cell_px, normal, scene)
+    off = contradict(gaps.uv1[~gaps.seen], gaps.cell_px, normal, scene)
     height_px = np.where(off, TUNE.off_plane * max(gaps.window[2:]), 0.0)
     return min(gaps.tilt_rad(height_px), TUNE.most_rad)
 

@@ -242,7 +242,4 @@ def _correlated(patch: Patch, scene: Scene, normal: FloatArray) -> Patch:
 
 
 # what `--features` names: the matcher of a window
-WINDOW_MATCHERS: dict[str, Callable[[Patch, Scene], Patch]] = {
-    "sift": match_window,
-    "foerstner": match_window_corners,
-}
+WINDOW_MATCHERS: dict[str, Callable[[Patch, Scene], Patch]] = {"sift": match_window, "foerstner": match_window_corners}
