@@ -11,7 +11,7 @@ from slopecli.errors import DegenerateConfiguration, NoAnswer
 from slopecli.geometry import solve_planes, tilt_growth
 from slopecli.geometry.solver import small_sample
 from slopecli.options import Options
-from slopecli.patches.given import Given
+from slopecli.patches import Given
 from slopecli.pipeline import solve
 from slopecli.study import Scene, make_scene
 from slopecli.types import IntArray, Report

@@ -10,7 +10,7 @@ import pytest
 
 from slopecli.errors import NoAnswer
 from slopecli.options import Options
-from slopecli.patches.given import Given
+from slopecli.patches import Given
 from slopecli.pipeline import solve
 from slopecli.study import Scene, make_scene
 from slopecli.types import IntArray, Report

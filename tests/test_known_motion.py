@@ -16,7 +16,7 @@ from slopecli.findings import motion_prior, rotation_of_quaternion
 from slopecli.geometry import rotation_from_vector, rotation_vector
 from slopecli.io import load_pose
 from slopecli.options import Options, Pose
-from slopecli.patches.given import Given
+from slopecli.patches import Given
 from slopecli.pipeline import solve
 from slopecli.study import make_scene
 

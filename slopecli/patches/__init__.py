@@ -102,6 +102,7 @@ __getattr__, __dir__ = lazy_names(
     __name__,
     {
         "uncalibrated": "label_planes",
+        "given": "Given",
         "join": "Joined MergedGroup join_patches merge_patches",
         "patch": "Footprint Found Patch overdispersion paint_labels region_footprints window_footprint",
     },
