@@ -28,7 +28,7 @@ from slopecli.patches.windows.window_finder import wanted_windows
 from slopecli.report.build import build_report
 from slopecli.types import Camera, Diagnostic, Image, ImageInfo, Report, Solution
 
-OnStage = Callable[[str, float], None]
+OnStage = Callable[[str, float], None]  # called with the name of a stage and its processor time, s
 
 
 def estimate(
@@ -45,8 +45,8 @@ def estimate(
 
     Parameters
     ----------
-    image1, image2 : as stored (distorted), of the cameras' sizes.  options : windows in px of image 1.
-    memory : of features, for many pairs that share images.  on_stage : gets (name, seconds of processor time).
+    image1, image2 : not undistorted, of the cameras' sizes.  options : their windows are in px of image 1.
+    memory : cache of SIFT features, for pairs that share images.  on_stage : see `OnStage`.
 
     Raises
     ------
@@ -71,7 +71,7 @@ def estimate(
     found = PLANE_FINDERS[options.planes](scene, options)
     clock.tick(options.planes)
 
-    # homography alignment: one motion for all patches, and one normal for each
+    # joint solution: one motion for all patches, and one scaled normal for each
     joined = join_patches(found, scene)
     solution, against_prior = _solve_with_prior(joined, scene, motions, prior, options)
     joined, solution, merged = _merge_coplanar(joined, solution, options)
@@ -88,12 +88,13 @@ def solve(given: Given, cameras: tuple[Camera, Camera] | None, options: Options,
 
     Parameters
     ----------
-    given : correspondences, px of the cameras or, without cameras, rays.  options : those of images have no effect.
+    given : correspondences, px or, without cameras, rays (normalised coordinates).  cameras : None for rays.
+    options : those of images and of finders have no effect.
     noise : 1-sigma of a coordinate in image 2, px or mrad; None takes that of `given`, or estimates it from residuals.
 
     Raises
     ------
-    InputError : no patch has three rows off a line.
+    InputError : no patch has three rows that are not on one line, or rows without cameras are no rays.
     DegenerateConfiguration, NoAnswer : too few rows, no parallax, a mirrored image, or no motion explains the rows.
     """
     both = cameras or (RAYS, RAYS)
@@ -104,7 +105,7 @@ def solve(given: Given, cameras: tuple[Camera, Camera] | None, options: Options,
     sigma = median(given.sigma) if noise is None and given.sigma is not None else noise
     sigma_rad = None if sigma is None else sigma * (1e-3 if cameras is None else 1.0 / both[1].focal_px)
 
-    # homography alignment, with the known motion unless the rows contradict it
+    # joint solution, with the known motion unless the rows contradict it
     solve_rows = partial(solve_given, joined, options.solver, sigma_rad)
     solved, diagnostics = solve_rows(prior), list[Diagnostic]()
     if prior and (against := contradiction(prior, solved.solution, lambda: solve_rows().solution, None, options)):
@@ -123,7 +124,10 @@ def solve(given: Given, cameras: tuple[Camera, Camera] | None, options: Options,
 def _solve_with_prior(
     joined: Joined, scene: Scene, motions: list[MotionEstimate], prior: MotionPrior | None, options: Options
 ) -> tuple[Solution, list[Diagnostic]]:
-    """Solve all patches jointly, with the known motion unless the matches contradict it; then a diagnostic says so."""
+    """Solve all patches jointly, with the prior; if the matches contradict it, a diagnostic says so.
+
+    The solution is then without the prior, or with it and a larger sigma of the matches (`noise_factor`).
+    """
     solve_patches = partial(solve_jointly, joined, scene, motions, options.solver)
     solution = solve_patches(prior)
     against = prior and contradiction(prior, solution, solve_patches, scene.camera2.focal_px, options)
@@ -134,7 +138,10 @@ def _solve_with_prior(
 
 
 def _merge_coplanar(joined: Joined, solution: Solution, options: Options) -> tuple[Joined, Solution, list[Diagnostic]]:
-    """If asked for, coplanar and parallel patches solved as such, with a diagnostic for each group."""
+    """Solve again with one plane, or one normal, for patches that are coplanar or parallel; one diagnostic a group.
+
+    Nothing changes without the option `merge_coplanar`.
+    """
     if not options.merge_coplanar:
         return joined, solution, []
     joined, solution, groups = merge_patches(joined, solution)
@@ -150,13 +157,13 @@ class _Clock:
         self._spent: dict[str, float] = {}
 
     def lap(self, name: str) -> None:
-        """Add the time since the last call to a stage, which may continue later."""
+        """Add the time since the last call of `lap` or `tick` to a stage; reported at the next `tick`."""
         now = time.process_time()
         self._spent[name] = self._spent.get(name, 0.0) + now - self._last
         self._last = now
 
     def tick(self, name: str) -> None:
-        """End a stage; report it and those added to since the last tick."""
+        """Add the time to a stage as `lap` does, then report every stage that has some and start from zero."""
         self.lap(name)
         if self._on_stage is not None:
             for stage, seconds in self._spent.items():

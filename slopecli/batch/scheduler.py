@@ -1,4 +1,4 @@
-"""Distribute jobs over executors: every job is answered once, also when workers crash or executors break.
+"""Distribute jobs over executors: every job is answered exactly once, even if workers crash or executors break.
 
 `run_batch` runs in the calling program; `answer_here` and `answer_beside` are what executors call for a chunk of jobs.
 """
@@ -15,12 +15,12 @@ from slopecli.batch.jobs import Answer, Job, Outcome, failure
 from slopecli.batch.worker import NO_LIMITS, Limits, Worker, WorkerCrashed, WorkerFailed
 from slopecli.errors import DiskFull, InputError
 
-AnswerJobs = Callable[[list[Job]], list[Answer]]
-OnAnswer = Callable[[int, Answer], None]
+AnswerJobs = Callable[[list[Job]], list[Answer]]  # one answer a job, in their order
+OnAnswer = Callable[[int, Answer], None]  # called with the index of a job and its answer
 Prepare = Callable[[Job], Job | Answer]
 
-_of_thread = threading.local()
-ATTEMPTS = 2  # a job that crashes its worker this often fails
+_of_thread = threading.local()  # its `child`: the child process of the thread, see `answer_beside`
+ATTEMPTS = 2  # crashes of a worker after which the answer of its job is a failure
 REMEDIES = {
     "crashed": "try it alone with slopemap estimate -v; if memory is short, lower --jobs",
     "timeout": "raise --timeout, or try smaller images",
@@ -59,7 +59,7 @@ def run_batch(
     ----------
     executors : each runs one chunk at a time; one executor may be listed several times.
     on_answer : called in this thread with the index of a job and its answer.
-    answer_jobs : called by the executors.
+    answer_jobs : called in the executors with the jobs of a chunk.
     chunk : number of jobs in a call. The jobs of a failed chunk are tried again one by one; the answer of a job that
         fails `ATTEMPTS` times is a failure.
     prepare : called in this thread with a job just before it is submitted; returns the job to submit or its answer.
@@ -85,10 +85,10 @@ class _Run:
     prepare: Prepare | None
     lanes: list[Lane]
     again: deque[int] = field(default_factory=deque)  # jobs of failed chunks, to be tried one by one
-    failures: Counter[int] = field(default_factory=Counter)
+    failures: Counter[int] = field(default_factory=Counter)  # failed attempts by index of the job
     running: dict[Future[list[Answer]], tuple[Lane, list[int]]] = field(default_factory=dict)
     disk_full: DiskFull | None = None
-    loss: BaseException | None = None  # why the last executor was lost
+    loss: BaseException | None = None  # error of the executor that broke last
 
     def run(self) -> None:
         try:
@@ -112,7 +112,7 @@ class _Run:
     # ---- submit jobs ----
 
     def _submit_all(self) -> None:
-        """Give every free lane its next jobs; repeated, as jobs may be refused or their answers be known."""
+        """Give every free lane its next jobs; repeated, as executors may refuse jobs and `prepare` may know answers."""
         while any(self._submit_next(lane) for lane in self.lanes):
             pass
 
@@ -126,6 +126,7 @@ class _Run:
         return bool(indices)
 
     def _next(self, lane: Lane) -> list[int]:
+        """Indices of the next jobs of a lane: one to be tried again, or a chunk of its range; empty if none is left."""
         if self.again:
             return [self.again.popleft()]
         if not len(lane):
@@ -134,7 +135,7 @@ class _Run:
         return list(range(first, lane.start))
 
     def _take_over(self, lane: Lane) -> None:
-        """Move the second half of the longest range left to this lane, or all of it if its own lane is lost."""
+        """Move the second half of the longest range left to this lane, or all of it if the lane it was of is lost."""
         longest = max(self.lanes, key=len)
         middle = longest.start if longest.lost else (longest.start + longest.stop) // 2
         lane.start, lane.stop, longest.stop = middle, longest.stop, middle
@@ -225,7 +226,7 @@ def _one_line(error: BaseException | None) -> str:
 
 
 def answer_here(jobs: Sequence[Job]) -> list[Answer]:
-    """As `answer_jobs`, which is imported on the first call only."""
+    """Answer jobs in this process; `batch.answer`, with the whole pipeline, is imported on the first call only."""
     from slopecli.batch.answer import answer_jobs
 
     return answer_jobs(jobs)

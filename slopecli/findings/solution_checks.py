@@ -1,4 +1,4 @@
-"""Checks of the joint solution: residuals, convergence, all of the scene on one plane, and a straight descent."""
+"""Checks of the joint solution: residuals, convergence, single plane, second root, straight descent; merged patches."""
 
 from __future__ import annotations
 
@@ -15,8 +15,8 @@ from slopecli.patches.join import MergedGroup
 from slopecli.types import Diagnostic, FloatArray, Solution
 
 POOR_FIT_PX = 0.5  # noise of matches beyond which the cameras or the images are suspect
-ALONG_DEG, FLAT_DEG = 15.0, 5.0  # motion off the normal of the ground, and RMS of its slopes, of a straight descent
-FLAT_PX = 0.2  # distance of matches from one plane within which relief does not help to determine the motion
+ALONG_DEG, FLAT_DEG = 15.0, 5.0  # a straight descent: motion off the planes' mean normal, and their RMS off it
+FLAT_PX = 0.2  # of image 2; points nearer to one plane than this do not help to tell the motion by their relief
 
 
 def solver_remedy(solution: Solution) -> str:
@@ -47,7 +47,7 @@ def not_converged(facts: AnswerFacts) -> list[Diagnostic]:
 
 
 def one_plane(facts: AnswerFacts) -> list[Diagnostic]:
-    """That the motion is estimated from a single plane, where no second root is left."""
+    """The motion is estimated from a single plane, and no second root is left."""
     solution, focal_px = facts.solution, facts.focal_px
     if solution.ambiguity.status == "unresolved" or not solution.inlier.any():
         return []
@@ -63,11 +63,14 @@ def one_plane(facts: AnswerFacts) -> list[Diagnostic]:
 
 
 def _off_one_plane(solution: Solution, x1: FloatArray, x2: FloatArray) -> float:
-    """Distance in image 2, normalised, that 90 % of the matches keep from where the plane through all sends them."""
+    """90 % quantile of the distance in image 2, normalised, of matches from the prediction of one plane fitted to all.
+
+    x1, x2 : (n, 2) normalised coordinates.
+    """
     w, leverage = inverse_depth(solution.R, solution.T, x1, x2)
     rows, target, weight = homogeneous(x1) * leverage[:, None], w * leverage, np.ones(len(w))
     off = np.zeros(len(w))
-    for _ in range(5):  # least absolute values, by reweighting
+    for _ in range(5):  # least absolute deviations, by reweighted least squares
         normal = np.linalg.lstsq(rows * weight[:, None], target * weight, rcond=None)[0]
         off = np.abs(target - rows @ normal)
         weight = 1.0 / np.sqrt(np.maximum(off, 0.1 * median(off) + 1e-12))
@@ -84,7 +87,7 @@ def second_root(facts: AnswerFacts) -> list[Diagnostic]:
 
 
 def straight_descent(facts: AnswerFacts) -> list[Diagnostic]:
-    """Motion along the one normal that all planes share, which determines slopes least of all motions."""
+    """Motion along the common normal of all planes, which determines slopes least of all motions."""
     normals = np.array([plane.normal_cam1 for plane in facts.planes])
     mean = normals.sum(0) / max(float(np.linalg.norm(normals.sum(0))), np.finfo(float).tiny)
     spread = float(np.degrees(np.sqrt(np.mean(np.arccos(np.clip(normals @ mean, -1.0, 1.0)) ** 2))))

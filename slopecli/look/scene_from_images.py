@@ -1,7 +1,7 @@
 """First stage of the pipeline: from two images and their cameras to a scene and the motions that may explain it.
 
 A quick pass, on features of small images and a coarse overview, takes about half the time of the full one. It is tried
-if it may suffice for the windows asked for; its scene is used only if matches and motion are clear.
+if the windows are large enough for it; its scene is used only if matches and motion are clear.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ from slopecli.windows import Window
 # Overviews of the quick pass. Large windows need them only for a first plane, as each is matched finely afterwards.
 COARSE = OverviewEffort(max_pixels=0.15e6, finest=0, smoothings=1)
 FINE = OverviewEffort(max_pixels=0.5e6, finest=1, smoothings=FULL_SMOOTHINGS)
-WINDOW_CELLS = 6  # cells of the overview along a window's shorter side that determine a first plane
+WINDOW_CELLS = 6  # least cells of the overview along a window's shorter side: with them it has a first plane
 MOST_OF_IMAGE = 0.5  # share of image 1 that windows, and consistent cells, must cover to determine the motion
 
 Found = tuple[Scene, list[MotionEstimate]]  # a scene, and all motions that may explain it, best first
@@ -55,8 +55,8 @@ def find_scene(
     ----------
     windows : px of image 1; they decide whether the quick pass is tried when the planes of windows are asked for.
     check_sparse : called with the number of features in each image, of matches, and of matches consistent with the
-        best motion; raises if they are too few for an answer.
-    memory : of SIFT features, if images may come again.
+        best motion; raises `NoAnswer` if they are too few. Not called where the quick pass succeeds.
+    memory : cache of SIFT features, for pairs that share images.  on_lap : see `OnLap`.
 
     Returns
     -------
@@ -108,7 +108,7 @@ def overview_effort(windows: list[Window], grey1: Grey) -> OverviewEffort:
 
 
 def _cells_along(windows: list[Window], grey1: Grey, effort: OverviewEffort) -> float:
-    """Number of cells of an overview along the shortest side of any window."""
+    """Number of cells of an overview along the shortest of all sides of the windows (px of image 1)."""
     scale = min(1.0, effort.max_pixels / grey1.size) ** 0.5
     return min(min(width, height) for _, _, width, height in windows) * scale / CELL
 
@@ -119,7 +119,7 @@ def is_decided(sparse: Sparse) -> bool:
 
 
 def _is_clear(scene: Scene) -> bool:
-    """Whether most cells of the overview are matched, are consistent with one motion, and agree in brightness."""
+    """Whether most cells of the overview are matched, are consistent with the motion, and correlate well."""
     possible = float(np.prod(scene.shape1) * np.prod(scene.pyramid1.overview_scale)) / CELL**2
     enough = max(0.9 * len(scene.cells), MOST_OF_IMAGE * possible)
     return len(scene.evidence) >= enough and median(scene.cells.agreement) >= CLEAR_AGREEMENT
@@ -136,7 +136,7 @@ def build_scene(images: Images, sparse: Sparse, seed: int = 0, effort: OverviewE
     focal_px = camera2.focal_px
 
     def n_consistent(overview: tuple[Cells, Matches, list[MotionEstimate]]) -> int:
-        # flow under a wrong root gives few
+        """Number of matches consistent with the best refined motion: few where a wrong root guided the flow."""
         _, matches, (best, *_) = overview
         residual = np.abs(epipolar_residual(best.R, best.T, matches.x1, matches.x2)) * focal_px
         return int((residual < WORST_MATCH_PX).sum())

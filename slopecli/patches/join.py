@@ -32,7 +32,8 @@ class Joined:
     patches : those with matches.  unanswered : those without.
     matches : (n) of the patches, one after the other, then those on no patch.
     plane : (n,) index of the patch that a match is on, -1 for none (it then constrains the motion only).
-    weight : (n,) inverse variances, relative to `patch.REFERENCE_PX`.
+    weight : (n,) inverse variances, 1 for a 1-sigma of `patch.REFERENCE_PX`; of given rows, for their median sigma.
+    segmentation : steps of the finder `regions`, for pictures.
     """
 
     patches: tuple[Patch, ...]
@@ -46,7 +47,7 @@ class Joined:
     def of(
         cls, patches: Sequence[Patch], outside: Matches, weight: FloatArray, segmentation: Segmentation | None = None
     ) -> Joined:
-        """Stack the matches of the patches that have some, and those `outside` all of them, of this weight."""
+        """Stack the matches of the patches that have some, then those `outside` all patches, with `weight` (k,)."""
         chosen = tuple(patch for patch in patches if patch.origin != "none")
         return cls(
             patches=chosen,
@@ -89,7 +90,7 @@ def solve_jointly(
 ) -> Solution:
     """One motion and one plane per patch, started from every motion that may be the right one.
 
-    prior : what is known of the motion besides.  noise_factor : by how much all sigmas of matches are too small.
+    prior : motion measured by another sensor.  noise_factor : by which the 1-sigmas of all matches are enlarged.
     """
     across = [(p.cell, epipolar_residual(scene.R, scene.T, p.matches.x1, p.matches.x2)) for p in joined.patches]
     solution = solve_planes(
@@ -100,13 +101,14 @@ def solve_jointly(
         prior=prior,
         noise_gain=noise_factor * correlation_gain(across),
     )
-    return _beyond_systematics(_facing(solution, scene.T), scene.camera2.focal_px)
+    return _with_systematic_floor(_with_sign_of(solution, scene.T), scene.camera2.focal_px)
 
 
-def _facing(solution: Solution, T: FloatArray) -> Solution:
-    """The solution on the side of the motion that puts the scene in front of the camera.
+def _with_sign_of(solution: Solution, T: FloatArray) -> Solution:
+    """The solution with the sign of T and normals for which T is on the side of the scene's motion T (3,).
 
-    (T, N) and (-T, -N) are one homography; with few patches, a mismatched one may decide the solver's choice.
+    (T, N) and (-T, -N) give the same homography. Points must be in front of the camera, which decides the sign in the
+    solver; where a patch is mismatched it may decide wrongly, while the scene's T is of matches all over image 1.
     """
     if solution.T @ T >= 0:
         return solution
@@ -115,14 +117,14 @@ def _facing(solution: Solution, T: FloatArray) -> Solution:
 
 
 def excess_px(solution: Solution, delta_chi2: float, focal_px: float) -> float:
-    """RMS misfit of a match, px, that corresponds to a growth of chi-square."""
+    """RMS increase of the misfit of a kept match, px of image 2, that a growth of chi-square corresponds to."""
     return float(solution.noise * np.sqrt(max(delta_chi2, 0.0) / max(int(solution.inlier.sum()), 1)) * focal_px)
 
 
-def _beyond_systematics(solution: Solution, focal_px: float) -> Solution:
-    """Reject the second root only if its misfit is larger by more than the floor of systematic errors.
+def _with_systematic_floor(solution: Solution, focal_px: float) -> Solution:
+    """The solution, its second root "unresolved" if systematic errors of matches could explain its larger misfit.
 
-    The part of the misfit that is due to a prior has no such floor.
+    They are SYSTEMATIC_PX a match. They do not explain the part of the misfit that is due to a prior.
     """
     found = solution.ambiguity
     if found.status != "resolved" or found.delta_chi2 is None:

@@ -1,4 +1,4 @@
-"""The planes of a report: numbers, verdict, status and reasons; and which have no answer, with cause and remedy."""
+"""The planes of a report: numbers, verdict, status and reasons; which are not reported, with cause and remedy."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from slopecli.report.units import residual_in_unit
 from slopecli.types import Camera, Plane, Rejected, Solution
 
 LEAST_MATCHED = 0.5  # share of a window that must be matched to tell its slope
-LEAST_WHOLE = 0.5  # share of a plane found that its largest piece must have: less is no surface
+LEAST_WHOLE = 0.5  # share of a patch's pixels that its largest piece must have: with less it is no surface
 
 
 def planes_of(
@@ -28,7 +28,7 @@ def planes_of(
 ) -> list[Plane]:
     """The planes of all patches with matches, in the solver's order, their lengths in baselines.
 
-    second : the second root, None where there is none; verdicts hold in both where it is not ruled out.
+    root, second : the first and the second root, None if there is none; verdicts hold in both unless it is ruled out.
     """
     possible = second if root.solution.ambiguity.status == "unresolved" else None
     return [_plane(k, root, possible, joined, cameras, options) for k in range(len(joined.patches))]
@@ -78,9 +78,12 @@ def _plane(
 
 
 def _reasons(k: int, patch: Patch, solution: Solution, inlier_share: float) -> list[str]:
-    """Why a plane is poor, its sigma apart; empty when nothing is against it."""
+    """Why a plane is poor, apart from a sigma above `max_sigma_deg`; empty if it is not.
+
+    inlier_share : of its correspondences, kept by the solver.
+    """
     reasons, whole = [], patch.footprint.largest_share
-    if patch.reason:  # borrowed, or of a user's own and contradicted by their residuals
+    if patch.reason:  # borrowed, or given rows whose residuals say that they are not on one plane
         reasons = [patch.reason]
     elif patch.share < LEAST_MATCHED:
         share = beside(100 * patch.share, 100 * LEAST_MATCHED)
@@ -89,7 +92,7 @@ def _reasons(k: int, patch: Patch, solution: Solution, inlier_share: float) -> l
         reasons = [NON_PLANAR]
     elif whole < LEAST_WHOLE:
         reasons = [f"scattered: its largest piece is {beside(100 * whole, 100 * LEAST_WHOLE)} % of it"]
-    if not solution.converged:  # planes share its motion, so none of them is better than it
+    if not solution.converged:  # all planes depend on its motion
         reasons.append("the joint solution did not converge")
     return reasons
 
@@ -138,12 +141,14 @@ def divide(
 def _is_known(plane: Plane) -> bool:
     """Whether a plane is reported: its slope is known, and it lies in front of the camera (NaN compares false).
 
-    A window, which was asked for, is reported up to a sigma of 60 degrees; a plane that was found up to `max_sigma`.
+    A window or given plane, which was asked for, is reported up to a sigma of MOST_SIGMA_DEG; one that was found only
+    up to `max_sigma_deg`.
     """
     return plane.slope_sigma_deg <= MOST_SIGMA_DEG and plane.distance > 0 and (plane.slope_known or not plane.found)
 
 
 def _cause(plane: Plane, alone_deg: float, options: Options) -> Cause:
+    """Why a plane is not reported. alone_deg : the larger 1-sigma of its tilt, without that of up."""
     most = options.max_sigma_deg if plane.found else MOST_SIGMA_DEG
     sigma = plane.slope_sigma_deg
     if plane.distance > 0 and options.up_sigma_deg > 0 and alone_deg <= most:

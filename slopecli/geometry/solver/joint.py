@@ -1,4 +1,4 @@
-"""Maximum likelihood of motion and planes over all points: all roots, without mismatches, with relief of terrain."""
+"""Maximum likelihood of motion and planes over all points: every root, mismatches left out, relief estimated."""
 
 from __future__ import annotations
 
@@ -16,9 +16,9 @@ from slopecli.geometry.solver.relief import Relief, estimate_relief
 from slopecli.geometry.solver.starts import scattered_motions, starting_states
 from slopecli.types import BoolArray, FloatArray
 
-Motion = tuple[FloatArray, FloatArray]
+Motion = tuple[FloatArray, FloatArray]  # R (3, 3) and T (3,)
 
-MANY_FREEDOM = 40  # degrees of freedom that determine the scale of residuals well enough for a gate on mismatches
+MANY_FREEDOM = 40  # degrees of freedom from which on the scale of residuals is known well enough to gate mismatches
 
 
 class WeighedPrior(NamedTuple):
@@ -29,15 +29,16 @@ class WeighedPrior(NamedTuple):
 
     def favour(self, state: State) -> float:
         """Chi-square of the prior at the second root less that at the first."""
-        of = self.prior.terms(state.R[:2], state.T[:2], 1.0)[:, 6, 6]
-        return float(of[1] - of[0])
+        chi2 = self.prior.terms(state.R[:2], state.T[:2], 1.0)[:, 6, 6]
+        return float(chi2[1] - chi2[0])
 
 
 @dataclass(frozen=True, eq=False)
 class Fit:
     """Roots fitted to one choice of points, best first.
 
-    observations: points left out have weight 0.  prediction: of image 2, roots in the same order.
+    observations: points left out have weight 0.  state: motion and normals of each root.
+    system: normal equations there.  prediction: of the points in image 2.  converged (s,): of each root.
     cost (s,): roots are compared by it, in units of noise^2 (chi-square, plus log determinants with relief).
     relief: of each root, or empty.  prior: on the motion, and the noise it is weighed against.
     """
@@ -60,7 +61,7 @@ class Fit:
         return max(int(used) - 5, 1)
 
     def form(self, state: State, W: FloatArray | None) -> QuadraticForm:
-        """The chi-square around a state, under the points' own weights or W (s, 3, n), with the prior."""
+        """Quadratic form of chi-square around a state, prior included; points have their own weights or W (s, 3, n)."""
         return _form(self.observations, state, W, self.prior)
 
 
@@ -72,7 +73,10 @@ def _form(observations: Observations, state: State, W: FloatArray | None, prior:
 def maximum_likelihood(
     observations: Observations, noise: float | None, relief: bool, robust: bool, initial: list[Motion]
 ) -> Fit:
-    """All visible roots of the joint least squares. Arguments as in `solve_planes`."""
+    """Roots of the joint least squares, best first. Arguments as in `solve.solve_planes`.
+
+    The best is visible (all points in front of both cameras) if any is; the others always are.
+    """
     if observations.freedom() < MANY_FREEDOM:
         initial = initial + scattered_motions(observations)
     fit = _refit(observations, _starts(observations, initial))
@@ -101,6 +105,7 @@ def _refit(
     """Least squares on the points from given states, under the weights of their relief."""
     W = np.stack([r.W for r in relief]) if relief else None
     form = partial(_form, observations, W=W, prior=prior)
+    # a root of few points may still win after it had ten times the chi-square of the best, so it is waited for longer
     grace = 40 if observations.freedom() < MANY_FREEDOM else 4
     refined = levenberg_marquardt(state, form, max(observations.freedom(), 1), grace=grace)
     cost = refined.system.chi2
@@ -116,7 +121,10 @@ def ranked(
     relief: tuple[Relief, ...] = (),
     prior: WeighedPrior | None = None,
 ) -> Fit:
-    """The best visible root, then other visible and converged ones without repeats."""
+    """Fit of the best root, visible if any is, then of the others that are visible and converged, without repeats.
+
+    cost : (s,) by which they are compared.
+    """
     prediction = predict(observations, *refined.state)
     visible = (prediction.visible() | (observations.weight == 0.0)).all(axis=1)  # at every point with weight
     best, *others = sorted(range(len(cost)), key=lambda i: (not visible[i], cost[i]))
@@ -134,6 +142,8 @@ def _without_mismatches(fit: Fit, initial: list[Motion], each_patch: bool) -> Fi
     With few points a fit follows a mismatch, and a subset agrees by chance: then a fit to a subset is always computed,
     and accepted if it is significantly better. Mismatches may hide a root from the starts, so starts are computed again
     from the points kept. Every root chooses its own points, as points chosen by one root are biased against another.
+
+    each_patch : as in `inliers`.
     """
     full = fit.observations
     everything = Kept(full.weight > 0.0, full.free_weight > 0.0)
@@ -159,7 +169,7 @@ def _without_mismatches(fit: Fit, initial: list[Motion], each_patch: bool) -> Fi
 
 
 def _is_better(chosen: Fit, fit: Fit) -> bool:
-    """Whether a fit without some points is significantly better than the fit to all."""
+    """Whether a fit without some points is significantly better than the fit to all; assumed from MANY_FREEDOM on."""
     spare, removed = chosen.observations.freedom(), fit.observations.residual_count()
     removed -= chosen.observations.residual_count()
     points = fit.observations.weight.size + fit.observations.free_weight.size
@@ -176,7 +186,7 @@ class _Settled(NamedTuple):
 
 
 def _starts(observations: Observations, initial: list[Motion]) -> State:
-    """The best starts: a scene has at most two visible roots, a third start is a reserve."""
+    """The best three starts, and one more for each of `initial`: two may be visible roots, the others are a reserve."""
     # chi-squares of few points are so small that a start seems hopeless long before it has converged
     steps = 15 if observations.freedom() < MANY_FREEDOM else 2
     return starting_states(observations, initial, steps).pick(slice(3 + len(initial)))
@@ -187,7 +197,7 @@ def _settled(full: Observations, kept: Kept, states: State, each_patch: bool) ->
 
     If two choices alternate for ever, the one of less cost is returned.
     """
-    # only points on no patch have two scales, one after the other, unless each patch has a scale of its own
+    # points on no patch are gated by a scale of their own, then by one near that of the patches' points (`one_scale`)
     two_scales = not each_patch and bool(full.free_weight.size)
     for one_scale in (False, True) if two_scales else (False,):
         before: _Settled | None = None

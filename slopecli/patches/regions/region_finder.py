@@ -39,7 +39,7 @@ def find_regions(scene: Scene, options: Options) -> Found:
 
     Raises
     ------
-    NoAnswer : no plane holds as much of the image as a region must.
+    NoAnswer : no plane has `min_region_percent` of the pixels of image 1.
     """
     rng = np.random.default_rng(options.seed)
     grid = whole_grid(scene, REGION.working_pixels)
@@ -47,13 +47,14 @@ def find_regions(scene: Scene, options: Options) -> Found:
     gradient = smooth_gradient(grid.grey)
     threshold = options.gradient_threshold or adaptive_threshold(gradient)
     components = connected_components(gradient, threshold, REGION.least_share * gradient.size)
-    # steps 4-7: planes of components and neighbourhoods, neighbours that one plane transfers merged
+    # steps 4-7: planes of components and of neighbouring matches proposed, merged where one fits two, given pixels
     with single_threaded():
         proposals = _proposed_planes(scene, components, grid, rng)
         found = _label_pixels(scene, grid, proposals, gradient, threshold, options, rng)
         _check_any(found.labels, options)
         labels, cells = match_labelled(found.labels, found.planes, scene)
     evidence, which = region_cells(cells, scene)
+    # row and column of the label map's pixel in the middle of each cell
     middle = cells.index[which] * REGION.cell_px + REGION.cell_px // 2
     labels = reviewed(labels, evidence, middle, _least_px(labels, options), rng)
     _check_any(labels, options)
@@ -63,7 +64,7 @@ def find_regions(scene: Scene, options: Options) -> Found:
 
 
 def _least_px(labels: Labels, options: Options) -> float:
-    """Return the pixels a region must hold."""
+    """Return the least number of pixels of a region."""
     return options.min_region_percent / 100 * labels.size
 
 
@@ -78,11 +79,12 @@ def _check_any(labels: Labels, options: Options) -> None:
 
 
 def _comparison(scene: Scene, grid: Grid) -> Comparison:
+    """Return what compares image 1 on a working grid with image 2 through planes."""
     return Comparison(scene.view(grid), (scene.camera1.focal_px, scene.camera2.focal_px))
 
 
 def _proposed_planes(scene: Scene, components: Labels, grid: Grid, rng: np.random.Generator) -> list[FloatArray]:
-    """Return scaled normals (3,) of planes through dense cells of the overview."""
+    """Return scaled normals (3,) of planes through neighbouring cells of the overview, and through components."""
     cells, _ = region_cells(scene.cells, scene)
     nearby = neighbourhood_planes(cells, REGION.proposals, rng)
     return [*fewest_planes(cells, nearby), *component_planes(cells, components, grid, nearby)]
@@ -99,10 +101,10 @@ def _label_pixels(
 ) -> Labelled:
     """Return the planes left after rounds of fitting, merging and labelling, and the labels of the grid's pixels."""
     comparison = _comparison(scene, grid)
-    labels = _sketch(scene, planes, gradient, threshold, grid)
+    labels = _initial_labels(scene, planes, gradient, threshold, grid)
     found = Labelled(planes, labels).by_size(REGION.least_sketched * labels.size)
     borders = BorderCost.along_edges(gradient, threshold)
-    # by round: the step between compared pixels, and the least region kept, as a share of the least reported
+    # each round: step between compared pixels, grid px; least size of a region kept, as a share of the final one
     for step, share in ((2, 0.4), (2, 1.0), (1, 1.0)):
         found = merged(comparison, refitted(comparison, found, rng), options.merge_px, rng)
         boxes = surroundings(found.labels, len(found.planes))
@@ -114,8 +116,13 @@ def _label_pixels(
     return merged(comparison, found, options.merge_px, rng)
 
 
-def _sketch(scene: Scene, planes: list[FloatArray], gradient: FloatImage, threshold: float, working: Grid) -> Labels:
-    """Return labels (h, w) of the working grid's pixels by all proposals, found on a smaller image as they are many."""
+def _initial_labels(
+    scene: Scene, planes: list[FloatArray], gradient: FloatImage, threshold: float, working: Grid
+) -> Labels:
+    """Return first labels (h, w) of the working grid's pixels: k for planes[k - 1].
+
+    They are found on a grid of a quarter of the pixels, as all proposals are compared.
+    """
     small = whole_grid(scene, REGION.working_pixels / 4)
     size = (small.shape[1], small.shape[0])
     coarse = np.asarray(cv2.resize(gradient, size, interpolation=cv2.INTER_AREA), np.float32)

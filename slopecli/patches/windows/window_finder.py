@@ -53,9 +53,9 @@ def window_patch(window: Window, number: int = 1) -> Patch:
 
 
 def match_window(patch: Patch, scene: Scene) -> Patch:
-    """The window with its dense matches, or with those of the plane around it, or with none and the reason."""
+    """The window with its dense matches, or with those of a plane borrowed, or with none and the reason."""
     tried: list[FloatArray] = []
-    for normal in _first_ideas(patch.window, scene):
+    for normal in _starting_normals(patch.window, scene):
         matched = _densely_matched(patch, scene, normal)
         if matched.origin == "own":
             return matched
@@ -68,7 +68,7 @@ def match_window(patch: Patch, scene: Scene) -> Patch:
     return borrow(patch, scene)
 
 
-def _first_ideas(window: Window, scene: Scene) -> Iterator[FloatArray]:
+def _starting_normals(window: Window, scene: Scene) -> Iterator[FloatArray]:
     """Scaled normals to start a dense match from, the cheapest first; the search runs only if the first one fails."""
     first = _plane_from_overview(window, scene)
     if first is not None:
@@ -86,9 +86,11 @@ def _plane_from_overview(window: Window, scene: Scene) -> FloatArray | None:
 
 
 def _search_plane(window: Window, scene: Scene) -> list[FloatArray]:
-    """Scaled normal of the plane with the highest correlation of pixels: of the surroundings, the scene, or a sweep.
+    """The scaled normal (3,) under which the pixels of the window correlate best with image 2, in a list.
 
-    Empty if no plane correlates, or if the pixels do not determine the normal.
+    Starts are the planes of overview matches in and around the window, the dominant planes of the scene and, if those
+    correlate poorly, a sweep over depth and tilt. Empty if no plane correlates, or if the pixels do not determine the
+    normal.
     """
     view = view_of(window, scene, TUNE.coarse_px, border=False)
     if min(view.grid.shape) < 8:  # px: too narrow to compare
@@ -106,11 +108,14 @@ def _search_plane(window: Window, scene: Scene) -> list[FloatArray]:
     for side in (TUNE.coarse_px * 2, FINE_PX):  # finer, up to the resolution of the window
         if max(window[2:]) > 0.6 * side:
             best = align_plane(view_of(window, scene, side, border=False), best.normal, 8)
-    return [best.normal] if _informed(best) else []
+    return [best.normal] if _normal_is_determined(best) else []
 
 
 def _sweep_depths(evidence: Evidence, scale: float) -> FloatArray:
-    """Inverse depths (n,) over the range of the scene and somewhat beyond, about a grid px apart, at most 60."""
+    """Inverse depths (n,), 1/baseline, over the range of the scene and 30 % beyond, about a grid px apart; n is 8..60.
+
+    scale : grid px per px.
+    """
     low, high = np.percentile(evidence.w, [1, 99])
     spread = high - low
     low, high = max(low - 0.3 * spread, 1e-4 * high), high + 0.3 * spread
@@ -118,8 +123,8 @@ def _sweep_depths(evidence: Evidence, scale: float) -> FloatArray:
     return np.linspace(low, high, int(np.clip(pixels, 8, 60)))
 
 
-def _informed(fit: PlaneFit) -> bool:
-    """Whether the pixels determine the direction of the normal."""
+def _normal_is_determined(fit: PlaneFit) -> bool:
+    """Whether the pixels determine the direction of the normal: to a 1-sigma below `informed_rad`."""
     if not np.isfinite(fit.covariance).all():
         return False
     length = max(float(np.linalg.norm(fit.normal)), 1e-12)
@@ -130,7 +135,7 @@ def _informed(fit: PlaneFit) -> bool:
 
 
 def _densely_matched(patch: Patch, scene: Scene, normal: FloatArray) -> Patch:
-    """The window with the matches of dense flow between it and image 2 pulled onto it by a plane."""
+    """The window with matches by dense flow between it and image 2 resampled under the plane `normal` (3,)."""
     window = patch.window
     view = view_of(window, scene, FINE_PX, border=True)
     grid = view.grid
@@ -147,7 +152,7 @@ def _densely_matched(patch: Patch, scene: Scene, normal: FloatArray) -> Patch:
     matched = flow_matched(TUNE.smoothings)
     if matched.score < TUNE.clear_score:
         smooth = flow_matched(TUNE.faint_smoothings)
-        # a smooth flow reaches from the border of bare ground into it, where it is no match
+        # smoothing extends the flow from textured ground into bare ground, where it is not a match
         matched = smooth if matched.origin == "own" or smooth.share >= TUNE.part_share else matched
     return with_unmatched_parts(polish(matched, scene, cell), matched, scene)
 
@@ -191,7 +196,7 @@ def with_cells(patch: Patch, cells: Cells, scene: Scene, possible: float) -> Pat
 def _poor_match_rad(share: float, score: float) -> float:
     """1-sigma of the tilt due to a small matched share or a low score, much larger where both occur."""
     scarce, faint = max(0.0, 1 - share / TUNE.scarce_share), max(0.0, 1 - score / TUNE.good_score)
-    # both at once is how other ground matches: what little agrees has been picked by chance
+    # few matches of a low score are what other ground gives: those that agree do so by chance
     unclear = min(max(0.0, (TUNE.clear_score - score) / (TUNE.clear_score - TUNE.good_score)), 1.0)
     chance = min(2 * scarce, 1.0) * unclear
     return float(np.hypot(TUNE.poor_rad * (scarce + faint), TUNE.most_rad * chance))
@@ -201,7 +206,7 @@ def _poor_match_rad(share: float, score: float) -> float:
 
 
 def match_window_corners(patch: Patch, scene: Scene) -> Patch:
-    """Corners of the window correlated with image 2 pulled onto it, or the matches of the plane around it."""
+    """The window with its corners matched by correlation, or with the matches of a plane borrowed, or with none."""
     first = _plane_from_overview(patch.window, scene)
     for normal in [first] if first is not None else _search_plane(patch.window, scene):
         matched = _correlated(patch, scene, normal)
@@ -211,6 +216,7 @@ def match_window_corners(patch: Patch, scene: Scene) -> Patch:
 
 
 def _correlated(patch: Patch, scene: Scene, normal: FloatArray) -> Patch:
+    """The window with corners correlated with image 2 resampled under the plane `normal` (3,), or with a reason."""
     view = view_of(patch.window, scene, FINE_PX, border=True)
     mapping = view.mapping(normal)
     pulled = resample(scene.pyramid2, mapping, view.grid)

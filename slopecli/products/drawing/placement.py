@@ -18,7 +18,7 @@ Box = tuple[float, float, float, float]  # left, top, right, bottom, px
 
 @dataclass(frozen=True, eq=False)
 class Placed:
-    """A label with its centre (2,), its downhill arrow (length 0: none), and whether it lies outside its patch."""
+    """A label with its centre (2,), its downhill arrow (length 0: none), and whether it lies outside its patch; px."""
 
     footprint: Footprint
     label: Label
@@ -33,7 +33,7 @@ class Placed:
 
     @property
     def boxes(self) -> list[Box]:
-        """What label and arrow take up."""
+        """Boxes that label and arrow occupy."""
         if self.footprint.downhill is None or self.arrow_length == 0:
             return [self.box]
         ends = np.array([self.arrow_tail, self.arrow_tail + self.arrow_length * self.footprint.downhill])
@@ -50,6 +50,7 @@ class Placed:
         return np.array([start, end])
 
 
+# from a patch and the boxes taken: its label inside the patch, or None without room; its label elsewhere
 Inside = Callable[[Footprint, Sequence[Box]], Placed | None]
 Outside = Callable[[Footprint, Sequence[Box]], Placed]
 
@@ -60,15 +61,15 @@ def place_labels(
     """Place one label for every patch.
 
     Labels that fit into their patches come first, the largest patch first. A window without room gets its label on
-    free ground beside it, or a small one across it, which alone may overlap something. Where there are regions, which
-    are many and of any shape, a label says what there is room for, in the end the id alone, in the region or near it.
+    free ground beside it, or a small one across it, which alone may overlap something. Regions are many and of any
+    shape: their labels are shortened until they fit, at last to the id alone, in the region or near it.
 
     Parameters
     ----------
     footprints : patches on the picture.  obstacles : boxes that labels keep clear of.
     shape : height and width of the picture, px.  text_px : size of the text.
     """
-    ground = np.full(shape, 255, np.uint8)
+    ground = np.full(shape, 255, np.uint8)  # non-zero where a label may lie outside its patch
 
     def in_region(one: Footprint, taken: Sequence[Box]) -> Placed | None:
         fuller = (full_labels(one, text_px), *shorter_labels(one, text_px))
@@ -122,11 +123,11 @@ def _place_with_or_without_arrow(footprint: Footprint, labels: Sequence[Label], 
 def _place_inside(
     footprint: Footprint, labels: Sequence[Label], taken: Sequence[Box], downhill: FloatArray | None
 ) -> Placed | None:
-    """First label that fits into the patch together with an arrow along `downhill`, the pair as central as can be."""
+    """First label that fits into the patch with an arrow along `downhill` (None: no arrow), nearest to its centre."""
     for label in labels:
         wide = footprint.pieces is None or label.extent.min() <= 2 * footprint.pieces.radius
         if not wide or label.extent.prod() > footprint.size**2:
-            continue  # which spares looking for a place
+            continue  # too large for the patch anywhere
         tail, least = _arrow_from(label, downhill)
         points = np.array([-label.extent / 2, label.extent / 2, tail + least])
         low, high = points.min(axis=0), points.max(axis=0)
@@ -148,7 +149,7 @@ def _arrow_from(label: Label, downhill: FloatArray | None) -> tuple[FloatArray, 
 
 
 def _arrow_length(footprint: Footprint, downhill: FloatArray, tail: FloatArray, size: int) -> float:
-    """As long as the patch allows, up to a fifth of its size, px."""
+    """Length, px: what the patch allows up to a fifth of its side or 1.6 `size` (of text); at least 1.4 `size`."""
     lengths = np.linspace(1.0, max(1.6 * size, 0.2 * footprint.size), 24)
     within = [_lies_on(footprint, tail + (length + 0.5 * size) * downhill) for length in lengths]
     usable = lengths if all(within) else lengths[: within.index(False)]
@@ -177,7 +178,7 @@ def _place_tiny(footprint: Footprint, taken: Sequence[Box], text_px: int) -> Pla
 
 
 def _place_number(footprint: Footprint, ground: NDArray[np.uint8], taken: Sequence[Box], text_px: int) -> Placed:
-    """Id of a patch it does not fit into, at the free place nearest to the patch's centre."""
+    """Id of a patch without room for it: in the free place nearest to its centre, at the centre if none is near."""
     label, centre = number_label(footprint, text_px), footprint.centre
     reach = 8 * label.size
     found = _room_near(footprint, ground, (centre - reach, centre + reach + 1), label.extent, taken)
@@ -186,7 +187,7 @@ def _place_number(footprint: Footprint, ground: NDArray[np.uint8], taken: Sequen
 
 
 def _lies_on(footprint: Footprint, point: FloatArray) -> bool:
-    """Whether a point (2,) of the picture is one of the patch's ground."""
+    """Whether a point (2,) of the picture, px, lies where the patch may have its label."""
     u, v = np.rint(point - footprint.corner).astype(int)
     height, width = footprint.ground.shape
     return bool(0 <= u < width and 0 <= v < height and footprint.ground[v, u])
@@ -237,7 +238,7 @@ def find_room(
 
 
 def _in_cells(taken: Sequence[Box], corner: FloatArray, shape: tuple[int, ...], step: float) -> NDArray[np.int64]:
-    """Boxes that touch the mask, in its cells: (n, 4) of left, top, right, bottom."""
+    """(n, 4) left, top, right, bottom of the boxes that touch the mask, in cells of `step` px from its first pixel."""
     boxes = (np.array(taken, float).reshape(-1, 4) - np.tile(corner, 2)) / step
     ends = np.tile(np.array(shape[1::-1]) / step, 2)
     cells = np.clip(np.column_stack([np.floor(boxes[:, :2]), np.ceil(boxes[:, 2:])]), 0, np.ceil(ends)).astype(np.int64)
