@@ -105,10 +105,16 @@ def _search_plane(window: Window, scene: Scene) -> list[FloatArray]:
     if best is None or best.score <= TUNE.fair_score:
         # too little of the window is in image 2 to compare, but some of that may have overview matches
         return [candidates[0]] if candidates[0] is not None else []
-    for side in (TUNE.coarse_px * 2, FINE_PX):  # finer, up to the resolution of the window
-        if max(window[2:]) > 0.6 * side:
-            best = align_plane(view_of(window, scene, side, border=False), best.normal, 8)
+    best = _sharpen(best, window, scene)
     return [best.normal] if _normal_is_determined(best) else []
+
+
+def _sharpen(fit: PlaneFit, window: Window, scene: Scene) -> PlaneFit:
+    """The plane aligned again at finer resolutions, up to that of the window."""
+    for side in (TUNE.coarse_px * 2, FINE_PX):
+        if max(window[2:]) > 0.6 * side:
+            fit = align_plane(view_of(window, scene, side, border=False), fit.normal, 8)
+    return fit
 
 
 def _sweep_depths(evidence: Evidence, scale: float) -> FloatArray:
