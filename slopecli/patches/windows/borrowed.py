@@ -34,7 +34,7 @@ def _from_around(patch: Patch, scene: Scene) -> Patch | None:
     evidence, window = scene.evidence, patch.window
     for grow in TUNE.reaches:
         near = evidence.near(window, grow)
-        if near.sum() < TUNE.least_borrowed:
+        if near.sum() < TUNE.least_near:
             continue
         vote = near * _similarity(window, scene, grow)
         planes = [p for p in (evidence.plane_through(near), *scene.planes) if p is not None]

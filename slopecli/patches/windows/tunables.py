@@ -46,6 +46,7 @@ class WindowTunables:
 
     # borrowed planes
     reaches: tuple[float, ...] = (0.75, 1.5, 3.0)  # longer sides around the window, in which matches are looked for
+    least_near: int = 20  # matches around the window: fewer do not tell one surface from another
     least_borrowed: int = 12  # matches on the plane borrowed
     same_grey: float = 30.0  # grey levels by which one material differs from place to place
     textured_grey: float = 12.0  # standard deviation of grey levels that ought to have been matched
