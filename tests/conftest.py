@@ -41,6 +41,7 @@ SHARED = [
 ]
 
 
+@pytest.hookimpl(tryfirst=True)  # before xdist reads the groups
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
     """Leave slow tests to `make test-all`; what takes longest begins first."""
     if campaign.ALL not in os.environ and not config.getoption("markexpr"):

@@ -28,10 +28,9 @@ from slopecli.types import Camera
 DATA = Path(os.environ.get("SLOPEMAP_DATA", "."))
 ACCURACY = runpy.run_path(str(Path(__file__).resolve().parent.parent / "benchmarks" / "accuracy.py"))
 
-pytestmark = [
-    pytest.mark.slow,
-    pytest.mark.skipif("SLOPEMAP_DATA" not in os.environ, reason="SLOPEMAP_DATA names no folder of image pairs"),
-]
+pytestmark = pytest.mark.skipif(
+    "SLOPEMAP_DATA" not in os.environ, reason="SLOPEMAP_DATA names no folder of image pairs"
+)
 
 
 def camera_of(numbers: dict[str, Any]) -> Camera:
@@ -115,15 +114,18 @@ def test_planes_is_as_sure_as_it_is_right() -> None:
 # ---- photographs ----
 
 
+@pytest.mark.slow
 def test_photographs_are_answered() -> None:
     assert np.isfinite(errors_of("real")).mean() >= 0.90
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("limit_deg", "least"), [(1, 0.48), (2, 0.65), (5, 0.78)])
 def test_photographs_normals(limit_deg: float, least: float) -> None:
     assert share_within("real", limit_deg) >= least
 
 
+@pytest.mark.slow
 def test_photographs_are_seldom_surer_than_right() -> None:
     overconfident = sum(result.overconfident for result in results("real"))
     assert overconfident <= 0.02 * len(errors_of("real"))
@@ -192,6 +194,7 @@ def test_a_shadow_that_moved_is_told_and_the_windows_it_touches() -> None:
     assert 0.02 < warning["value"] < 0.06
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["rendered/A", "rendered/B", "rendered/C", "rendered/D09", "real"])
 def test_nothing_is_suspected_of_pairs_as_they_should_be(name: str) -> None:
     """Vehicles that drive over less than a hundredth of the image are left to the robust solution."""

@@ -92,24 +92,25 @@ def _has_parallax(flight: Flight, seen: Seen, ample: bool) -> bool:
 
 
 def _unreachable(flight: Flight, sigma_rad: float, of: Of, best: tuple[float, float], longest: float) -> NoAnswer:
+    failed = f"no baseline reaches {np.degrees(sigma_rad):.3g} deg in the {of} window"
     if not np.isfinite(best[0]):
         lost = 1 + int(np.argmin(in_image2(flight, SHORTEST).mean(axis=1)))
-        code, said = "no-overlap", f"window {lost} does not see the ground, or not from both places"
+        said = f"window {lost} does not see the ground, or not from both places"
         remedy = "leave that window out with --window, or turn the camera to the ground with --up"
-    elif flight.up_sigma_rad >= sigma_rad:
-        code, said = "up-unknown", f"up itself is known to {np.degrees(flight.up_sigma_rad):.3g} deg"
+        return NoAnswer("no-overlap", f"{failed}: {said}", remedy)
+    if flight.up_sigma_rad >= sigma_rad:
+        said = f"up itself is known to {np.degrees(flight.up_sigma_rad):.3g} deg"
         remedy = "ask for a larger sigma than that of up, or give a smaller --up-sigma"
-    elif best[0] > np.radians(UNKNOWN_DEG) and _is_straight(flight):
-        code, said = "single-plane", "straight at ground that is one plane, two answers run into each other"
+        return NoAnswer("up-unknown", f"{failed}: {said}", remedy)
+    if best[0] > np.radians(UNKNOWN_DEG) and _is_straight(flight):
+        said = "straight at ground that is one plane, two answers run into each other"
         remedy = "move sideways as well, or give --uneven DEG if the windows are not one plane"
-    else:
-        code, said = "low-parallax", _smallest(sigma_rad, best, longest)
-        remedy = (
-            "ask for a larger sigma, count on more points or less noise (--points, --noise), give larger windows or a "
-            "camera with more pixels, or fly in another direction"
-        )
-    wanted = f"{np.degrees(sigma_rad):.3g} deg in the {of} window"
-    return NoAnswer(code, f"no baseline reaches {wanted}: {said}", remedy)
+        return NoAnswer("single-plane", f"{failed}: {said}", remedy)
+    remedy = (
+        "ask for a larger sigma, count on more points or less noise (--points, --noise), give larger windows or a "
+        "camera with more pixels, or fly in another direction"
+    )
+    return NoAnswer("low-parallax", f"{failed}: {_smallest(sigma_rad, best, longest)}", remedy)
 
 
 def _is_straight(flight: Flight) -> bool:
