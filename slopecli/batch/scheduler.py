@@ -91,6 +91,7 @@ class _Run:
     loss: BaseException | None = None  # error of the executor that broke last
 
     def run(self) -> None:
+        """Submit all jobs and collect their answers until none is running."""
         try:
             self._submit_all()
             while self.running:

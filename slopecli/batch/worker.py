@@ -88,6 +88,7 @@ class Worker(Executor):
         self._thread.start()
 
     def submit(self, fn: Callable[P, T], /, *args: P.args, **kwargs: P.kwargs) -> Future[T]:
+        """Queue a call of `fn` in the process, pickled at once; its result or error comes in the future."""
         if self._stopped:
             raise RuntimeError("this worker has been shut down")
         future: Future[T] = Future()

@@ -54,6 +54,7 @@ def comma_separated(
     wanted = f"{', '.join(words)} or {wanted}" if words else wanted
 
     def parse(text: str) -> str | Values:
+        """Return the text if it is one of the words, else its numbers."""
         if text in words:
             return text
         try:
@@ -85,6 +86,7 @@ def number_list(low: float, high: float) -> Parsed:
     """Comma-separated numbers within bounds, none twice, 100 at most."""
 
     def parse(text: str) -> tuple[float, ...]:
+        """Return the numbers of the list."""
         try:
             numbers = tuple(map(float, text.split(",")))
         except ValueError:

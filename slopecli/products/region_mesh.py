@@ -87,7 +87,11 @@ def region_surfaces(report: Report) -> list[Surface]:
         step *= np.sqrt(1.1 * count / MOST_TRIANGLES)  # borders as rough as this are rare
         meshes = {i: region_grid(masks[i], boxes[i], step) for i in ids}
     laid = (lay_on_plane(p, report.cameras[0], *meshes[p.id]) for p in report.planes if p.id in meshes)
-    surfaces = [surface for surface in laid if surface is not None]
+    return _without_far_parts([surface for surface in laid if surface is not None])
+
+
+def _without_far_parts(surfaces: list[Surface]) -> list[Surface]:
+    """Drop what is `FARTHEST` times as far from camera 1 as the median surface, or farther."""
     ranges = [np.linalg.norm(surface.points, axis=1) for surface in surfaces]
     reach = FARTHEST * float(np.median([np.median(each) for each in ranges])) if ranges else 0.0
     cut = (trimmed(surface, each < reach) for surface, each in zip(surfaces, ranges, strict=True))

@@ -51,6 +51,7 @@ class _Rule:
     error: Callable[[Study], float] | None = None  # sampling error; None: found by leaving out terrains
 
     def judged(self, study: Study) -> Claim:
+        """Return the claim as measured; `held` is None where the study cannot tell or has too few trials."""
         limit = f"< {self.below:g}" if self.below is not None else f"> {self.above:g}"
         claim = Claim(self.name, *STATEMENTS[self.name], None, limit, None)
         try:
