@@ -3,8 +3,8 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 DEMO := sample_data/descent
-# one process a core; tests are distributed one by one, except where tests/conftest.py keeps a file together
-PARALLEL := -n logical --dist loadgroup --no-loadscope-reorder --durations=15
+# one process a core, whole files, as tests of a file share what takes long; tests/conftest.py gives the order
+PARALLEL := -n logical --dist loadfile --no-loadscope-reorder --durations=15
 
 .PHONY: help venv demo test test-all lint types bench sample-data docs clean
 

@@ -14,42 +14,36 @@ import pytest
 for name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "OPENCV_FOR_THREADS_NUM"):
     os.environ.setdefault(name, "1")
 
-# files whose tests share what takes long to compute: they stay in one process; all others are distributed test by test
-SHARED = [
-    "data_sets",
+# files that take longest, the longest first: begun last, they would leave the other processes idle
+LONGEST = [
     "coverage",
     "plane_sets",
     "batch_faults",
+    "data_sets",
     "batch_cluster",
+    "honesty",
     "batch_running",
-    "batch_answer",
     "batch_cli",
+    "batch_answer",
     "sample_data",
     "pipeline",
     "regions",
-    "segment_cli",
-    "simulate_cli",
     "study",
-    "photometric",
-    "changes",
+    "figures",
+    "simulate_cli",
+    "segment_cli",
     "cli",
+    "plan",
+    "photometric",
     "docs",
-    "features",
-    "overview",
-    "dense",
-    "foerstner",
 ]
 
 
-@pytest.hookimpl(tryfirst=True)  # before xdist reads the groups
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
     """Leave slow tests to `make test-all`; what takes longest begins first."""
     if campaign.ALL not in os.environ and not config.getoption("markexpr"):
         slow = [item for item in items if item.get_closest_marker("slow")]
         config.hook.pytest_deselected(items=slow)
         items[:] = [item for item in items if item not in set(slow)]
-    place = {f"test_{name}": k for k, name in enumerate(SHARED)}
-    items.sort(key=lambda item: place.get(item.path.stem, len(SHARED)))
-    for item in items:
-        if item.path.stem in place:
-            item.add_marker(pytest.mark.xdist_group(item.path.stem))
+    place = {f"test_{name}": k for k, name in enumerate(LONGEST)}
+    items.sort(key=lambda item: place.get(item.path.stem, len(LONGEST)))
