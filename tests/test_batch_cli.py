@@ -366,8 +366,10 @@ def test_a_terminal_has_one_line_that_is_written_over(monkeypatch: pytest.Monkey
 
 def test_a_terminal_that_is_gone_does_not_end_the_work(monkeypatch: pytest.MonkeyPatch) -> None:
     clock, terminal = Clock(monkeypatch), terminal_on(monkeypatch)
+    refused: list[str] = []
 
-    def gone(_: str) -> int:
+    def gone(text: str) -> int:
+        refused.append(text)
         raise OSError(5, "Input/output error")
 
     with BatchProgress(Talk(verbose=True)) as progress:
@@ -375,6 +377,7 @@ def test_a_terminal_that_is_gone_does_not_end_the_work(monkeypatch: pytest.Monke
         for done in range(1, 4):
             clock.now += 0.2
             progress(progress_of(done))
+    assert refused  # the terminal was written to, and its refusal ended nothing
 
 
 def test_quiet_has_no_progress(monkeypatch: pytest.MonkeyPatch) -> None:
