@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -77,19 +76,8 @@ def segment(ctx: click.Context, image1: str, image2: str, **parameters: Any) -> 
     _answer_pair(ctx, image1, image2, {**parameters, "planes": "regions"})
 
 
-def _keep_freed_memory() -> None:
-    """Let the C library reuse freed memory up to 256 MB instead of returning it: 5 % of an estimate. glibc only."""
-    import ctypes
-
-    with suppress(OSError, TypeError, AttributeError):  # no glibc, or one without mallopt
-        mallopt = ctypes.CDLL("libc.so.6").mallopt
-        mallopt(-1, 2**28)  # M_TRIM_THRESHOLD, bytes
-        mallopt(-3, 2**24)  # M_MMAP_THRESHOLD, bytes; set too, as setting one ends the adaptation of both
-
-
 def _answer_pair(ctx: click.Context, image1: str, image2: str, parameters: dict[str, Any]) -> None:
     """Estimate one pair: files in, files out, a table or JSON on stdout."""
-    _keep_freed_memory()
     check_estimate(ctx)
     no_camera = "No camera: give --camera FILE, --intrinsics FX,FY,CX,CY or --fov DEG."
     refuse(ctx, (not given(ctx, *CAMERA_FLAGS), no_camera))
