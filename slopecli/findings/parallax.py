@@ -11,7 +11,7 @@ from slopecli.findings.facts import AnswerFacts, PairFacts
 from slopecli.findings.known_motion import known_length_m
 from slopecli.findings.wording import Separation, finding, listed
 from slopecli.geometry.epipolar import fit_rotation, homogeneous
-from slopecli.geometry.statistics import median, quantile
+from slopecli.geometry.statistics import median
 from slopecli.options import Options
 from slopecli.types import Diagnostic, FloatArray, Plane
 
@@ -28,7 +28,7 @@ def parallax_px(x1: FloatArray, x2: FloatArray, focal_px: float) -> FloatArray:
     for _ in range(4):  # again without the tenth that fits worst: mismatches
         y = fit_rotation(p, q, weight) @ p
         residual = np.asarray(np.linalg.norm(y[:2] / y[2] - q, axis=0))
-        weight = (residual <= quantile(residual, 0.9)).astype(float)
+        weight = (residual <= np.quantile(residual, 0.9)).astype(float)
     return residual * focal_px
 
 
@@ -38,7 +38,7 @@ def check_parallax(parallax: FloatArray, noise_px: float, separation: Separation
     parallax : (n,) px.  noise_px : 1-sigma of the matches across their epipolar lines.
     separation : of the cameras, for a remedy in more than a factor.
     """
-    typical, largest = median(parallax), quantile(parallax, 0.98)
+    typical, largest = median(parallax), float(np.quantile(parallax, 0.98))
     if largest < 2.0 * max(4 * noise_px, 0.1):
         reason = f"a rotation of the camera explains all matches to {largest:.2f} px, so there is no parallax"
         remedy = "move the camera between the images, by 5 to 20 % of the distance to the scene"

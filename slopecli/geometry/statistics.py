@@ -28,16 +28,6 @@ def median(values: ArrayLike) -> float:
     return math.nan if math.isnan(largest) else 0.5 * (lower + upper)
 
 
-def quantile(values: ArrayLike, at: float) -> float:
-    """Quantile of one or more values, linear between neighbours; NaN if one is NaN. As np.quantile, but faster."""
-    flat = np.ravel(values)
-    place = at * (len(flat) - 1)
-    low = int(place)
-    kept = [low, min(low + 1, len(flat) - 1), len(flat) - 1]
-    below, above, largest = np.partition(flat, kept)[kept].tolist()  # NaN sorts last
-    return math.nan if math.isnan(largest) else below + (place - low) * (above - below)
-
-
 def robust_sigma(residual: FloatArray, least: float = 0.0, most: float = math.inf) -> float:
     """Sigma of residuals with mean 0 and outliers among them: 1.4826 median(|residual|), within [least, most]."""
     return min(max(MAD_FACTOR * median(np.abs(residual)), least), most)

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from slopecli.geometry.epipolar import homogeneous
-from slopecli.geometry.statistics import GATE_SIGMAS, geman_mcclure, median, quantile, robust_sigma
+from slopecli.geometry.statistics import GATE_SIGMAS, geman_mcclure, median, robust_sigma
 from slopecli.look.noise import NOISE_GREY, ROUNDING_GREY
 from slopecli.look.warp import (
     FloatImage,
@@ -141,7 +141,7 @@ def align_plane(view: View, normal: FloatArray, iterations: int = 10) -> PlaneFi
             return PlaneFit(normal, -1.0, np.full((3, 3), np.inf))
         system, gradient, px_per_depth = linear
         step = -np.linalg.solve(system + 1e-4 * np.diag(np.diag(system)) + 1e-12 * np.eye(3), gradient)
-        reach = quantile(np.abs(view.pixels.rays @ step) * px_per_depth, 0.9)
+        reach = np.quantile(np.abs(view.pixels.rays @ step) * px_per_depth, 0.9)
         normal = normal + step * min(1.0, MAX_STEP_PX / max(reach, 1e-9))
         if reach < SETTLED_PX:
             break

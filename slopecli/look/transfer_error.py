@@ -8,7 +8,7 @@ from __future__ import annotations
 import cv2
 import numpy as np
 
-from slopecli.geometry.statistics import geman_mcclure, quantile
+from slopecli.geometry.statistics import geman_mcclure
 from slopecli.look.noise import DIFFERENCE_GREY
 from slopecli.look.photometric import MAX_STEP_PX, MIN_SEEN, Bundle, View, detrend
 from slopecli.look.warp import NODE_STEP, FloatImage, covered, image_gradient, map_nodes, node_shape, spread_table
@@ -119,7 +119,7 @@ class Comparison:
             damped = system + 1e-9 * max(float(np.trace(system)), 1e-30) * np.eye(3)
             step = -np.linalg.solve(damped, jacobian.T @ (weight * error))
             moved = np.abs(bundle.rays @ step) * np.hypot(*shift.T) * self._working_per_px2
-            reach = quantile(moved[seen], 0.95)
+            reach = float(np.quantile(moved[seen], 0.95))
             if not np.isfinite(reach):
                 break
             normal = normal + step * min(1.0, MAX_STEP_PX / max(reach, 1e-12))
