@@ -1,5 +1,6 @@
 """Write what the documents quote: docs/cli.md, tables of rows, the examples and the pictures. `make docs` runs it.
 
+`docs/generate.py tables` writes docs/cli.md and the tables only, which takes a second.
 The tests call the same functions and compare, so that neither can drift from what the program does.
 """
 
@@ -123,14 +124,19 @@ def rewrite_example(document: Path, folder: Path) -> None:
     document.write_text(text[: example.start("output")] + output + text[example.end("output") :], encoding="utf-8")
 
 
-def main() -> None:
-    from pictures import make_pictures  # beside this script; the tests run the rest of it without that
-    from study_figures import make_study_figures
-
+def write_tables() -> None:
+    """Write docs/cli.md and the tables made from rows."""
     rewrite_table(CAMERAS, camera_formats_table())
     REFERENCE.write_text(cli_reference(), encoding="utf-8")
     rewrite_table(DIAGNOSTICS, codes_table())
     rewrite_table(DIAGNOSTICS, rejections_table())
+
+
+def write_examples_and_pictures() -> None:
+    """Run the examples of the documents and draw their pictures anew."""
+    from pictures import make_pictures  # beside this script; the tests run the rest of it without that
+    from study_figures import make_study_figures
+
     IMAGES.mkdir(exist_ok=True)
     for document in (README, SEGMENT, BATCH, PLAN, SOLVE):
         with tempfile.TemporaryDirectory() as folder:
@@ -145,4 +151,6 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    write_tables()
+    if sys.argv[1:] != ["tables"]:
+        write_examples_and_pictures()
