@@ -105,10 +105,18 @@ def slope_numbers(slopes: Slopes) -> list[SlopeNumbers]:
             "slope_sigma_deg": sigma,
             "slope_ci95_deg": (lower, upper),
             "aspect_deg": None if math.isnan(aspect) else aspect,
-            "dip_direction_deg": None if math.isnan(aspect) else aspect,
+            "dip_direction_deg": _dip_direction(slope, sigma, aspect),
         }
         for slope, sigma, (lower, upper), aspect in zip(*(np.degrees(one).tolist() for one in each), strict=True)
     ]
+
+
+def _dip_direction(slope_deg: float, sigma_deg: float, aspect_deg: float) -> float | None:
+    """Azimuth of the steepest descent of the plane itself, deg: of an overhang, whose normal points down, opposite to
+    its aspect. None where the dip, of an overhang 180 - slope, is below twice its sigma."""
+    if math.isnan(aspect_deg) or min(slope_deg, 180.0 - slope_deg) < ASPECT_SIGMAS * sigma_deg:
+        return None
+    return aspect_deg if slope_deg <= 90.0 else (aspect_deg + 180.0) % 360.0
 
 
 def signed_distance(normal: FloatArray, x1: FloatArray) -> float:

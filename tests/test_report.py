@@ -133,6 +133,42 @@ def test_aspect_is_counted_from_north() -> None:
     assert only_plane(from_east).aspect_deg == pytest.approx(60 - 90 + 360)
 
 
+@pytest.mark.parametrize(
+    ("lean", "facing", "slope", "aspect", "dip_direction"),
+    [
+        (-60, 180, 30, 180, 180),
+        (-20, 200, 70, 200, 200),
+        (0, 180, 90, 180, 180),
+        (1, 170, 91, 170, 350),  # an overhang: further down it is further away
+        (30, 180, 120, 180, 0),
+        (45, 225, 135, 225, 45),
+        (45, 140, 135, 140, 320),
+        (60, 180, 150, 180, 0),
+    ],
+)
+def test_dip_direction_is_that_of_the_plane_itself(
+    lean: float, facing: float, slope: float, aspect: float, dip_direction: float
+) -> None:
+    """A level camera that looks north; planes face an azimuth and lean towards the camera by `lean` from upright."""
+    lean_rad, facing_rad = np.radians([lean, facing])
+    normal = np.array([np.cos(lean_rad) * np.sin(facing_rad), np.sin(lean_rad), np.cos(lean_rad) * np.cos(facing_rad)])
+    solution = make_solution([0], scaled_normals=-normal[None] / HEIGHT)
+    plane = only_plane(make_report_of(solution, Options(up=(0, -1, 0), north=(0, 0, 1))))
+    assert (plane.slope_deg, plane.aspect_deg) == (pytest.approx(slope), pytest.approx(aspect))
+    assert plane.dip_direction_deg is not None
+    assert (plane.dip_direction_deg - dip_direction + 180) % 360 == pytest.approx(180)
+    # independently: of all directions in a plane that is not vertical, the one that descends most
+    down = np.array([0.0, 1.0, 0.0])
+    descent = down - (down @ normal) * normal
+    ahead = np.array([np.sin(np.radians(dip_direction)), np.cos(np.radians(dip_direction))])
+    assert slope == 90 or descent[[0, 2]] @ ahead == pytest.approx(np.hypot(*descent[[0, 2]]))
+
+
+def test_a_level_ceiling_has_no_dip_direction() -> None:
+    up = tuple(-normal_of(0.1, 60))
+    assert only_plane(make_report_of(make_solution([0]), Options(up=up))).dip_direction_deg is None
+
+
 # ---- verdicts ----
 
 

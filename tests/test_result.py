@@ -13,10 +13,12 @@ from jsonschema import Draft202012Validator, ValidationError
 from report_factory import make_ambiguity, make_camera, make_report
 
 from slopecli import __version__
+from slopecli.errors import InputError
 from slopecli.io import load_schema
 from slopecli.products import report_to_json
 from slopecli.types import Report
 
+OLD = Path(__file__).parent / "slopes-1.0.json"
 TOP_LEVEL = (
     "schema_version slopemap_version images cameras options up scale motion fit ambiguity planes rejected diagnostics"
 )
@@ -73,12 +75,24 @@ def test_schema_is_a_schema_and_refuses_changed_keys() -> None:
         Draft202012Validator(schema).validate(result)
 
 
+def test_files_of_1_0_still_validate() -> None:
+    """OLD was written by slopemap 0.1.0; its schema is shipped, and is another one than today's."""
+    old = json.loads(OLD.read_text(encoding="utf-8"))
+    assert not list(Draft202012Validator(load_schema(old["schema_version"])).iter_errors(old))
+    assert list(Draft202012Validator(load_schema()).iter_errors(old))
+
+
+def test_a_version_without_a_schema_is_refused() -> None:
+    with pytest.raises(InputError, match=r"version '1\.5'"):
+        load_schema("1.5")
+
+
 def test_keys_and_their_order() -> None:
     result = parsed(make_report())
     assert list(result) == TOP_LEVEL.split()
     assert list(result["planes"][0]) == PLANE.split()
     assert list(result["cameras"][0]) == CAMERA.split()
-    assert result["schema_version"] == "1.0"
+    assert result["schema_version"] == "2.0"
     assert result["slopemap_version"] == __version__
 
 

@@ -180,8 +180,15 @@ def has_files(folder: Path, sizes: Mapping[str, int]) -> bool:
     return there == sizes
 
 
-def load_schema() -> dict[str, Any]:
-    """Return the JSON schema (draft 2020-12) of slopes.json that is shipped in the package."""
-    file = resources.files("slopecli").joinpath(f"schemas/slopes-{SCHEMA_VERSION}.schema.json")
+def load_schema(version: str = SCHEMA_VERSION) -> dict[str, Any]:
+    """Return the JSON schema (draft 2020-12) of slopes.json, of this version or an older one ("1.0", "2.0").
+
+    Raises
+    ------
+    InputError : no schema of that version is shipped.
+    """
+    file = resources.files("slopecli").joinpath(f"schemas/slopes-{version}.schema.json")
+    if not file.is_file():
+        raise InputError(f"there is no schema of slopes.json of version {version!r}; this is slopemap {__version__}")
     schema: dict[str, Any] = json.loads(file.read_text("utf-8"))
     return schema
