@@ -27,6 +27,7 @@ DIAGNOSTICS = ROOT / "docs" / "diagnostics.md"
 SEGMENT = ROOT / "docs" / "segment.md"
 CAMERAS = ROOT / "docs" / "cameras.md"
 BATCH = ROOT / "docs" / "batch.md"
+NEVER_SAFE = " While it stands, no verdict is safe."
 PLAN = ROOT / "docs" / "plan.md"
 SOLVE = ROOT / "docs" / "solve.md"
 IMAGES = ROOT / "docs" / "images"
@@ -77,7 +78,7 @@ def codes_table() -> str:
         ("code", "severity", "value", "what was found, and why it matters", "what to do"),
         ("---",) * 5,
         *(
-            (f"`{c.code}`", c.severity, c.value, c.meaning, _sentence(c.remedy))
+            (f"`{c.code}`", c.severity, c.value, c.meaning + NEVER_SAFE * c.forbids_safe, _sentence(c.remedy))
             for c in sorted(CODES, key=lambda row: row.code)
             if c.severity != "rejection"
         ),

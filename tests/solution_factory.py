@@ -15,7 +15,7 @@ from slopecli.patches import Footprint, Joined, Patch
 from slopecli.patches.windows import window_patch
 from slopecli.report import build_report
 from slopecli.study import project
-from slopecli.types import Ambiguity, FloatArray, Report, Solution
+from slopecli.types import Ambiguity, Diagnostic, FloatArray, Report, Solution
 from slopecli.windows import Window
 
 CAMERA = make_camera()
@@ -94,6 +94,7 @@ def make_report_of(
     patch_changes: dict[int, dict[str, object]] | None = None,
     source: str = "window",
     footprints: dict[int, Footprint] | None = None,
+    diagnostics: Sequence[Diagnostic] = (),
 ) -> Report:
     """The report of a solution whose planes lie in these windows; `refused` ones (by index) have no matches."""
     chosen = list(windows)[: len(solution.scaled_normals) + len(refused)]
@@ -107,4 +108,4 @@ def make_report_of(
             patch = make_patch(window, i + 1, next(normals), solution, **(patch_changes or {}).get(i, {}))
         patches.append(replace(patch, source=source, footprint=(footprints or {}).get(i, patch.footprint)))
     image, joined = make_image(), Joined.of(patches, Matches.none(), np.empty(0))
-    return build_report((image, image), (CAMERA, CAMERA), options or Options(), joined, solution, [])
+    return build_report((image, image), (CAMERA, CAMERA), options or Options(), joined, solution, list(diagnostics))

@@ -19,6 +19,7 @@ from solution_factory import (
 )
 
 from slopecli.errors import InputError, NoAnswer
+from slopecli.findings import finding
 from slopecli.options import Options
 from slopecli.patches import Footprint, Found, Patch, join_patches, window_footprint
 from slopecli.products import report_to_json
@@ -202,6 +203,20 @@ def test_never_safe_when_the_other_root_is_not() -> None:
     assert verdicts(report) == ["safe", "undecided", "undecided"]
     ruled_out = make_report_of(with_second_root(make_solution(gentle), other_root, status="resolved"))
     assert verdicts(ruled_out) == ["safe"] * 3
+
+
+def test_nothing_is_safe_in_either_root_while_a_diagnostic_forbids_it() -> None:
+    solution = with_second_root(make_solution([5, 25, 40]), [5, 5, 40])
+    plain = make_report_of(solution)
+    report = make_report_of(solution, diagnostics=[finding("suspect-distortion", "the lens is another one", 3.0)])
+    for one, doubted in ((plain, report), (plain.ambiguity.alternative, report.ambiguity.alternative)):
+        assert one is not None
+        assert doubted is not None
+        withheld = ["undecided" if plane.verdict == "safe" else plane.verdict for plane in one.planes]
+        assert [plane.verdict for plane in doubted.planes] == withheld
+        assert [plane.p_safe for plane in one.planes] == [plane.p_safe for plane in doubted.planes]
+    assert verdicts(plain) == ["safe", "undecided", "unsafe"]
+    assert report.diagnostics[0].message == "the lens is another one; no verdict is safe"
 
 
 def test_no_limit_on_p_safe_is_passed_by_one_answer_of_two() -> None:

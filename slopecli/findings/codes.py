@@ -7,7 +7,7 @@ docs/diagnostics.md its tables (`make docs`). Plain data; importing it loads not
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Literal
+from typing import Any, Literal
 
 # "refusal" of a `NoAnswer` (exit status 3), "warning" and "info" of a diagnostic, "rejection" of a patch without an
 # answer, whose reason the code is
@@ -21,6 +21,7 @@ class Code:
     meaning : what was found and why it matters, a paragraph of Markdown.
     remedy : what to do, as messages say it; "" where there is nothing to do.
     value : what the number `value` is, with its unit; "" where there is none.
+    forbids_safe : while such a diagnostic stands, no verdict is safe (`report.build_report`), and its message says so.
     """
 
     code: str
@@ -28,10 +29,11 @@ class Code:
     meaning: str
     remedy: str = ""
     value: str = ""
+    forbids_safe: bool = False
 
 
-# severity -> code -> meaning, remedy, value
-_ROWS: dict[Severity, dict[str, tuple[str, ...]]] = {
+# severity -> code -> meaning, remedy, value, forbids_safe
+_ROWS: dict[Severity, dict[str, tuple[Any, ...]]] = {
     "refusal": {
         "pure-rotation": (
             "A rotation of the camera alone explains all matches, or both images are the same: without parallax there "
@@ -109,8 +111,10 @@ _ROWS: dict[Severity, dict[str, tuple[str, ...]]] = {
         "suspect-distortion": (
             "Residuals grow from the image centre as another lens distortion than that of the camera file makes them. "
             "Its k1 is named; a lens distortion that was taken out of the images already shows in the same way.",
-            "calibrate the lens, and give its distortion in the camera file; or leave it out",
+            "calibrate the lens, and give its distortion in the camera file; or, of undistorted images, the matrix "
+            "that they were undistorted to (P of ROS, newCameraMatrix of OpenCV)",
             "px at the corner of image 1",
+            True,
         ),
         "poor-fit": (
             "Matches miss their epipolar lines by more than 0.5 px, or the joint solution did not converge. Blur, a "

@@ -100,5 +100,8 @@ def check_lens(misfit: LensMisfit | None, camera: Camera) -> list[Diagnostic]:
     )
     remedy = "calibrate the lens, and give its distortion in the camera file"
     if abs(given - misfit.term) < 0.4 * abs(given):  # what is left of it is small
-        remedy = "leave the distortion out of the camera file: it seems to be taken out of the images already"
+        remedy = (
+            "the distortion seems to be taken out of the images already: give the camera they have since then (ROS: "
+            "the projection_matrix P; OpenCV: the newCameraMatrix), or leave it out where the matrix was kept"
+        )
     return [finding("suspect-distortion", message, corner_px, remedy)]

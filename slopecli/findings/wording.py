@@ -19,6 +19,8 @@ def finding(
 ) -> Diagnostic:
     """Make a diagnostic; its severity and, unless a more specific one is given, its remedy are those of its row.
 
+    The message of a code that forbids the verdict safe says so at its end.
+
     Raises
     ------
     ValueError : no row has this code and severity, or two have the code and no severity was given.
@@ -28,6 +30,8 @@ def finding(
     if len(rows) != 1:
         raise ValueError(f"{len(rows)} rows of CODES have the code {code!r} and a severity of {wanted}")
     found: Literal["warning", "info"] = "warning" if rows[0].severity == "warning" else "info"
+    if rows[0].forbids_safe:
+        message = f"{message}; no verdict is safe"
     return Diagnostic(code, found, message, value, remedy or rows[0].remedy or None)
 
 
@@ -71,3 +75,9 @@ class Separation:
 
     def _example(self, factor: float) -> str:
         return f"{20 * factor * self.share:.2g} m at 20 m height"
+
+
+def forbid_safe(diagnostics: Sequence[Diagnostic]) -> bool:
+    """Whether one of the diagnostics forbids the verdict safe, as the row of its code says."""
+    codes = {(row.code, row.severity) for row in CODES if row.forbids_safe}
+    return any((one.code, one.severity) in codes for one in diagnostics)

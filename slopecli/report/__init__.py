@@ -8,5 +8,6 @@ __getattr__, __dir__ = lazy_names(
         "build": "build_report",
         "kinds": "plane_kinds plane_shares",
         "second_root": "deciding_sigma margin what_decides",
+        "withheld": "withhold_safe",
     },
 )

@@ -19,6 +19,7 @@ from slopecli.patches.patch import paint_labels
 from slopecli.report.answered_planes import divide, planes_of
 from slopecli.report.second_root import ambiguity_report
 from slopecli.report.units import fit_of, in_unit, motion_of, scale_of
+from slopecli.report.withheld import withhold_safe
 from slopecli.types import Camera, Diagnostic, Image, ImageInfo, Plane, Report, Solution
 
 # options of how images are matched and planes found
@@ -44,8 +45,7 @@ def build_report(
     NoAnswer : the matches of all patches leave their slopes unknown.
     """
     main = measure(solution, joined, options)
-    alternative = solution.ambiguity.alternative
-    second = measure(alternative, joined, options) if alternative else None
+    second = measure(other, joined, options) if (other := solution.ambiguity.alternative) else None
     scale, length = scale_of(main, joined, options)
     known, rejected = divide(planes_of(main, second, joined, cameras, options), main, joined, options)
     planes = tuple(in_unit(plane, scale, length) for plane in known)
@@ -59,7 +59,7 @@ def build_report(
         length_m=length if scale.unit == "m" else None,
         changes=changes,
     )
-    return Report(
+    report = Report(
         images=(_info(images[0]), _info(images[1])),
         cameras=cameras,
         options=_options_used(options, joined.patches[0].source),
@@ -75,6 +75,7 @@ def build_report(
         epipole1_px=facts.epipole1_px,
         segmentation=joined.segmentation,
     )
+    return withhold_safe(report)
 
 
 def _labels(joined: Joined, planes: Sequence[Plane], image: Image | ImageInfo) -> NDArray[np.uint16]:
