@@ -9,7 +9,7 @@ from functools import partial
 
 from slopecli.findings.checks import check_pair
 from slopecli.findings.facts import PairFacts
-from slopecli.findings.given_checks import alike, refuse_unrelated, review
+from slopecli.findings.given_checks import refuse_unrelated, review
 from slopecli.findings.known_motion import contradiction, motion_prior
 from slopecli.findings.pair_checks import refuse_identical, refuse_mirrored, refuse_unmatched
 from slopecli.findings.solution_checks import merged_groups
@@ -100,8 +100,7 @@ def solve(given: Given, cameras: tuple[Camera, Camera] | None, options: Options,
     both = cameras or (RAYS, RAYS)
     prior = motion_prior(options)
     joined = join_rows(given, both)
-    if alike(joined):
-        refuse_mirrored(joined.matches.x1, joined.matches.x2)
+    refuse_mirrored(joined.matches.x1, joined.matches.x2, joined.plane)
     sigma = median(given.sigma) if noise is None and given.sigma is not None else noise
     sigma_rad = None if sigma is None else sigma * (1e-3 if cameras is None else 1.0 / both[1].focal_px)
 

@@ -22,7 +22,6 @@ from slopecli.findings import (
     focus_of_expansion_in_plane,
     parallax_px,
     refuse_identical,
-    refuse_mirrored,
     refuse_unmatched,
 )
 from slopecli.geometry import homogeneous, pixels_from_rays, rotation_from_vector
@@ -323,13 +322,6 @@ def test_parallax_is_what_the_rotation_does_not_explain() -> None:
     assert shift == pytest.approx(0.1 * FOCAL)
     assert np.median(parallax) < 0.25 * np.median(shift)
     assert np.median(parallax) > 1
-
-
-def test_a_mirrored_image_is_refused() -> None:
-    x1 = np.random.default_rng(0).uniform(-0.5, 0.5, (200, 2))
-    refuse_mirrored(x1, x1 @ np.array([[0.0, 1.1], [-1.1, 0.0]]) + 0.1)
-    with pytest.raises(NoAnswer, match=r"^poor-fit: image 2 is mirrored"):
-        refuse_mirrored(x1, x1 * [-1.0, 1.0] + 0.1)
 
 
 # ---- the shape of the ground, and the way over it ----

@@ -71,7 +71,12 @@ _ROWS: dict[Severity, dict[str, tuple[Any, ...]]] = {
             "possible motions apart.",
             "move sideways as well, or give --uneven DEG if the windows are not one plane",
         ),
-        "poor-fit": ("Image 2 is mirrored.", "flip it back, left to right or top to bottom", "determinant, negative"),
+        "poor-fit": (
+            "Image 2 is mirrored: three points of one surface turn the other way round in it, which no motion of a "
+            "camera brings about.",
+            "flip it back, left to right or top to bottom",
+            "share of triangles of matches that keep their orientation",
+        ),
     },
     "warning": {
         "no-overlap": (

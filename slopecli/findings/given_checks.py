@@ -10,7 +10,6 @@ from slopecli.errors import NoAnswer
 from slopecli.findings.plane_checks import NON_PLANAR
 from slopecli.findings.solution_checks import solver_remedy
 from slopecli.findings.wording import finding, listed
-from slopecli.geometry.epipolar import homogeneous
 from slopecli.geometry.slope import tilt_growth
 from slopecli.patches.given import FEWEST, RAYS, GivenSolution
 from slopecli.patches.join import Joined
@@ -18,14 +17,6 @@ from slopecli.types import Camera, Diagnostic, Solution
 
 TIMES_NOISE = 2.0  # times the noise given, beyond which residuals contradict it
 NOISY_PX = 2.0  # residuals no matcher leaves; points marked by hand need --noise
-
-
-def alike(joined: Joined) -> bool:
-    """Whether an affine map explains half the scatter of the points in image 2: it has a left and a right then."""
-    points = joined.matches
-    design = homogeneous(points.x1)
-    residual = points.x2 - design @ np.linalg.lstsq(design, points.x2, rcond=None)[0]
-    return float(residual.var()) < 0.5 * float(points.x2.var(axis=0).mean())
 
 
 def refuse_unrelated(solution: Solution, joined: Joined, camera2: Camera) -> None:

@@ -7,14 +7,15 @@ import numpy as np
 from slopecli.errors import NoAnswer
 from slopecli.findings.facts import PairFacts
 from slopecli.findings.wording import finding
-from slopecli.geometry.epipolar import homogeneous
 from slopecli.geometry.motion import LensMisfit
+from slopecli.geometry.orientation import kept_orientation
 from slopecli.look.changes import lens_misfit
-from slopecli.types import Camera, Diagnostic, FloatArray, Image
+from slopecli.types import Camera, Diagnostic, FloatArray, Image, IntArray
 
 FEW_FEATURES = 60  # in an image with hardly any texture
 MIN_INLIERS, INLIER_SHARE = 20, 0.12  # of the tentative matches: fewer agree on a motion by chance
 MANY_CONTRADICT, MOST_CONTRADICT = 0.15, 0.5  # of the dense matches that contradict the motion: warned of, refused
+MIRRORED = 1 / 3  # share of triangles that keep their orientation: half of them by chance, nearly all of a right pair
 DISTORTED_PX = 1.0  # at the corner: a lens that is this close to its model is not reported
 
 
@@ -38,17 +39,22 @@ def refuse_unmatched(n_features: tuple[int, int], n_matches: int, n_inliers: int
         raise NoAnswer("no-overlap", f"{found} (at least {MIN_INLIERS} needed)", remedy, value=float(n_inliers))
 
 
-def refuse_mirrored(x1: FloatArray, x2: FloatArray) -> None:
-    """Raise NoAnswer when image 2 shows the scene with left and right exchanged, which no motion of a camera does."""
-    determinant = float(np.linalg.det(np.linalg.lstsq(homogeneous(x1), x2, rcond=None)[0][:2]))
-    if determinant < 0:
+def refuse_mirrored(x1: FloatArray, x2: FloatArray, surface: IntArray) -> None:
+    """Raise NoAnswer when image 2 shows surfaces with left and right exchanged, which no motion of a camera does.
+
+    x1, x2 : (n, 2) matches.  surface : (n,) what each lies on, see `kept_orientation`.
+    """
+    kept = kept_orientation(x1, x2, surface)
+    if kept < MIRRORED:
         remedy = "flip it back, left to right or top to bottom"
-        raise NoAnswer("poor-fit", "image 2 is mirrored", remedy, value=determinant)
+        raise NoAnswer("poor-fit", "image 2 is mirrored", remedy, value=kept)
 
 
 def mirrored(pair: PairFacts) -> list[Diagnostic]:
-    """Raise NoAnswer when the dense matches are those of a mirrored image."""
-    refuse_mirrored(pair.scene.evidence.x1, pair.scene.evidence.x2)
+    """Raise NoAnswer when the dense matches are those of a mirrored image: parts of image 1 stand for surfaces."""
+    evidence, (height, width) = pair.scene.evidence, pair.scene.shape1
+    column, row = np.floor(8 * (evidence.uv1 + 0.5) / [width, height]).astype(np.int64).T
+    refuse_mirrored(evidence.x1, evidence.x2, 8 * row + column)
     return []
 
 

@@ -26,6 +26,7 @@ __getattr__, __dir__ = lazy_names(
         "homography_in_pixels homography_of_plane longuet_higgins",
         "motion": "LensMisfit MotionEstimate assess_motion epipolar_residual find_lens_misfit fit_lens_misfit "
         "inverse_depth refine_motion",
+        "orientation": "kept_orientation",
         "plane_fit": "RobustPlane lever robust_plane",
         "slope": "CAMERA_UP surface_normals tilt_growth",
         "solver.uncertainty": "cramer_rao_bound",
