@@ -3,6 +3,12 @@
 from __future__ import annotations
 
 
+def visible(text: str) -> str:
+    """The text with what a terminal would obey, or nobody would see, as escapes: control characters, ends of lines,
+    marks that turn the direction of reading, parts of damaged names. The joiners that scripts need stay."""
+    return "".join(c if c.isprintable() or c in "\u200c\u200d" else c.encode("unicode_escape").decode() for c in text)
+
+
 class SlopemapError(Exception):
     """Base of all errors slopemap raises on purpose. `str(error)` is the one line a user reads."""
 

@@ -112,6 +112,13 @@ def test_names_of_others_stay_text() -> None:
     assert HOSTILE in rows[0][3]
 
 
+def test_names_have_no_control_characters_on_the_page() -> None:
+    name = "a\x1b[31m\x85b\u202egnp"
+    text = index_html([Outcome(name, name, name, 1, "input", name), answered(name)]).decode("utf-8")
+    assert not re.search(r"[\x00-\x09\x0b-\x1f\x7f-\x9f\u202e]", text)
+    assert r"a\x1b[31m\x85b\u202egnp" in text
+
+
 def test_pictures_are_loaded_when_they_come_into_view_and_keep_their_place() -> None:
     for picture in page(*OUTCOMES).pictures:
         assert picture["loading"] == "lazy"

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import errno
+import hashlib
+import json
 import os
 from collections.abc import Callable, Iterator
 from contextlib import suppress
@@ -60,9 +62,10 @@ def test_the_paths_told_are_those_of_today(job: Job, tmp_path: Path) -> None:
     assert (known.image1, known.image2) == ("moved/one.png", "moved/two.png")
 
 
-@pytest.mark.parametrize(
-    "change", ["missing", "more", "empty", "shorter", "a folder", "damaged", "cut", "older", "list"]
-)
+CHANGES = ("missing", "more", "empty", "shorter", "another", "a folder", "a pipe", "damaged", "cut", "older", "list")
+
+
+@pytest.mark.parametrize("change", CHANGES)
 def test_a_folder_that_was_changed_is_not_finished(job: Job, change: str) -> None:
     store(job, answered(A, *A_FILES), contents_of(A, *A_FILES))
     folder, record = Path(job.folder), Path(job.folder) / "pair.json"
@@ -72,6 +75,8 @@ def test_a_folder_that_was_changed_is_not_finished(job: Job, change: str) -> Non
         "more": lambda: (folder / "patches.glb").write_bytes(b"of an earlier answer"),
         "empty": lambda: (folder / "overlay.png").write_bytes(b""),
         "shorter": lambda: os.truncate(folder / "labels.png", 3),
+        "another": lambda: (folder / "labels.png").write_bytes(b"x" * (folder / "labels.png").stat().st_size),
+        "a pipe": lambda: (record.unlink(), os.mkfifo(record)),
         "a folder": lambda: ((folder / "overlay.png").unlink(), (folder / "overlay.png").mkdir()),
         "damaged": lambda: record.write_bytes(b"\xff\x00 not JSON"),
         "cut": lambda: record.write_bytes(whole[: len(whole) // 2]),
@@ -79,6 +84,45 @@ def test_a_folder_that_was_changed_is_not_finished(job: Job, change: str) -> Non
         "list": lambda: record.write_bytes(b"[]"),
     }
     changes[change]()
+    assert finished(job, A) is None
+
+
+@pytest.mark.parametrize(
+    ("key", "value"),
+    [
+        ("n_safe", "<script>alert(1)</script>"),
+        ("n_safe", True),
+        ("n_safe", 10),
+        ("n_unsafe", -1),
+        ("n_planes", 1.5),
+        ("steepest_deg", "12.5"),
+        ("steepest_deg", 1.25),
+        ("files", {"slopes.json": "labels.png"}),
+        ("files", ["../../notes.txt"]),
+        ("diagnostics", [1]),
+        ("diagnostics", None),
+        ("message", ["a", "b"]),
+        ("exit_status", 0.0),
+        ("exit_status", 130),
+        ("sha256", {}),
+        ("sha256", []),
+        ("sha256", None),
+    ],
+)
+@pytest.mark.parametrize("signed", [False, True])
+def test_a_record_of_other_values_is_not_believed(job: Job, key: str, value: object, signed: bool) -> None:
+    """Whether or not whoever changed it has computed its SHA-256 anew."""
+    outcome, contents = answered(A, *A_FILES), contents_of(A, *A_FILES)
+    store(job, replace(outcome, n_planes=9, n_ok=9, n_safe=9), contents)
+    path = Path(job.folder) / "pair.json"
+    fields = {**json.loads(path.read_bytes()), key: value}
+    if signed:
+        if (key, value) == ("steepest_deg", 1.25):
+            pytest.skip("fits, and so does the SHA-256")
+        del fields["record_sha256"]
+        text = json.dumps(fields, indent=2)
+        fields["record_sha256"] = hashlib.sha256(text.encode()).hexdigest()
+    path.write_text(json.dumps(fields, indent=2))
     assert finished(job, A) is None
 
 

@@ -52,9 +52,14 @@ def test_summary_says_what_is_known_and_leaves_the_rest_empty() -> None:
 
 
 def test_summary_keeps_commas_quotes_and_lines_of_names_in_their_cell() -> None:
-    name = 'one, "two"\nthree'
+    name = 'one, "two"\nthree\r4'
     (row,) = rows_of(summary_csv([Outcome(name, name, "b.png", 1)]))
     assert row["name"] == row["image1"] == name
+
+
+def test_summary_gives_a_terminal_nothing_to_obey() -> None:
+    (row,) = rows_of(summary_csv([Outcome("a", "\x1b[31mred\x07\u202e.png", "b.png", 1)]))
+    assert row["image1"] == r"\x1b[31mred\x07\u202e.png"
 
 
 def test_summary_gives_a_spreadsheet_no_formulas() -> None:

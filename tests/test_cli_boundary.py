@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
 
 import click
 import pytest
+from command import slopemap
 
 from slopecli.cli import run, talk_options
 from slopecli.errors import DegenerateConfiguration, InputError, NoAnswer
@@ -66,3 +68,19 @@ def test_quiet_still_says_errors(capsys: pytest.CaptureFixture[str]) -> None:
 def test_usage_is_status_2(capsys: pytest.CaptureFixture[str]) -> None:
     assert run(command_that(lambda: None), ["--unknown"]) == 2
     assert "--unknown" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ("estimate", "a\x1b[31mred\x07\r.png", "b.png", "--fov", "60", "--json"),
+        ("solve", "\x1b]0;title\x07\u202egnp"),
+        ("solve", "a.csv", "--\x1b[31m"),
+        ("segment", "a.png", "b.png", "--up", "\x1b[31m", "--json"),
+    ],
+)
+def test_names_on_the_command_line_come_back_as_text(arguments: tuple[str, ...]) -> None:
+    done = slopemap(*arguments)
+    assert done.returncode in (1, 2)
+    assert not re.search(r"[\x00-\x09\x0b-\x1f\x7f-\x9f\u202e]", done.stderr)
+    assert r"\x1b" in done.stderr

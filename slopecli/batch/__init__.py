@@ -6,8 +6,9 @@ __getattr__, __dir__ = lazy_names(
     __name__,
     {
         "answer": "answer_jobs load_inputs",
-        "jobs": "TRANSIENT Answer Job Keep Outcome Pair Progress Shipped failure fingerprint_of finished store",
+        "jobs": "TRANSIENT Answer Job Keep Pair Progress Shipped failure fingerprint_of finished store",
         "pairs": "FoundPairs find_pairs safe_name",
+        "records": "Outcome read_outcome record_of",
         "running": "run",
         "scheduler": "answer_here run_batch",
         "slopecli.options": "CameraChoice",

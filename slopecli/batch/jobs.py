@@ -1,4 +1,4 @@
-"""Data of a batch: pairs, jobs for workers, answers, outcomes; the record of a finished pair in its folder.
+"""Data of a batch: pairs, jobs for workers, answers; which pairs are finished, by the records in their folders.
 
 A record is written after the files of its pair, and is valid for the same inputs and options.
 """
@@ -12,6 +12,7 @@ from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
 from slopecli import __version__
+from slopecli.batch.records import Outcome, read_outcome, record_of
 from slopecli.errors import DiskFull
 from slopecli.io.cameras.reading import split_name
 from slopecli.io.files import DISK_FULL
@@ -83,56 +84,6 @@ class Answer:
 
 
 @dataclass(frozen=True)
-class Outcome:
-    """The result of one pair of a batch; as JSON it is one line of results.jsonl.
-
-    Attributes
-    ----------
-    name : of the pair's folder.  image1, image2 : paths as given.
-    exit_status : that of `slopemap estimate`: 0 answered, 1 input unusable, 3 no answer; 1 also for failures that the
-        next run tries again, such as "crashed", "timeout" and "memory".
-    code, message, remedy : of a failure; a code as in slopes.json, or "input".
-    fingerprint : SHA-256 over the bytes of images and camera files, options, files kept and version; "" if an input
-        could not be read.
-    files : names of the files in the pair's folder, slopes.json first.
-    n_planes : windows or planes answered.  n_ok : those of status "ok".  n_safe, n_unsafe, n_undecided : by verdict.
-    n_rejected : windows without an answer.
-    steepest_deg, steepest_sigma_deg : slope of the steepest plane of status ok, and its 1-sigma; of the root in which
-        it is steeper, where there are two.  steepest_other_deg, steepest_other_sigma_deg : of the other root.
-    ambiguity : status as in slopes.json.  noise_px : of the fit.  diagnostics : their codes.
-    """
-
-    name: str
-    image1: str
-    image2: str
-    exit_status: int
-    code: str | None = None
-    message: str | None = None
-    remedy: str | None = None
-    fingerprint: str = ""
-    files: tuple[str, ...] = ()
-    n_planes: int = 0
-    n_ok: int = 0
-    n_safe: int = 0
-    n_unsafe: int = 0
-    n_undecided: int = 0
-    n_rejected: int = 0
-    steepest_deg: float | None = None
-    steepest_sigma_deg: float | None = None
-    steepest_other_deg: float | None = None
-    steepest_other_sigma_deg: float | None = None
-    ambiguity: str | None = None
-    noise_px: float | None = None
-    diagnostics: tuple[str, ...] = ()
-
-    @property
-    def steepest(self) -> tuple[tuple[float, float | None], ...]:
-        """Slope and 1-sigma of the steepest plane in each root, deg, the gentler root first."""
-        both = (self.steepest_other_deg, self.steepest_other_sigma_deg), (self.steepest_deg, self.steepest_sigma_deg)
-        return tuple((slope, sigma) for slope, sigma in both if slope is not None)
-
-
-@dataclass(frozen=True)
 class Progress:
     """Counts of pairs so far: `n_kept` of the `n_done` were finished by an earlier run, `n_failed` have no answer."""
 
@@ -174,27 +125,16 @@ def _camera_print(choice: CameraChoice | None, base: str, digests: Mapping[str, 
 
 def finished(job: Job, fingerprint: str) -> Outcome | None:
     """The outcome of an earlier run, if its record has this fingerprint and its files are there; otherwise None."""
-    recorded = _recorded(read_record(Path(job.folder)))
+    recorded = read_outcome(read_record(Path(job.folder)) or b"")
     if recorded is None:
         return None
-    outcome, sizes = recorded
-    if outcome.fingerprint != fingerprint or outcome.code in TRANSIENT or not has_files(Path(job.folder), sizes):
+    outcome, digests = recorded
+    if outcome.fingerprint != fingerprint or outcome.code in TRANSIENT or not has_files(Path(job.folder), digests):
         return None
     pair = job.pair
     if outcome.exit_status and (outcome.image1, outcome.image2) != (pair.image1, pair.image2):
         return None  # its message may quote the old paths
     return replace(outcome, name=pair.name, image1=pair.image1, image2=pair.image2)
-
-
-def _recorded(record: bytes | None) -> tuple[Outcome, dict[str, int]] | None:
-    """The outcome and the file sizes in a record, None if it is missing, damaged or of another version."""
-    try:
-        fields = json.loads(record or b"")
-        sizes = fields.pop("sizes")
-        fields |= {key: tuple(fields[key]) for key in ("files", "diagnostics")}
-        return Outcome(**fields), dict(sizes)
-    except (ValueError, TypeError, KeyError, AttributeError, RecursionError):
-        return None
 
 
 def store(job: Job, outcome: Outcome, contents: Mapping[str, bytes]) -> Outcome:
@@ -208,10 +148,8 @@ def store(job: Job, outcome: Outcome, contents: Mapping[str, bytes]) -> Outcome:
     ------
     DiskFull : there is no space left; the folder is as it was.
     """
-    # the sizes of the files detect a truncated one
-    record = {**asdict(outcome), "sizes": {name: len(content) for name, content in contents.items()}}
     try:
-        store_pair(Path(job.folder), contents, (json.dumps(record, indent=2, allow_nan=False) + "\n").encode("ascii"))
+        store_pair(Path(job.folder), contents, record_of(outcome, contents))
     except OSError as error:
         if error.errno in DISK_FULL:
             raise DiskFull(f"disk full while writing to {job.folder}") from None

@@ -2,19 +2,19 @@
 
 from __future__ import annotations
 
-import csv
 import json
 import math
 import os
+import re
 from collections.abc import Iterable
 from dataclasses import asdict, fields
 from html import escape
-from io import StringIO
 from typing import Any, NamedTuple
 from urllib.parse import quote
 
 from slopecli import __version__
 from slopecli.batch.jobs import Outcome
+from slopecli.errors import visible
 from slopecli.products import OVERLAY
 
 FILES = SUMMARY, RESULTS, PAGE = "summary.csv", "results.jsonl", "index.html"
@@ -28,13 +28,15 @@ def summary_csv(outcomes: Iterable[Outcome]) -> bytes:
     """A header and one row per pair in the order given, UTF-8; an unknown value is an empty cell.
 
     Codes of diagnostics are joined by spaces. An apostrophe is put before text that a spreadsheet would evaluate as a
-    formula, as file names may come from anybody.
+    formula, as file names may come from anybody. Ends of lines stay, quoted; what a terminal would obey is escaped.
     """
-    table = StringIO()
-    writer = csv.writer(table, lineterminator="\n")
-    writer.writerow(COLUMNS)
-    writer.writerows([_csv_cell(getattr(outcome, column)) for column in COLUMNS] for outcome in outcomes)
-    return _encode_text(table.getvalue())
+    rows = [COLUMNS, *([_csv_cell(getattr(outcome, column)) for column in COLUMNS] for outcome in outcomes)]
+    return _encode_text("".join(",".join(map(_quoted, row)) + "\n" for row in rows))
+
+
+def _quoted(cell: str) -> str:
+    # Python's csv leaves a carriage return without quotes
+    return '"{}"'.format(cell.replace('"', '""')) if re.search('[",\r\n]', cell) else cell
 
 
 def results_jsonl(outcomes: Iterable[Outcome]) -> bytes:
@@ -44,17 +46,17 @@ def results_jsonl(outcomes: Iterable[Outcome]) -> bytes:
 
 
 def _encode_text(text: str) -> bytes:
-    """UTF-8; undecodable bytes of file names become backslash escapes."""
     return text.encode("utf-8", "backslashreplace")
 
 
-def _csv_cell(value: Any) -> Any:
+def _csv_cell(value: Any) -> str:
     value = _plain(value)
     if isinstance(value, list):
         value = " ".join(value)
-    if isinstance(value, str) and value.startswith(FORMULA_STARTS):
-        return f"'{value}"
-    return "" if value is None else value
+    if isinstance(value, str):
+        text = f"'{value}" if value.startswith(FORMULA_STARTS) else value
+        return re.sub(r"[^\r\n]+", lambda part: visible(part[0]), text)
+    return "" if value is None else str(value)
 
 
 def _plain(value: Any) -> Any:
@@ -190,7 +192,8 @@ def _row(number: int, outcome: Outcome) -> str:
 
 
 def _cell(cell: Cell) -> str:
-    attributes = f' class="{cell.kind}"' * bool(cell.kind) + f' data-value="{escape(cell.value)}"' * bool(cell.value)
+    value = escape(visible(cell.value))
+    attributes = f' class="{cell.kind}"' * bool(cell.kind) + f' data-value="{value}"' * bool(value)
     return f"<td{attributes}>{cell.html}</td>"
 
 
@@ -214,7 +217,7 @@ def _cells(number: int, outcome: Outcome) -> tuple[Cell, ...]:
 
 def _text(text: str) -> str:
     """Text from outside: escaped, and isolated so that right-to-left text does not reorder its neighbours."""
-    return f"<bdi>{escape(text)}</bdi>"
+    return f"<bdi>{escape(visible(text))}</bdi>"
 
 
 def _picture(outcome: Outcome) -> Cell:
@@ -223,7 +226,7 @@ def _picture(outcome: Outcome) -> Cell:
     address = _address(outcome, OVERLAY)
     # a fixed size keeps the page still while pictures load; some browsers ignore `loading` after `src`
     attributes = 'loading="lazy" decoding="async" width="160" height="120"'
-    picture = f'<img {attributes} src="{address}" alt="slopes of {escape(outcome.name)}">'
+    picture = f'<img {attributes} src="{address}" alt="slopes of {escape(visible(outcome.name))}">'
     return Cell(f'<a href="{address}">{picture}</a>')
 
 

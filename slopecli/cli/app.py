@@ -8,6 +8,7 @@ import sys
 from collections import UserDict
 from collections.abc import Sequence
 from importlib import import_module
+from io import StringIO
 from typing import Any
 
 import click
@@ -55,7 +56,10 @@ def run(command: click.Command, arguments: Sequence[str]) -> int:
     try:
         return command.main(list(arguments), prog_name="slopemap", standalone_mode=False, obj=talk) or 0
     except click.ClickException as error:
-        error.show()
+        usage = StringIO()
+        error.show(usage)
+        for line in usage.getvalue().rstrip("\n").split("\n"):
+            tell(line)
         return error.exit_code
     except SlopemapError as error:
         return _end(str(error), error.exit_code)

@@ -9,6 +9,7 @@ import time
 from typing import TYPE_CHECKING, Self
 
 from slopecli.cli.talk import Talk, is_terminal, stderr_may_be_gone
+from slopecli.errors import visible
 
 if TYPE_CHECKING:
     from rich.progress import Progress as Bar
@@ -49,7 +50,7 @@ class ProgressLine:
         """Say a line of its own, above the bar."""
         if self._bar:
             with stderr_may_be_gone():
-                self._bar.console.print(line, markup=False, soft_wrap=True)
+                self._bar.console.print(visible(line), markup=False, soft_wrap=True)
         else:
             self._talk.say(line)
 

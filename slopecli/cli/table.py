@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from slopecli.cli.talk import is_terminal, print_result
+from slopecli.errors import visible
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -38,6 +39,7 @@ class Table:
 
 def print_table(table: Table, *below: str) -> None:
     """Print a table and lines below it: with colours where a terminal takes them, as plain text in a pipe or a file."""
+    table = Table(table.header, [tuple(map(visible, row)) for row in table.rows])
     if is_terminal(sys.stdout):
         from rich.console import Console
 

@@ -12,6 +12,8 @@ from typing import TextIO
 
 import click
 
+from slopecli.errors import visible
+
 
 @dataclass(eq=False)
 class Talk:
@@ -52,9 +54,9 @@ def print_result(text: str) -> None:
 
 
 def tell(text: str) -> None:
-    """Print a line on stderr; the work goes on if nothing reads it any more."""
+    """Print a line on stderr, names in it made `visible`; the work goes on if nothing reads it any more."""
     with stderr_may_be_gone():
-        click.echo(text, err=True)
+        click.echo(visible(text), err=True)
 
 
 @contextmanager

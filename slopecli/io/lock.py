@@ -11,6 +11,7 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from slopecli.errors import InputError
+from slopecli.io.files import read_file
 
 LOCK = ".slopemap.lock"
 MARK = ".slopemap.held"
@@ -60,8 +61,8 @@ def _take(folder: Path) -> int:
 
 def _holder(path: Path) -> str:
     try:
-        return path.read_text("utf-8", errors="replace")
-    except OSError:
+        return read_file(path, "lock", 1000).decode("utf-8", errors="replace")
+    except InputError:
         return ""
 
 

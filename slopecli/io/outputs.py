@@ -8,13 +8,14 @@ import tempfile
 from collections.abc import Collection, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import fields
+from hashlib import sha256
 from importlib import resources
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from slopecli import __version__
 from slopecli.errors import DiskFull, InputError
-from slopecli.io.files import DISK_FULL, TEMPORARY, sync_folder, write_through
+from slopecli.io.files import DISK_FULL, TEMPORARY, read_file, sync_folder, write_through
 from slopecli.products import BY_DEFAULT, OUTPUT_NAMES, encode_products
 from slopecli.products.slopes_json import SCHEMA_VERSION, to_json
 from slopecli.types import Image, Report
@@ -166,18 +167,19 @@ def store_pair(folder: Path, contents: Mapping[str, bytes], record: bytes) -> No
 def read_record(folder: Path) -> bytes | None:
     """The record of a pair, None if there is none or it cannot be read."""
     try:
-        return (folder / RECORD).read_bytes()
-    except OSError:
+        return read_file(RECORD, "record", 1_000_000, folder)
+    except InputError:
         return None
 
 
-def has_files(folder: Path, sizes: Mapping[str, int]) -> bool:
-    """Whether the output files of a pair are exactly these, by name and size in bytes."""
+def has_files(folder: Path, digests: Mapping[str, str]) -> bool:
+    """Whether the output files of a pair are exactly these, by name and SHA-256."""
+    names = [name for name in OUTPUT_NAMES if os.path.lexists(folder / name)]
     try:
-        there = {name: os.path.getsize(folder / name) for name in OUTPUT_NAMES if os.path.lexists(folder / name)}
-    except OSError:
+        there = {name: sha256(read_file(name, "file", 10_000_000_000, folder)).hexdigest() for name in names}
+    except InputError:
         return False
-    return there == sizes
+    return there == digests
 
 
 def load_schema(version: str = SCHEMA_VERSION) -> dict[str, Any]:
