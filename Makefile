@@ -6,12 +6,13 @@ DEMO := sample_data/descent
 # one process a core, whole files, as tests of a file share what takes long; tests/conftest.py gives the order
 PARALLEL := -n logical --dist loadfile --no-loadscope-reorder --durations=15
 
-.PHONY: help venv demo test test-all lint types bench sample-data docs clean
+.PHONY: help venv demo test test-all fuzz lint types bench sample-data docs clean
 
 help:
 	@echo 'make demo         slopes of the sample pair, checked against their truth (into demo_output/)'
 	@echo 'make test         what must hold for every commit: lint, types, tests (six minutes on two cores)'
 	@echo 'make test-all     the same with all seeds, all kills and all data sets'
+	@echo 'make fuzz         10 000 odd and damaged inputs (make fuzz N=100000 SEED=3)'
 	@echo 'make lint         ruff: rules and format'
 	@echo 'make types        mypy'
 	@echo 'make bench        how fast, and how it compares (writes docs/benchmarks.md)'
@@ -38,6 +39,11 @@ test: lint types
 test-all: lint types
 	SLOPEMAP_TEST_ALL=1 $(BIN)/python -m pytest $(PARALLEL)
 
+N ?= 10000
+SEED ?= 0
+fuzz: venv
+	PYTHONPATH=tests $(BIN)/python -m fuzzing -n $(N) --seed $(SEED)
+
 lint: venv
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
@@ -56,4 +62,4 @@ sample-data: venv
 	$(BIN)/python sample_data/make_sample_data.py
 
 clean:
-	rm -rf demo_output .pytest_cache .mypy_cache .ruff_cache .hypothesis
+	rm -rf demo_output fuzz_failures .pytest_cache .mypy_cache .ruff_cache .hypothesis

@@ -1,0 +1,161 @@
+"""A good file of every format that the program reads, small, so that an input takes little time."""
+
+from __future__ import annotations
+
+import io
+import json
+import struct
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import camera_factory
+import cv2
+import numpy as np
+from PIL import Image as PilImage
+
+from slopecli.products import OUTPUT_NAMES
+
+SAMPLE_DATA = Path(__file__).resolve().parents[2] / "sample_data"
+DESCENT = SAMPLE_DATA / "descent"
+SIDE = 96  # px: a window of that size still has an answer
+POSE = {"R": [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]], "T": [0.5, 0.1, 1.0]}
+OPENCV_POSE = {**POSE, "t": [[-0.5], [-0.1], [-1.0]]}
+OPENCV_XML = """<?xml version="1.0"?>
+<opencv_storage>
+<image_Width>1024</image_Width><image_Height>768</image_Height>
+<Camera_Matrix type_id="opencv-matrix"><rows>3</rows><cols>3</cols><dt>d</dt>
+<data>800. 0. 511.5 0. 810. 383.5 0. 0. 1.</data></Camera_Matrix>
+<Distortion_Coefficients type_id="opencv-matrix"><rows>5</rows><cols>1</cols><dt>d</dt>
+<data>-0.28 0.074 0.0002 1e-05 0.</data></Distortion_Coefficients>
+</opencv_storage>
+"""
+
+
+@cache
+def view(number: int) -> np.ndarray:
+    """Image 1 or 2 of the sample pair made small, (SIDE, SIDE, 3) uint8."""
+    whole = cv2.imread(str(DESCENT / f"image{number}.png"), cv2.IMREAD_COLOR)
+    return cv2.resize(whole, (SIDE, SIDE), interpolation=cv2.INTER_AREA)
+
+
+@cache
+def pair() -> dict[str, bytes]:
+    """The two images, their camera and correspondences as files."""
+    return {
+        "image1.png": encoded(".png", view(1)),
+        "image2.png": encoded(".png", view(2)),
+        "camera.json": (DESCENT / "camera.json").read_bytes(),
+        "matches.csv": (SAMPLE_DATA / "matches.csv").read_bytes(),
+    }
+
+
+def encoded(suffix: str, pixels: np.ndarray, *options: int) -> bytes:
+    """The bytes of an image file."""
+    done, data = cv2.imencode(suffix, pixels, options)
+    assert done
+    return data.tobytes()
+
+
+@cache
+def camera_texts() -> list[str]:
+    """Camera files that are text: those of camera_factory, and what it has no whole file of."""
+    found = [value for name, value in vars(camera_factory).items() if name.isupper() and isinstance(value, str | dict)]
+    texts = [value if isinstance(value, str) else json.dumps(value) for value in found]
+    texts += [content if isinstance(content, str) else json.dumps(content) for content, _ in _sample_pairs()]
+    native = {"width": 1024, "height": 1024, "K": camera_factory.MATRIX, "distortion": [0.1, 0.0, 0.0, 0.0]}
+    return list(dict.fromkeys([*texts, json.dumps(native), OPENCV_XML, frames_text()]))
+
+
+def _sample_pairs() -> list[tuple[Any, str]]:
+    return [pair for pair in camera_factory.SAMPLES.values() if isinstance(pair[0], str | dict)]
+
+
+def frames_text() -> str:
+    """nerfstudio's transforms.json with a camera a frame."""
+    frames = [{**camera_factory.NERFSTUDIO, "file_path": f"cam{k}/image{k}.png"} for k in (1, 2)]
+    return json.dumps({"frames": [{key: value for key, value in one.items() if key != "frames"} for one in frames]})
+
+
+@cache
+def camera_binaries() -> list[bytes]:
+    """Camera files that are not text: COLMAP's cameras.bin, NumPy archives; those of camera_factory too."""
+    found = [content for content, _ in camera_factory.SAMPLES.values() if isinstance(content, bytes)]
+    return [*found, colmap_binary(), numpy_archive()]
+
+
+def colmap_binary() -> bytes:
+    opencv = struct.pack("<IiQQ8d", 1, 4, 1024, 768, 800, 810, 512, 384, -0.28, 0.074, 0.0002, 1e-05)
+    pinhole = struct.pack("<IiQQ4d", 7, 1, 1024, 1024, 800, 800, 512, 512)
+    return struct.pack("<Q", 2) + opencv + pinhole
+
+
+def numpy_archive(**arrays: Any) -> bytes:
+    file = io.BytesIO()
+    np.savez_compressed(file, **{"mtx": camera_factory.MATRIX, "dist": [list(camera_factory.BROWN)], **arrays})
+    return file.getvalue()
+
+
+@cache
+def images() -> dict[str, bytes]:
+    """Image files of every kind that is read, by a name with their suffix."""
+    colour, grey = view(1), cv2.cvtColor(view(1), cv2.COLOR_BGR2GRAY)
+    deep = (colour.astype(np.uint16) << 8) + 77
+    real = colour.astype(np.float32) / 255
+    alpha = np.dstack([colour, np.full_like(grey, 200)])
+    found = {
+        "colour.png": encoded(".png", colour),
+        "grey.png": encoded(".png", grey),
+        "deep.png": encoded(".png", deep),
+        "alpha.png": encoded(".png", alpha),
+        "colour.jpg": encoded(".jpg", colour),
+        "progressive.jpg": encoded(".jpg", colour, cv2.IMWRITE_JPEG_PROGRESSIVE, 1),
+        "restarts.jpg": encoded(".jpg", colour, cv2.IMWRITE_JPEG_RST_INTERVAL, 4),
+        "grey.jpg": encoded(".jpg", grey),
+        "colour.tif": encoded(".tif", colour),
+        "deep.tif": encoded(".tif", deep),
+        "plain.tif": encoded(".tif", grey, cv2.IMWRITE_TIFF_COMPRESSION, 1),
+        "real.tif": encoded(".tif", real),
+        "lossy.webp": encoded(".webp", colour, cv2.IMWRITE_WEBP_QUALITY, 80),
+        "lossless.webp": encoded(".webp", colour, cv2.IMWRITE_WEBP_QUALITY, 101),
+        "colour.bmp": encoded(".bmp", colour),
+        "colour.ppm": encoded(".ppm", colour),
+        "deep.pgm": encoded(".pgm", deep[..., 0]),
+        "ascii.pgm": encoded(".pgm", grey, cv2.IMWRITE_PXM_BINARY, 0),
+        "colour.jp2": encoded(".jp2", colour),
+        "array.npy": _numpy_array(grey),
+        "camera.npz": numpy_archive(),
+    }
+    return found | _tagged(colour)
+
+
+def _tagged(colour: np.ndarray) -> dict[str, bytes]:
+    """Images with EXIF tags: an orientation, and what cameras write."""
+    picture, found = PilImage.fromarray(colour[..., ::-1].copy()), {}
+    exif = PilImage.Exif()
+    exif[274], exif[271], exif[305] = 6, "maker", "software"
+    exif.get_ifd(0x8769)[37386] = 4.5
+    exif.get_ifd(0x8769)[41989] = 28
+    for name in ("exif.jpg", "exif.png", "exif.webp", "exif.tif"):
+        file = io.BytesIO()
+        picture.save(file, {"jpg": "JPEG", "tif": "TIFF"}.get(name[-3:], name.split(".")[1].upper()), exif=exif)
+        found[name] = file.getvalue()
+    return found
+
+
+def exif_block() -> bytes:
+    """The TIFF structure of EXIF tags."""
+    exif = PilImage.Exif()
+    exif[274], exif[271] = 8, "maker"
+    return exif.tobytes().removeprefix(b"Exif\0\0")
+
+
+def _numpy_array(array: np.ndarray) -> bytes:
+    file = io.BytesIO()
+    np.save(file, array)
+    return file.getvalue()
+
+
+def outputs_of(tree: dict[str, bytes]) -> list[str]:
+    """Paths of the outputs among files by path."""
+    return [path for path in tree if Path(path).name in OUTPUT_NAMES]
