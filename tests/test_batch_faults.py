@@ -211,8 +211,9 @@ def test_a_second_batch_in_the_same_folder_is_refused(
     output = tmp_path / "out"
     with started(views, output) as first:
         wait_for(output, 2)
+        first.send_signal(signal.SIGSTOP)  # it cannot end before the second begins
         second = batch(views, output, "--seed", "5")
-        assert first.poll() is None
+        first.send_signal(signal.SIGCONT)
         assert second.returncode == 1
         assert "in use by another batch" in second.stderr
         assert len(second.stderr.splitlines()) == 1
