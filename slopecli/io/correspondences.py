@@ -18,6 +18,8 @@ MAX_BYTES = 500_000_000
 COORDINATES = ("x1", "y1", "x2", "y2")
 WANTED = "needed a header with the columns x1,y1,x2,y2, and if need be patch and sigma"
 SHOWN = 40  # characters of a bad cell in a message
+LARGEST = 1e9  # coordinate: wider than any image, px or mrad
+SIGMAS = 1e-6, 1e6  # px or mrad
 
 
 def read_correspondences(path: str | PathLike[str]) -> Given:
@@ -84,6 +86,8 @@ def _number(text: str, name: str) -> float:
         number = math.nan
     if not math.isfinite(number):
         raise ValueError(f"{name} is {text[:SHOWN]!r}, needed a finite number; correct the row or leave it out")
+    if abs(number) > LARGEST:
+        raise ValueError(f"{name} is {text[:SHOWN]!r}, needed one up to {LARGEST:g}; correct the row or leave it out")
     return number
 
 
@@ -98,6 +102,8 @@ def _patch(text: str) -> float:
 
 def _sigma(text: str) -> float:
     number = _number(text, "sigma")
-    if number <= 0:
-        raise ValueError(f"sigma is {text[:SHOWN]!r}, needed the 1-sigma of the match in image 2, above 0")
+    least, most = SIGMAS
+    if not least <= number <= most:
+        wanted = f"needed the 1-sigma of the match in image 2, {least:g} to {most:g}"
+        raise ValueError(f"sigma is {text[:SHOWN]!r}, {wanted}")
     return number

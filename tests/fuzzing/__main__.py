@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 import os
-import re
 import sys
 import tempfile
 import time
@@ -13,7 +12,7 @@ from pathlib import Path
 
 from fuzzing.blocks import DRAWN
 from fuzzing.case import read_case
-from fuzzing.checks import CONTROL, FOREIGN, complaints, limit_memory, run_command
+from fuzzing.checks import complaints, gist, limit_memory, run_command
 from fuzzing.kinds import KINDS
 from fuzzing.pool import Pool
 
@@ -54,16 +53,9 @@ def campaign(chosen: argparse.Namespace) -> int:
             break
     for what, times in alike.most_common():
         print(f"{times:6d} times {what}")
-    kinds = ", ".join(f"{count} {kind}" for kind, count in sorted(pool.tally.items()))
+    kinds = ", ".join(f"{count} {kind} in {s:.0f} s" for kind, (count, s) in sorted(pool.tally.items()))
     print(f"{pool.done} inputs ({kinds}), seed {chosen.seed}: {found} failures, {time.monotonic() - start:.0f} s")
     return min(found, 1)
-
-
-def gist(complaints: list[str]) -> str:
-    """What failures of one cause have in common: the fault or the foreign line, without its numbers and names."""
-    lines = [line for complaint in complaints for line in complaint.splitlines()]
-    telling = [line for line in lines if FOREIGN.search(line) or CONTROL.search(line)] or lines
-    return re.sub(r"\d+|'[^']*'|\"[^\"]*\"", "_", ascii(telling[0]))[:110]
 
 
 def repeat(folder: Path) -> int:

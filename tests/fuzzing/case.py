@@ -22,8 +22,8 @@ class Case:
 
     kind: str
     arguments: list[str]
-    files: dict[str, Content]
-    expected: dict[str, bytes] = field(default_factory=dict)
+    files: dict[str, Content] = field(repr=False)
+    expected: dict[str, bytes] = field(default_factory=dict, repr=False)
 
     def lay_out(self, folder: Path) -> None:
         """Make the folder with the files and nothing else."""

@@ -13,6 +13,7 @@ from hypothesis.strategies import SearchStrategy
 
 from fuzzing import samples
 from fuzzing.case import Case
+from fuzzing.checks import gist
 from fuzzing.mutations import ODD_VALUES
 from slopecli.cli import PAIRINGS
 
@@ -233,8 +234,11 @@ class _Found(Exception):
     pass
 
 
+_known: set[str] = set()  # causes of failures in this process
+
+
 def drawn_failures(number: int, size: int, run: Callable[[Case], list[str]]) -> Iterator[tuple[Case, list[str]]]:
-    """Draw `size` cases; the smallest that fails, if any does."""
+    """Draw `size` cases; the failures, of which one of a new cause is made as small as it goes."""
     failed: list[tuple[Case, list[str]]] = []
 
     @seed(number)
@@ -250,11 +254,14 @@ def drawn_failures(number: int, size: int, run: Callable[[Case], list[str]]) -> 
     def one(case: Case) -> None:
         if found := run(case):
             failed.append((case, found))
-            raise _Found
+            if gist(found) not in _known:
+                raise _Found
 
     try:
         one()
+        yield from failed
     except _Found:
+        _known.add(gist(failed[-1][1]))
         yield failed[-1]
     except Exception as error:  # Hypothesis itself: a failure that does not come again
         if failed:

@@ -8,6 +8,7 @@ import pickle
 import shutil
 import signal
 import tempfile
+import time
 from collections.abc import Iterator
 from dataclasses import dataclass
 from multiprocessing.connection import Connection, wait
@@ -45,7 +46,7 @@ class Pool:
     def __init__(self, seed: int, jobs: int, kinds: list[str] | None = None) -> None:
         self.seed, self.jobs, self.kinds = seed, jobs, kinds
         self.done = 0  # cases so far
-        self.tally: dict[str, int] = {}
+        self.tally: dict[str, tuple[int, float]] = {}  # cases of a kind, and their processor time, s
 
     def failures(self, numbers: Iterator[int], size: int) -> Iterator[Failure]:
         """Run blocks of `size` cases of these numbers; an iterator over the failures."""
@@ -98,7 +99,9 @@ class Pool:
                 yield message
             else:
                 self.done += 1
-                self.tally[message] = self.tally.get(message, 0) + 1
+                kind, seconds = message
+                count, total = self.tally.get(kind, (0, 0.0))
+                self.tally[kind] = count + 1, total + seconds
 
     def _lost(self, one: _Process, silent: bool) -> Failure:
         one.process.kill() if silent else None
@@ -128,8 +131,9 @@ def _serve(pipe: Connection, seed: int, kinds: list[str] | None, folder: Path) -
 
         def run(case: Case, number: int = number) -> list[str]:
             (folder / CURRENT).write_bytes(pickle.dumps(case))
+            start = time.process_time()
             found = complaints(case, folder / "case")
-            pipe.send(case.kind)
+            pipe.send((case.kind, time.process_time() - start))
             return found
 
         for case, found in block(seed, number, size, kinds, run):
