@@ -30,6 +30,11 @@ class Parsed(click.ParamType):
             self.fail(str(error), param, ctx)
 
 
+def is_usual(number: float) -> bool:
+    """Whether a number is 0 or of a size with which one can calculate, 1e-12 to 1e12; False for nan."""
+    return number == 0 or 1e-12 <= abs(number) <= 1e12
+
+
 def comma_separated(
     layout: str,
     example: str,
@@ -39,7 +44,7 @@ def comma_separated(
     number: Callable[[str], float] = float,
     words: tuple[str, ...] = (),
 ) -> Parsed:
-    """The type of a fixed number of comma-separated finite numbers.
+    """The type of a fixed number of comma-separated numbers of usual size.
 
     Parameters
     ----------
@@ -61,7 +66,7 @@ def comma_separated(
             numbers = tuple(map(number, text.split(",")))
         except ValueError:
             numbers = ()
-        if len(numbers) != count or not all(map(math.isfinite, numbers)):
+        if len(numbers) != count or not all(map(is_usual, numbers)):
             raise ValueError(f"{text!r} is not {wanted}, for example {example}.")
         if not accepts(numbers):
             raise ValueError(f"{text!r}: {condition}, for example {example}.")
@@ -137,13 +142,15 @@ def _rotation_prior(text: str) -> Values:
 
 
 class Between(click.FloatRange):
-    """A finite number within bounds (click's own FloatRange lets nan through)."""
+    """A number of usual size within bounds (click's own FloatRange lets nan through)."""
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> float:
         """Return the number, or refuse the value."""
         number = float(super().convert(value, param, ctx))
         if not math.isfinite(number):
             self.fail(f"{value!r} is not a finite number.", param, ctx)
+        if not is_usual(number):
+            self.fail(f"{value!r} is too small or too large, needed 1e-12 to 1e12.", param, ctx)
         return number
 
 

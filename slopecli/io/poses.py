@@ -61,7 +61,9 @@ def _position(path: str | PathLike[str], values: dict[str, Any], R: FloatArray) 
 
 def _read(path: str | PathLike[str]) -> dict[str, Any]:
     try:
-        values = json.loads(read_file(path, "pose file", 4_000_000))
+        values = json.loads(read_file(path, "pose file", 4_000_000), object_pairs_hook=_once)
+    except _Twice as error:
+        raise InputError(f"{path}: has {error} twice; leave one out") from None
     except (ValueError, RecursionError):
         raise InputError(f"{path}: is not JSON; {WANTED}") from None
     if not isinstance(values, dict):
@@ -74,16 +76,29 @@ def _read(path: str | PathLike[str]) -> dict[str, Any]:
     return motion
 
 
+class _Twice(ValueError):
+    """A key stands twice in one object."""
+
+
+def _once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    values: dict[str, Any] = {}
+    for name, value in pairs:
+        if name in values:
+            raise _Twice(repr(name)[:40])
+        values[name] = value
+    return values
+
+
 def _numbers(path: str | PathLike[str], values: dict[str, Any], names: tuple[str, ...], shape: tuple[int, ...]) -> Any:
     name = next((name for name in names if name in values), None)
     if name is None:
         raise InputError(f"{path}: has no {' or '.join(map(repr, names))}; {WANTED}")
     try:
         found = np.asarray(values[name], float)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         found = np.empty(0)
     if found.shape == (3, 1) and shape == (3,):  # as OpenCV's solvePnP and recoverPose return it
         found = found[:, 0]
-    if found.shape != shape or not np.isfinite(found).all():
+    if found.shape != shape or not (np.abs(found) <= LONGEST_M).all():  # nor nan
         raise InputError(f"{path}: {name!r} is not {' x '.join(map(str, shape))} finite numbers; {WANTED}")
     return found
