@@ -69,12 +69,22 @@ def test_both_conventions_of_a_position_are_read(tmp_path: Path) -> None:
         ({"R": np.eye(3).tolist(), "T": [0, 1, 0], "t": [0, 1, 0]}, "'T' and 't' contradict each other"),
         ({"R": np.eye(3).tolist(), "T": [1e300, 1e300, 1e300]}, "its T is .* m long"),
         ({"R": np.eye(3).tolist(), "T": [1e-320, 0, 0]}, "its T is .* m long"),
+        ({"R": np.eye(3).tolist(), "t": [1e308, -1e308, 1e308]}, "its T is .* m long"),
+        ({"R": np.eye(3).tolist(), "T": [0, 0, 10**400]}, "'T' is not 3 finite numbers"),
+        ({"R": np.diag([1e308, 1e308, 1e308]).tolist(), "T": [0, 0, 1]}, "no rotation"),
         ({"motion": {}, "scale": {"unit": "baseline"}}, "in baselines, not metres"),
     ],
 )
 def test_what_is_no_pose_is_refused(tmp_path: Path, values: object, words: str) -> None:
     with pytest.raises(InputError, match=words):
         load_pose(write(tmp_path / "pose.json", values))
+
+
+def test_a_key_that_stands_twice_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "pose.json"
+    path.write_text('{"R": [[1, 0, 0], [0, 1, 0], [0, 0, 1]], "T": [0, 0, 1], "T": [0, 0, 9]}')
+    with pytest.raises(InputError, match="has 'T' twice"):
+        load_pose(path)
 
 
 def test_a_pose_that_cannot_be_read_is_one_line_and_no_file(tmp_path: Path) -> None:

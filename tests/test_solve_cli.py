@@ -276,6 +276,7 @@ def test_numbers_of_patches_may_be_large(largest: int, tmp_path: Path, ask: Ask)
         (GOOD + "\n\n0.1,,0.3,0.4,1\n", "row 10 (line 12): y1 is '', needed a finite number"),
         (GOOD + "\n0.1,nan,0.3,0.4,1\n", "row 10 (line 11): y1 is 'nan', needed a finite number"),
         (GOOD + "\n0.1,0.2,1e999,0.4,1\n", "x2 is '1e999', needed a finite number"),
+        (GOOD + "\n0.1,0.2,0.3,-1e38,1\n", "y2 is '-1e38', needed one up to 1e+09"),
         (GOOD + "\n0.1,0.2,0.3\n", "row 10 (line 11) has 3 cells"),
         (GOOD + "\n0.1,0.2,0.3,0.4,1.5\n", "patch is '1.5', needed the number of a plane"),
         (GOOD + "\n0.1,0.2,0.3,0.4,-2\n", "patch is '-2', needed the number of a plane"),

@@ -44,7 +44,7 @@ def comma_separated(
     number: Callable[[str], float] = float,
     words: tuple[str, ...] = (),
 ) -> Parsed:
-    """The type of a fixed number of comma-separated numbers of usual size.
+    """The type of a fixed number of comma-separated finite numbers.
 
     Parameters
     ----------
@@ -66,7 +66,8 @@ def comma_separated(
             numbers = tuple(map(number, text.split(",")))
         except ValueError:
             numbers = ()
-        if len(numbers) != count or not all(map(is_usual, numbers)):
+        finite = all(abs(one) < 1e18 for one in numbers) if number is int else all(map(math.isfinite, numbers))
+        if len(numbers) != count or not finite:
             raise ValueError(f"{text!r} is not {wanted}, for example {example}.")
         if not accepts(numbers):
             raise ValueError(f"{text!r}: {condition}, for example {example}.")

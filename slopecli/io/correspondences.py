@@ -73,7 +73,7 @@ def _values(path: str | PathLike[str], where: str, cells: list[str], columns: Ma
         raise InputError(f"{path}: {where} has {len(cells)} cells, and the header names more; complete the row")
     texts = {name: cells[column] for name, column in columns.items()}
     try:
-        point = [_number(texts[name], name) for name in COORDINATES]
+        point = [_coordinate(texts[name], name) for name in COORDINATES]
         return (*point, _patch(texts.get("patch", "1")), _sigma(texts.get("sigma", "1")))
     except ValueError as error:
         raise InputError(f"{path}: {where}: {error}") from None
@@ -86,6 +86,11 @@ def _number(text: str, name: str) -> float:
         number = math.nan
     if not math.isfinite(number):
         raise ValueError(f"{name} is {text[:SHOWN]!r}, needed a finite number; correct the row or leave it out")
+    return number
+
+
+def _coordinate(text: str, name: str) -> float:
+    number = _number(text, name)
     if abs(number) > LARGEST:
         raise ValueError(f"{name} is {text[:SHOWN]!r}, needed one up to {LARGEST:g}; correct the row or leave it out")
     return number

@@ -35,15 +35,11 @@ def load_pose(path: str | PathLike[str]) -> Pose:
     """
     values = _read(path)
     R = _numbers(path, values, ("R", "rotation_cam2_from_cam1"), (3, 3))
-    if not np.abs(R @ R.T - np.eye(3)).max() < ORTHONORMAL or np.linalg.det(R) < 0:
+    if np.abs(R).max() > 2 or not np.abs(R @ R.T - np.eye(3)).max() < ORTHONORMAL or np.linalg.det(R) < 0:
         raise InputError(f"{path}: its R is no rotation (R R^T is not 1, or it mirrors); {WANTED}")
     U, _, Vt = np.linalg.svd(R)
     R = U @ Vt
     T = _position(path, values, R)
-    length = math.hypot(*T)
-    if not SHORTEST_M < length < LONGEST_M:
-        what = "is zero, so there is no parallax" if length == 0 else f"is {length:.3g} m long"
-        raise InputError(f"{path}: its T {what}; {WANTED}")
     return Pose(tuple(map(float, R.ravel())), (float(T[0]), float(T[1]), float(T[2])))
 
 
@@ -52,6 +48,11 @@ def _position(path: str | PathLike[str], values: dict[str, Any], R: FloatArray) 
     found = [(name, _numbers(path, values, (name,), (3,))) for name in POSITIONS if name in values]
     if not found:
         raise InputError(f"{path}: has no {' or '.join(map(repr, POSITIONS))}; {WANTED}")
+    for _, value in found:
+        length = math.hypot(*value)
+        if not SHORTEST_M < length < LONGEST_M:
+            what = "is zero, so there is no parallax" if length == 0 else f"is {length:.3g} m long"
+            raise InputError(f"{path}: its T {what}; {WANTED}")
     first, *others = (-R.T @ value if name == "t" else value for name, value in found)
     if any(math.dist(first, other) > ORTHONORMAL * math.hypot(*first) for other in others):
         names = " and ".join(repr(name) for name, _ in found)
@@ -99,6 +100,6 @@ def _numbers(path: str | PathLike[str], values: dict[str, Any], names: tuple[str
         found = np.empty(0)
     if found.shape == (3, 1) and shape == (3,):  # as OpenCV's solvePnP and recoverPose return it
         found = found[:, 0]
-    if found.shape != shape or not (np.abs(found) <= LONGEST_M).all():  # nor nan
+    if found.shape != shape or not np.isfinite(found).all():
         raise InputError(f"{path}: {name!r} is not {' x '.join(map(str, shape))} finite numbers; {WANTED}")
     return found

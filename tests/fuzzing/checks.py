@@ -29,8 +29,9 @@ QUICK_S, ONE_IN = 0.1, 5  # of those that take longer, this share is run again
 MOST_BYTES = 2_000_000_000
 # what a library says on stderr, or a fault; lines of slopemap itself begin in lower case: "warning: ..."
 FOREIGN = re.compile(
-    r"Traceback|fault of slopemap|Warning\b|\bWARN\b|not enough memory|^lib|^TIFF|Corrupt|Premature|terminate called|OpenCV\(",
-    re.M,
+    r"Traceback|fault of slopemap|Warning\b|\bWARN\b|not enough memory|^lib|^TIFF|Corrupt|Premature|"
+    r"terminate called|OpenCV\(",
+    re.MULTILINE,
 )
 CONTROL = re.compile(r"[\x00-\x09\x0b-\x1f\x7f-\x9f]")
 
