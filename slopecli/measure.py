@@ -25,25 +25,32 @@ class SlopeNumbers(TypedDict):
     """The slope of a plane as written to slopes.json, deg."""
 
     slope_deg: float
-    slope_sigma_deg: float
-    slope_ci95_deg: tuple[float, float]
+    slope_sigma_deg: float | None
+    slope_ci95_deg: tuple[float, float] | None
     aspect_deg: float | None
     dip_direction_deg: float | None
 
 
 @dataclass(frozen=True, eq=False)
 class Measured:
-    """One root of the solution, measured: its slopes, and P(slope < tolerance) of every plane (m,)."""
+    """One root of the solution, measured: its slopes, and P(slope < tolerance) of every plane (m,).
+
+    level : index of the plane whose normal is taken as up, None if up is not a plane's normal.
+    """
 
     solution: Solution
     up: Up
     slopes: Slopes
     p_safe: FloatArray
+    level: int | None = None
 
     @cached_property
     def numbers(self) -> list[SlopeNumbers]:
-        """The slope of every plane, in degrees; computed for all at once, which is faster."""
-        return slope_numbers(self.slopes)
+        """The slope of every plane, in degrees, that of `level` without sigma; all at once, which is faster."""
+        numbers = slope_numbers(self.slopes)
+        if self.level is not None:
+            numbers[self.level] = {**numbers[self.level], "slope_sigma_deg": None, "slope_ci95_deg": None}
+        return numbers
 
 
 def measure(solution: Solution, joined: Joined, options: Options) -> Measured:
@@ -51,6 +58,7 @@ def measure(solution: Solution, joined: Joined, options: Options) -> Measured:
     north = None if options.north is None else np.array(options.north, float)
     sigma = float(np.radians(options.up_sigma_deg))
     source: Literal["camera", "given", "dominant-plane"] = "camera" if options.up == "camera" else "given"
+    level: int | None = None
     if options.up == "dominant-plane":
         source, level = "dominant-plane", dominant_plane(joined)
         vector = surface_normals(solution)[level]
@@ -60,8 +68,9 @@ def measure(solution: Solution, joined: Joined, options: Options) -> Measured:
     else:
         vector = CAMERA_UP if isinstance(options.up, str) else checked_direction("up", options.up)
         slopes = _with_tilt_variance(measure_slopes(solution, vector, sigma, north), joined)
-    up = Up((float(vector[0]), float(vector[1]), float(vector[2])), source, options.up_sigma_deg)
-    return Measured(solution, up, slopes, probability_below(slopes, float(np.radians(options.tolerance_deg))))
+    level_id = None if level is None else joined.patches[level].id
+    up = Up((float(vector[0]), float(vector[1]), float(vector[2])), source, options.up_sigma_deg, level_id)
+    return Measured(solution, up, slopes, probability_below(slopes, float(np.radians(options.tolerance_deg))), level)
 
 
 def dominant_plane(joined: Joined) -> int:

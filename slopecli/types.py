@@ -167,9 +167,17 @@ class ImageInfo:
 
 @dataclass(frozen=True)
 class Up:
+    """What slopes are measured against.
+
+    plane_id : of the plane that is taken as level, if up is its normal.
+    otherwise_cam1 : up, unit, as the evidence against the assumed one suggests; None where nothing was doubted.
+    """
+
     vector_cam1: tuple[float, float, float]
     source: Literal["camera", "given", "dominant-plane"]
     sigma_deg: float = 0.0
+    plane_id: int | None = None
+    otherwise_cam1: tuple[float, float, float] | None = None
 
 
 @dataclass(frozen=True)
@@ -211,13 +219,18 @@ class AlternativePlane:
     normal_cam1: FloatArray
     distance: float
     slope_deg: float
-    slope_sigma_deg: float
-    slope_ci95_deg: tuple[float, float]
+    slope_sigma_deg: float | None
+    slope_ci95_deg: tuple[float, float] | None
     aspect_deg: float | None
     dip_direction_deg: float | None
-    verdict: Verdict
-    p_safe: float
+    verdict: Verdict | None
+    p_safe: float | None
     slope_known: bool = True
+
+    @property
+    def taken_as_level(self) -> bool:
+        """Whether it defines what is level, in this root too."""
+        return self.verdict is None
 
 
 @dataclass(frozen=True, eq=False)
@@ -244,7 +257,10 @@ class AmbiguityReport:
 
 @dataclass(frozen=True, eq=False)
 class Plane:
-    """The plane of a patch. normal_cam1 points out of the surface; distance, roughness, p_safe: see docs/output.md."""
+    """The plane of a patch. normal_cam1 points out of the surface; distance, roughness, p_safe: see docs/output.md.
+
+    The plane that is taken as level has slope 0 by that definition; its sigma, interval, verdict and p_safe are None.
+    """
 
     id: int
     source: str
@@ -252,8 +268,8 @@ class Plane:
     normal_cam1: FloatArray
     distance: float
     slope_deg: float
-    slope_sigma_deg: float
-    slope_ci95_deg: tuple[float, float]
+    slope_sigma_deg: float | None
+    slope_ci95_deg: tuple[float, float] | None
     aspect_deg: float | None
     dip_direction_deg: float | None
     n_correspondences: int
@@ -261,14 +277,19 @@ class Plane:
     rms_px: float
     roughness: float
     homography_px: FloatArray
-    verdict: Verdict
-    p_safe: float
+    verdict: Verdict | None
+    p_safe: float | None
     status: Literal["ok", "poor"] = "ok"
     reason: str | None = None
     slope_known: bool = True  # its sigma is at most `max_sigma_deg`; not in JSON, which has both numbers
     rms_mrad: float | None = None
     noun: str = "window"  # what messages call it; this and `found` follow from its source and are not in JSON
     found: bool = False  # it was found in the image (any shape), not given as a window or as correspondences
+
+    @property
+    def taken_as_level(self) -> bool:
+        """Whether it defines what is level; it has no verdict then."""
+        return self.verdict is None
 
 
 @dataclass(frozen=True, eq=False)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 
 import cv2
 import numpy as np
@@ -157,6 +158,21 @@ def make_report(
         "epipole1_px": (float(epipole[0]), float(epipole[1])),
     }
     return Report(**{**values, **changes})  # type: ignore[arg-type]
+
+
+def taken_as_level(plane: Plane) -> Plane:
+    """The plane as that which defines what is level."""
+    nothing = {"slope_sigma_deg": None, "slope_ci95_deg": None, "aspect_deg": None, "dip_direction_deg": None}
+    reason = "; ".join(part for part in ("taken-as-level", plane.reason) if part)
+    return replace(plane, slope_deg=0.0, verdict=None, p_safe=None, reason=reason, **nothing)  # type: ignore[arg-type]
+
+
+def with_level_plane(report: Report) -> Report:
+    """The report with its first plane taken as level."""
+    first, *others = report.planes
+    return replace(
+        report, planes=(taken_as_level(first), *others), up=Up((0.0, 0.0, -1.0), "dominant-plane", 0.0, first.id)
+    )
 
 
 def make_region_labels(width: int = 640, height: int = 480) -> np.ndarray:

@@ -8,7 +8,7 @@ from dataclasses import replace
 from typing import Any
 
 import pytest
-from report_factory import make_ambiguity, make_region_report, make_report
+from report_factory import make_ambiguity, make_region_report, make_report, with_level_plane
 from rich.console import Console
 
 from slopecli.cli import Table, draw_table, result_table, talk_lines
@@ -88,6 +88,17 @@ def test_a_poor_plane_says_why() -> None:
     poor = replace(report.planes[0], status="poor", reason="non-planar-patch")
     (row, *_) = rows_of(result_table(replace(report, planes=(poor,))))
     assert row.endswith("poor: non-planar-patch")
+
+
+def test_the_plane_taken_as_level_is_called_so_and_has_no_verdict() -> None:
+    report = with_level_plane(make_report())
+    row, poor_row = (
+        rows_of(result_table(replace(report, planes=(plane, *report.planes[1:]))))[0]
+        for plane in (report.planes[0], replace(report.planes[0], status="poor", reason="taken-as-level; scattered"))
+    )
+    cells = ["1", "0.00°", "-", "-", "-", "-", "0.0040", "131/140"]
+    assert re.split(r"\s{2,}", row.strip()) == [*cells, "taken as level"]
+    assert re.split(r"\s{2,}", poor_row.strip()) == [*cells, "taken as level; poor: scattered"]
 
 
 def test_an_unresolved_plane_has_both_slopes() -> None:

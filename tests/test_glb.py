@@ -11,7 +11,14 @@ from typing import Any
 import cv2
 import numpy as np
 import pytest
-from report_factory import make_ambiguity, make_camera, make_image, make_region_labels, make_region_report
+from report_factory import (
+    make_ambiguity,
+    make_camera,
+    make_image,
+    make_region_labels,
+    make_region_report,
+    with_level_plane,
+)
 
 from slopecli.geometry import pixels_from_rays
 from slopecli.products import LARGEST_TEXTURE_PX, model_from_camera1, region_surfaces, report_to_glb
@@ -149,6 +156,17 @@ def test_a_second_answer_is_in_names_and_extras() -> None:
     tree, _ = parse(glb_of(report))
     assert tree["asset"]["extras"]["ambiguity"] == "none"
     assert not any("second_answer" in node["extras"] for node in tree["nodes"])
+
+
+def test_the_plane_taken_as_level_is_named_so() -> None:
+    tree, _ = parse(glb_of(with_level_plane(make_region_report())))
+    (node,) = (node for node in tree["nodes"] if node["extras"]["id"] == 1)
+    assert node["name"] == "plane 1 (taken as level)"
+    assert (node["extras"]["slope_deg"], node["extras"]["slope_sigma_deg"], node["extras"]["verdict"]) == (
+        0,
+        None,
+        None,
+    )
 
 
 def test_same_report_gives_same_bytes() -> None:

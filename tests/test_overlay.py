@@ -19,6 +19,7 @@ from report_factory import (
     make_report,
     normal_of,
     rectangle,
+    with_level_plane,
 )
 
 from slopecli.geometry import pixels_from_rays, rays_from_pixels
@@ -356,6 +357,16 @@ def test_verdicts_of_regions_differ_without_colour() -> None:
     border = {name: pixels[150:500, 64:67].mean(axis=1) for name, pixels in grey.items()}
     assert border["safe"].std() < 5
     assert border["undecided"].std() > 30
+
+
+def test_the_plane_taken_as_level_has_a_sign_of_its_own() -> None:
+    level, other = with_level_plane(region_report()), region_report()
+    (shown,) = (one for one in placed_on(level) if one.footprint.item.id == 1)
+    assert (shown.label.badge, shown.footprint.verdict) == ("level", "level")
+    assert any("level" in row for row in shown.label.rows)
+    # its legend has one entry more
+    pictures = [draw_overlay(report, flat_image(1280, 960)) for report in (level, other)]
+    assert not np.array_equal(pictures[0][960:], pictures[1][960:][: len(pictures[0]) - 960])
 
 
 def test_label_lies_well_inside_the_largest_piece_of_a_bent_region() -> None:

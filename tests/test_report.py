@@ -28,7 +28,7 @@ from slopecli.types import Plane, Report
 BORROWED = {"origin": "borrowed", "reason": "too little texture inside: this is the plane around it"}
 
 
-def verdicts(report: Report) -> list[str]:
+def verdicts(report: Report) -> list[str | None]:
     return [plane.verdict for plane in report.planes]
 
 
@@ -113,6 +113,35 @@ def test_the_dominant_plane_is_the_largest_window_and_level() -> None:
     assert slopes(report) == pytest.approx([16, 10, 0], abs=1e-6)
     # both the plane and what it is measured against are uncertain
     assert report.planes[0].slope_sigma_deg == pytest.approx(0.2 * np.sqrt(2), rel=0.02)
+
+
+def test_the_plane_taken_as_level_has_slope_0_by_definition_and_no_verdict() -> None:
+    """Nothing was measured of it: neither sigma nor interval, probability or verdict, also in the second answer."""
+    solution = with_second_root(make_solution([4, 10, 20]), [4, 12, 24])
+    report = make_report_of(solution, Options(up="dominant-plane", up_sigma_deg=1.0))
+    level, other = report.planes[2], report.ambiguity.others[3]
+    assert report.up.plane_id == level.id
+    for plane in (level, other):
+        assert plane.taken_as_level
+        assert plane.slope_deg == pytest.approx(0, abs=1e-9)
+        assert (plane.slope_sigma_deg, plane.slope_ci95_deg, plane.p_safe, plane.verdict) == (None,) * 4
+    assert (level.status, level.reason) == ("ok", "taken-as-level")
+    assert not any(plane.taken_as_level for plane in report.planes[:2])
+    written = json.loads(report_to_json(report))
+    assert written["up"]["plane_id"] == 3
+    assert written["planes"][2]["verdict"] is None
+
+
+def test_the_plane_taken_as_level_may_be_poor_too() -> None:
+    report = make_report_of(make_solution([4, 10, 20], relief=np.full(3, 0.05)), Options(up="dominant-plane"))
+    assert (report.planes[2].status, report.planes[2].reason) == ("poor", "taken-as-level; non-planar-patch")
+
+
+def test_up_that_is_no_planes_normal_leaves_every_plane_its_verdict() -> None:
+    for up in ("camera", (0.0, 0.0, -1.0)):
+        report = make_report_of(make_solution([4, 10, 20]), Options(up=up))
+        assert report.up.plane_id is None
+        assert None not in verdicts(report)
 
 
 def test_a_window_that_was_not_seen_is_not_what_is_level() -> None:
@@ -320,7 +349,8 @@ def test_doubt_about_the_plane_taken_as_level_is_doubt_about_every_slope_but_its
     up, doubt = Options(up="dominant-plane"), {2: {"tilt_sigma_rad": np.radians(3)}}
     sure, doubtful = (make_report_of(make_solution([4, 10, 20]), up, patch_changes=c) for c in ({}, doubt))
     assert doubtful.up.vector_cam1 == pytest.approx(doubtful.planes[2].normal_cam1)
-    assert doubtful.planes[2].slope_sigma_deg == sure.planes[2].slope_sigma_deg == 0
+    assert doubtful.planes[2].slope_sigma_deg is None
+    assert sure.planes[2].slope_sigma_deg is None
     for plain, plane in zip(sure.planes[:2], doubtful.planes, strict=False):
         assert plane.slope_sigma_deg == pytest.approx(np.hypot(plain.slope_sigma_deg, 3), rel=0.05)
 

@@ -165,7 +165,8 @@ def _steepest(report: Report) -> list[tuple[float | None, float | None]]:
     others = report.ambiguity.others
     firsts = [plane for plane in report.planes if plane.status == "ok"]
     seconds = [others[plane.id] for plane in firsts if plane.id in others and others[plane.id].slope_known]
-    slopes = [[(plane.slope_deg, plane.slope_sigma_deg) for plane in root] for root in (firsts, seconds)]
+    measured = [[plane for plane in root if not plane.taken_as_level] for root in (firsts, seconds)]
+    slopes = [[(plane.slope_deg, plane.slope_sigma_deg or 0.0) for plane in root] for root in measured]
     steepest = sorted((max(root) for root in slopes if root), reverse=True)
     found = [(_rounded(slope), _rounded(sigma)) for slope, sigma in steepest]
     return [*found, (None, None), (None, None)][:2]

@@ -50,26 +50,36 @@ def result_table(report: Report) -> Table:
 def _plane_cells(plane: Plane, report: Report) -> dict[str, str]:
     """Cells by the title of their column; both slopes where two motions remain, dashes for an unknown slope."""
     other = report.ambiguity.others.get(plane.id)
-    low, high = plane.slope_ci95_deg
+    low, high = plane.slope_ci95_deg or (math.nan, math.nan)
     known = {
-        "95 % interval": f"{_number(low, 2)} to {_number(high, 2)}°",
+        "95 % interval": "-" if plane.taken_as_level else f"{_number(low, 2)} to {_number(high, 2)}°",
         "aspect": "-" if plane.aspect_deg is None else f"{_number(plane.aspect_deg, 0)}°",
     }
     in_metres = report.scale.unit == "m" and math.isfinite(plane.roughness)
     return {
         "id": str(plane.id),
-        "slope": _slope(plane) if other is None else f"{_slope(plane)} or {_slope(other)}",
+        "slope": _slope(plane) if other is None or plane.taken_as_level else f"{_slope(plane)} or {_slope(other)}",
         **(known if plane.slope_known else {}),
-        "verdict": plane.verdict,
-        "P(safe)": _number(plane.p_safe, 3),
+        "verdict": plane.verdict or "-",
+        "P(safe)": "-" if plane.p_safe is None else _number(plane.p_safe, 3),
         "roughness": _number(plane.roughness, 4) + (" m" if in_metres else ""),
         "points": f"{plane.n_inliers}/{plane.n_correspondences}",
-        "note": ": ".join(part for part in (plane.status, plane.reason) if part and part != "ok"),
+        "note": _note(plane),
     }
+
+
+def _note(plane: Plane) -> str:
+    """Status and reason of a plane that is poor; of the plane taken as level that, before its other reasons."""
+    if not plane.taken_as_level:
+        return ": ".join(part for part in (plane.status, plane.reason) if part and part != "ok")
+    _, _, others = (plane.reason or "").partition("; ")
+    return f"taken as level; {plane.status}: {others}" if others else "taken as level"
 
 
 def _slope(plane: Plane | AlternativePlane) -> str:
     sigma_deg = plane.slope_sigma_deg
+    if sigma_deg is None:
+        return f"{_number(plane.slope_deg, 2)}°"
     if not plane.slope_known:  # whole degrees, but two figures of what is below ten
         return f"unknown (± {f'{sigma_deg:.2g}' if sigma_deg < 10 else _number(sigma_deg, 0)}°)"
     sigma = "<0.01" if 0 < sigma_deg < 0.005 else _number(sigma_deg, 2)  # "0.00" would read as certainty

@@ -85,7 +85,7 @@ def parallax_for_tolerance(facts: AnswerFacts) -> list[Diagnostic]:
 def _times_as_far(plane: Plane, wanted_deg: float, facts: AnswerFacts) -> float:
     """Factor of the parallax that reduces the sigma of a plane to the one wanted; infinite where none does."""
     fixed = float(np.degrees(facts.patch_of[plane.id].tilt_sigma_rad)) ** 2
-    changing, left = plane.slope_sigma_deg**2 - fixed, wanted_deg**2 - fixed
+    changing, left = (plane.slope_sigma_deg or 0.0) ** 2 - fixed, wanted_deg**2 - fixed
     return float(np.sqrt(max(changing, 0.0) / left)) if left > 0.0 else np.inf
 
 

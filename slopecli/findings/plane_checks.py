@@ -67,7 +67,8 @@ def partly_matched(facts: AnswerFacts) -> list[Diagnostic]:
     hidden: list[Plane] = []
     for plane in facts.planes:
         patch = facts.patch_of[plane.id]
-        if np.degrees(patch.unmatched_sigma_rad) ** 2 > 0.5 * plane.slope_sigma_deg**2:
+        sigma = plane.slope_sigma_deg
+        if sigma is not None and np.degrees(patch.unmatched_sigma_rad) ** 2 > 0.5 * sigma**2:
             (off if patch.off_plane_sigma_rad >= patch.unmatched_sigma_rad else hidden).append(plane)
     return [*_steps_and_objects(off), *_hidden_parts(hidden, facts)]
 
@@ -101,7 +102,7 @@ def _named(planes: Sequence[Plane]) -> str:
 
 
 def _largest_sigma(planes: Sequence[Plane]) -> str:
-    return f"{'up to ' if len(planes) > 1 else ''}{max(plane.slope_sigma_deg for plane in planes):.2g}°"
+    return f"{'up to ' if len(planes) > 1 else ''}{max(plane.slope_sigma_deg or 0.0 for plane in planes):.2g}°"
 
 
 def focus_of_expansion_in_plane(facts: AnswerFacts) -> list[Diagnostic]:

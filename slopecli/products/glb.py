@@ -116,7 +116,8 @@ def _mesh(
     indices = contents.add_array(surface.triangles.astype(kind).ravel())
     planes = [plane for plane in (surface.plane, other) if plane is not None]
     slopes = [f"{plane.slope_deg:.1f} deg" if plane.slope_known else "slope not known" for plane in planes]
-    name = f"plane {surface.plane.id} ({' or '.join(slopes)})"
+    told = "taken as level" if surface.plane.taken_as_level else " or ".join(slopes)
+    name = f"plane {surface.plane.id} ({told})"
     return {"name": name, "primitives": [{"attributes": attributes, "indices": indices, "material": 0}]}
 
 

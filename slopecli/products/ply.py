@@ -79,7 +79,8 @@ def _second_answer(report: Report) -> list[str]:
     """Comments with the slopes of the second root: a mesh can show one only."""
     told = []
     for other in report.ambiguity.others.values():
-        slope = f"slope {other.slope_deg:.2f} deg, 1-sigma {other.slope_sigma_deg:.2f} deg"
+        sigma = "taken as level" if other.slope_sigma_deg is None else f"1-sigma {other.slope_sigma_deg:.2f} deg"
+        slope = f"slope {other.slope_deg:.2f} deg, {sigma}"
         told.append(f"patch {other.id} in the second answer: {slope if other.slope_known else 'not known'}")
     return ["two answers: this is the first, a second one fits as well", *told] if told else []
 
@@ -110,7 +111,7 @@ def _surface_mesh(surface: Surface, colours: ArrayLike) -> Mesh:
     plane = surface.plane
     vertices = _vertices(surface.points, plane.normal_cam1, colours)
     vertices["quality"] = vertices["scalar_slope_deg"] = plane.slope_deg if plane.slope_known else UNKNOWN_SLOPE
-    vertices["scalar_sigma_slope_deg"] = np.nan_to_num(plane.slope_sigma_deg)
+    vertices["scalar_sigma_slope_deg"] = np.nan_to_num(plane.slope_sigma_deg or 0.0)
     vertices["scalar_patch_id"] = plane.id
     return Mesh(vertices, _facing(surface.points, surface.triangles, plane.normal_cam1))
 

@@ -20,6 +20,7 @@ from slopecli.report.units import residual_in_unit
 from slopecli.types import Camera, Plane, Rejected, Solution
 
 LEAST_MATCHED = 0.5  # share of a window that must be matched to tell its slope
+TAKEN_AS_LEVEL = "taken-as-level"  # first reason of the plane that defines what is level: it has no verdict
 LEAST_WHOLE = 0.5  # share of a patch's pixels that its largest piece must have: with less it is no surface
 
 
@@ -40,14 +41,15 @@ def _plane(
     solution, patch = root.solution, joined.patches[k]
     member = joined.on(k)
     kept = member & solution.inlier
-    slope = root.numbers[k]
-    known = not slope["slope_sigma_deg"] > options.max_sigma_deg
+    is_level, limit = k == root.level, options.max_sigma_deg
+    sigma = float(np.degrees(root.slopes.sigma_rad[k]))
+    known = is_level or not sigma > limit
     reasons = _reasons(k, patch, solution, float(kept.sum() / max(member.sum(), 1)))
     if not known:
-        limit = options.max_sigma_deg
-        reasons.append(f"sigma {beside(slope['slope_sigma_deg'], limit)}° is above --max-sigma {limit:g}°")
+        reasons.append(f"sigma {beside(sigma, limit)}° is above --max-sigma {limit:g}°")
     p_safe, p_second = float(root.p_safe[k]), None if second is None else float(second.p_safe[k])
-    both_known = known and (second is None or np.degrees(second.slopes.sigma_rad[k]) <= options.max_sigma_deg)
+    both_known = known and (second is None or np.degrees(second.slopes.sigma_rad[k]) <= limit)
+    verdict = None if is_level else judge(p_safe, p_second, both_known and not reasons, options.confidence)
     H = homography_of_plane(solution.R, solution.T, solution.scaled_normals[k])
     matches = joined.matches.take(kept)
     squares = (apply_homography(H, matches.x1) - matches.x2) ** 2
@@ -60,17 +62,17 @@ def _plane(
         polygon_px=patch.footprint.polygon_px,
         normal_cam1=surface_normals(solution)[k],
         distance=signed_distance(solution.scaled_normals[k], patch.matches.x1),
-        **slope,
+        **root.numbers[k],
         n_correspondences=int(member.sum()),
         n_inliers=int(kept.sum()),
         rms_px=rms_px,
         rms_mrad=rms_mrad,
         roughness=float(solution.relief[k]) if estimated else float("nan"),
         homography_px=homography_in_pixels(H, cameras[0].K, cameras[1].K),
-        verdict=judge(p_safe, p_second, both_known and not reasons, options.confidence),
-        p_safe=p_safe if p_second is None else min(p_safe, p_second),
+        verdict=verdict,
+        p_safe=None if is_level else p_safe if p_second is None else min(p_safe, p_second),
         status="poor" if reasons else "ok",
-        reason="; ".join(reasons) or None,
+        reason="; ".join([*([TAKEN_AS_LEVEL] if is_level else []), *reasons]) or None,
         slope_known=known,
         noun=patch.finder.noun,
         found=patch.finder.found,
@@ -120,10 +122,12 @@ def divide(
     spread = np.linalg.eigvalsh(main.slopes.tilt_covariance - up_variance * np.eye(2))[:, -1]
     # the larger 1-sigma of the tilt, deg, without that of up, which is the same in both directions
     alone = np.degrees(np.sqrt(np.maximum(spread, 0.0)))
+    sigmas = np.degrees(main.slopes.sigma_rad).tolist()
+    known = [plane for plane, sigma in zip(planes, sigmas, strict=True) if _is_known(plane, sigma)]
     unknown = [
-        (plane, _cause(plane, float(sigma), options))
-        for plane, sigma in zip(planes, alone, strict=True)
-        if not _is_known(plane)
+        (plane, _cause(plane, sigma, alone_deg, options))
+        for plane, sigma, alone_deg in zip(planes, sigmas, alone.tolist(), strict=True)
+        if not _is_known(plane, sigma)
     ]
     if len(unknown) == len(planes):
         codes, asked = [cause.code for _, cause in unknown], [*joined.patches, *joined.unanswered]
@@ -134,23 +138,22 @@ def divide(
         *(Rejected(patch.id, patch.footprint.polygon_px, patch.code, patch.reason) for patch in joined.unanswered),
         *(Rejected(plane.id, plane.polygon_px, cause.code, cause.message) for plane, cause in unknown),
     ]
-    known = [plane for plane in planes if _is_known(plane)]
     return known, tuple(sorted(rejected, key=lambda one: one.id))
 
 
-def _is_known(plane: Plane) -> bool:
+def _is_known(plane: Plane, sigma_deg: float) -> bool:
     """Whether a plane is reported: its slope is known, and it lies in front of the camera (NaN compares false).
 
+    sigma_deg : of its slope; of the plane taken as level that of up.
     A window or given plane, which was asked for, is reported up to a sigma of MOST_SIGMA_DEG; one that was found only
     up to `max_sigma_deg`.
     """
-    return plane.slope_sigma_deg <= MOST_SIGMA_DEG and plane.distance > 0 and (plane.slope_known or not plane.found)
+    return sigma_deg <= MOST_SIGMA_DEG and plane.distance > 0 and (plane.slope_known or not plane.found)
 
 
-def _cause(plane: Plane, alone_deg: float, options: Options) -> Cause:
-    """Why a plane is not reported. alone_deg : the larger 1-sigma of its tilt, without that of up."""
+def _cause(plane: Plane, sigma: float, alone_deg: float, options: Options) -> Cause:
+    """Why a plane is not reported. sigma : of its slope, deg.  alone_deg : larger 1-sigma of its tilt, less up's."""
     most = options.max_sigma_deg if plane.found else MOST_SIGMA_DEG
-    sigma = plane.slope_sigma_deg
     if plane.distance > 0 and options.up_sigma_deg > 0 and alone_deg <= most:
         found = f"1-sigma {sigma:.0f}°, nearly all of it that of up, {options.up_sigma_deg:g}°"
         return Cause("up-unknown", found, "give up with a smaller --up-sigma")

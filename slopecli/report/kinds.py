@@ -57,7 +57,9 @@ def _outline(plane: Plane, report: Report) -> FloatArray:
 
 def _ground(report: Report, outlines: dict[int, FloatArray]) -> Plane | None:
     """The lowest of the large level planes along up, None where no plane is level."""
-    flat = [plane for plane in report.planes if plane.slope_deg < LEVEL_DEG and plane.slope_sigma_deg < KNOWN_DEG]
+    flat = [
+        plane for plane in report.planes if plane.slope_deg < LEVEL_DEG and (plane.slope_sigma_deg or 0.0) < KNOWN_DEG
+    ]
     level = [plane for plane in flat if len(outlines[plane.id])]
     shares, up = plane_shares(report), np.array(report.up.vector_cam1)
     least = LARGE * max((shares[plane.id] for plane in level), default=0.0)

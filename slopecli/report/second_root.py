@@ -50,15 +50,15 @@ def _second_plane(
 
     It is called safe only where the plane is in the first.  x1 : (n, 2) rays of its points.
     """
-    slope, p_safe = second.numbers[k], float(second.p_safe[k])
+    p_safe, is_level = float(second.p_safe[k]), k == second.level
     return AlternativePlane(
         id=first.id,
         normal_cam1=surface_normals(second.solution)[k],
         distance=signed_distance(second.solution.scaled_normals[k], x1) * length,
-        **slope,
-        verdict=judge(p_safe, None, first.verdict == "safe", options.confidence),
-        p_safe=p_safe,
-        slope_known=slope["slope_sigma_deg"] <= options.max_sigma_deg,
+        **second.numbers[k],
+        verdict=None if is_level else judge(p_safe, None, first.verdict == "safe", options.confidence),
+        p_safe=None if is_level else p_safe,
+        slope_known=is_level or float(np.degrees(second.slopes.sigma_rad[k])) <= options.max_sigma_deg,
     )
 
 

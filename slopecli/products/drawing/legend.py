@@ -134,6 +134,8 @@ def _entries(report: Report, with_focus: bool) -> list[tuple[str, Sign]]:
     verdicts = ("safe", "undecided", "unsafe")
     entries: list[tuple[str, Sign]] = [(name, partial(swatch, name)) for name in verdicts]
     unknown = not all(plane.slope_known for plane in report.planes)
+    if any(plane.taken_as_level for plane in report.planes):
+        entries.append(("taken as level", partial(swatch, "level")))
     words = [word for word, found in (("no answer", report.rejected), ("slope not known", unknown)) if found]
     if words:
         entries.append((" or ".join(words), partial(swatch, "rejected")))

@@ -19,6 +19,7 @@ MARGIN = 3.0  # px kept free around a label
 LARGEST, SMALLEST = 1.4, 0.62  # sizes of labels over that of the picture's text
 SMALLEST_TEXT_PX = 9  # legible
 UNKNOWN = "?"  # in place of a slope that is not known
+LEVEL = "level"  # in place of the slope of the plane that is taken as level
 
 
 @dataclass(frozen=True)
@@ -127,6 +128,8 @@ def _font(size: int) -> Any:
 def slope_text(plane: Plane) -> tuple[str, str]:
     """Return slope and sigma as "12.3°" and "± 0.4°"; "?" for a slope that is not known, "" for such a sigma."""
     sigma = plane.slope_sigma_deg
+    if sigma is None:
+        return LEVEL, ""
     if not math.isfinite(sigma):
         return f"{plane.slope_deg:.1f}°", ""
     digits = 0 if sigma >= 9.95 else 1 if sigma >= 0.095 else 2
@@ -144,7 +147,11 @@ def full_labels(footprint: Footprint, text_px: int) -> list[Label]:
     if slope == UNKNOWN:
         return [Label((f"{name} {UNKNOWN}", sigma), height, footprint.badge) for height in (size, small)]
     other = footprint.other
-    notes = [] if other is None else [f"or {other.slope_deg:.1f}°" if other.slope_known else f"or {UNKNOWN}"]
+    notes = (
+        []
+        if other is None or other.taken_as_level
+        else [f"or {other.slope_deg:.1f}°" if other.slope_known else f"or {UNKNOWN}"]
+    )
     notes += ["poor"] if footprint.item.status == "poor" else []
     full = Label((name, f"{slope} {sigma}".strip(), *notes), size, footprint.badge)
     labels = [full, replace(full, size=small)]
@@ -183,4 +190,6 @@ def _tiny(text_px: int) -> int:
 def _degrees(plane: Plane, other: AlternativePlane | None) -> str:
     """Slope in whole degrees; both slopes where a second root is left."""
     both = (plane,) if other is None else (plane, other)
+    if plane.taken_as_level:
+        return LEVEL
     return " or ".join(f"{one.slope_deg:.0f}°" if one.slope_known else UNKNOWN for one in both)

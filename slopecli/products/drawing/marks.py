@@ -23,17 +23,18 @@ CAUTION: Colour = (255, 208, 64)
 CALM: Colour = (225, 240, 255)
 NO_ANSWER: Colour = (165, 165, 165)
 NO_ANSWER_INK: Colour = (70, 70, 70)
-BADGE_COLOURS = {"safe": CALM, "undecided": CAUTION, "unsafe": HAZARD, "rejected": NO_ANSWER}
+BADGE_COLOURS = {"safe": CALM, "undecided": CAUTION, "unsafe": HAZARD, "rejected": NO_ANSWER, "level": PAPER}
 TINT = 0.6  # share of a patch's colour; the rest keeps the ground recognisable
 
 SHIFT = 4  # OpenCV draws at 1/16 px
 DASH = 0.45  # share of the period; round line ends make it look longer
-# lines of the signs in a badge of radius 1: a tick, a cross, a question mark without its dot, a bar
+# lines of the signs in a badge of radius 1: a tick, a cross, a question mark without its dot, a bar, two lines
 SIGNS = {
     "safe": ([[-0.5, 0.05], [-0.12, 0.42], [0.52, -0.4]],),
     "unsafe": ([[-0.42, -0.42], [0.42, 0.42]], [[-0.42, 0.42], [0.42, -0.42]]),
     "undecided": ([[-0.4, -0.35], [-0.25, -0.6], [0.1, -0.68], [0.4, -0.42], [0.3, -0.1], [0.0, 0.08], [0.0, 0.25]],),
     "rejected": ([[-0.6, 0.0], [0.6, 0.0]],),
+    "level": ([[-0.5, -0.22], [0.5, -0.22]], [[-0.5, 0.22], [0.5, 0.22]]),
 }
 
 
@@ -83,7 +84,7 @@ def paint_verdict(
     ----------
     patch : the picture under the bounding box of the outlines, its ground already tinted.
     outlines : closed, (k, 2) each, in px of `patch`.
-    verdict : "safe", "unsafe", "undecided" or "rejected".
+    verdict : "safe", "unsafe", "undecided", "level" (taken as such: no verdict) or "rejected".
     line : width of a thin border, px; the other widths and spacings follow from it.
     curved : the outlines are curves of many short sides, whose corners mean nothing.
     """
@@ -101,6 +102,8 @@ def paint_verdict(
                 stroke(patch, dash, CAUTION, 3 * line)
     elif verdict == "safe":
         _border(patch, outlines, (INK, line + 3), (CALM, line + 1))
+    elif verdict == "level":
+        _border(patch, outlines, (INK, line + 1))
     else:
         _hatch(patch, 5 * line, NO_ANSWER_INK, max(1, round(0.4 * line)), rising=False)
         _border(patch, outlines, (NO_ANSWER_INK, line + 1))
@@ -157,7 +160,7 @@ def arrow(picture: Picture, tail: FloatArray, direction: FloatArray, length: flo
 
 
 def badge(picture: Picture, kind: str, centre: FloatArray, radius: float) -> None:
-    """Draw a verdict as a sign of its own shape: a tick, a cross in a diamond, a question mark, a barred ring."""
+    """Draw the sign of a verdict: a tick, a cross in a diamond, a question mark, two lines, a barred ring."""
     centre, width = np.asarray(centre, float), max(2, round(0.28 * radius))
     if kind == "unsafe":
         diamond = centre + 1.25 * radius * np.array([[0, -1], [1, 0], [0, 1], [-1, 0]])

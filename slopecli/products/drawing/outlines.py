@@ -104,8 +104,8 @@ class Footprint:
 
     @property
     def verdict(self) -> str:
-        """Verdict that hatch and frame show; "rejected" where the slope is not known."""
-        return self.item.verdict if isinstance(self.item, Plane) and self.item.slope_known else "rejected"
+        """Verdict that hatch and frame show; "level" of the plane taken so, "rejected" where the slope is not known."""
+        return self.item.verdict or "level" if isinstance(self.item, Plane) and self.item.slope_known else "rejected"
 
     @property
     def badge(self) -> str:
