@@ -40,7 +40,7 @@ class TooSlow(BaseException):
     """Ends a run that takes longer than it may; no `except Exception` takes it for a fault of the input."""
 
 
-class _Here(Executor):
+class WorkerHere(Executor):
     """Stands for the worker process of a batch: runs the calls in this one."""
 
     def __init__(self, *_: object, **__: object) -> None: ...
@@ -56,7 +56,7 @@ class _Here(Executor):
 
 def run_command(arguments: list[str], folder: Path) -> command.Done:
     """`slopemap` in this process with a limit on its time; a batch answers its pairs in it too."""
-    with patch("slopecli.batch.running.Worker", _Here), _limited():
+    with patch("slopecli.batch.running.Worker", WorkerHere), _limited():
         return command.slopemap(*arguments, cwd=folder)
 
 
