@@ -81,7 +81,7 @@ def _values(path: str | PathLike[str], where: str, cells: list[str], columns: Ma
 
 def _number(text: str, name: str) -> float:
     try:
-        number = float(text)
+        number = math.nan if "_" in text else float(text)
     except ValueError:
         number = math.nan
     if not math.isfinite(number):

@@ -60,6 +60,8 @@ def _vocabulary() -> tuple[str, ...]:
 
 def camera_content(rng: Random) -> bytes:
     """A camera file, changed by its structure, as text or as bytes."""
+    if rng.random() < 0.04:
+        return rng.choice(samples.camera_bombs())
     if rng.random() < 0.15:
         return _binary_camera(rng)
     text = rng.choice(samples.camera_texts())

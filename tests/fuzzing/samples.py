@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 import json
 import struct
+import zipfile
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -93,6 +94,65 @@ def colmap_binary() -> bytes:
 def numpy_archive(**arrays: Any) -> bytes:
     file = io.BytesIO()
     np.savez_compressed(file, **{"mtx": camera_factory.MATRIX, "dist": [list(camera_factory.BROWN)], **arrays})
+    return file.getvalue()
+
+
+@cache
+def camera_bombs() -> list[bytes]:
+    """Small camera files that take much time, memory or depth if they are believed."""
+    native = json.dumps(camera_factory.NATIVE)
+    aliases = "".join(f"a{k}: &a{k} [{', '.join([f'*a{k - 1}'] * 9)}]\n" for k in range(1, 12))
+    mappings = "".join(f"m{k}: &m{k} {{{', '.join(f'{c}: *m{k - 1}' for c in 'abcdefghi')}}}\n" for k in range(1, 12))
+    merges = "".join(f"n{k}: &n{k}\n  <<: [*n{k - 1}, *n{k - 1}]\n" for k in range(1, 25))
+    entities = "".join(f'<!ENTITY e{k} "{f"&e{k - 1};" * 10}">' for k in range(1, 12))
+    texts = [
+        f"a0: &a0 [1]\n{aliases}distortion: *a11\n{ROS}",
+        f"a0: &a0 [1]\n{aliases}K: *a11\nwidth: 1024\nheight: 1024\n",
+        f"m0: &m0 {{a: 1}}\n{mappings}fx: *m11\n",
+        f"n0: &n0 {{a: 1}}\n{merges}fx: *n24\n",
+        "a: &a [*a]\nfx: *a\n",
+        "&a {fx: *a, fy: *a, cx: 1, cy: 1, width: 9, height: 9}",
+        f'<!DOCTYPE x [<!ENTITY e0 "ha">{entities}]><opencv_storage><K>&e11;</K></opencv_storage>',
+        *(f"{start * depth}1{end * depth}" for depth in (900, 100_000) for start, end in ("[]", ('{"a":', "}"))),
+        *(f'{{"K": {"[" * depth}1{"]" * depth}, "width": 9, "height": 9}}' for depth in (100, 900, 3000)),
+        "K: " + "[" * 5000 + "1" + "]" * 5000,
+        "".join("  " * k + f"k{k}:\n" for k in range(600)) + "  " * 600 + "1",
+        "<a>" * 20_000 + "</a>" * 20_000,
+        *(
+            native.replace("800", number)
+            for number in ("9" * 400, "9" * 5000, "1e999", "-" * 5000, "[" + "1," * 9999 + "1]")
+        ),
+        native.replace('"fx": 800', '"fx": 800, "fx": 400'),
+        "width: 9\nwidth: 10\nfx: 1\nfx: 2\n",
+        "1 PINHOLE 1024 1024 800 800 512 512\n" * 3,
+        "fx: 1\n" * 100_000,
+        "\n" * 100_000,
+        "- " * 20_000,
+        "? " * 5000,
+        "{" * 5000,
+        "a: " * 5000,
+        "&a " * 5000,
+        '"' + "a" * 1_000_000,
+        "#" * 1_000_000,
+    ]
+    return [text.encode() for text in texts] + [numpy_claim(shape) for shape in ((10**9,), (2**40, 3, 3), (0, 2**62))]
+
+
+ROS = camera_factory.ROS_FILE.split("distortion_coefficients")[0]
+
+
+def numpy_claim(shape: tuple[int, ...]) -> bytes:
+    """A NumPy archive whose array says that it is of this shape, and is short; of one shape, all zeros and whole."""
+    file = io.BytesIO()
+    header = repr({"descr": "<f8", "fortran_order": False, "shape": shape}).encode().ljust(117) + b"\n"
+    whole = 8 * shape[0] if len(shape) == 1 else 72
+    with (
+        zipfile.ZipFile(file, "w", zipfile.ZIP_DEFLATED, compresslevel=1) as archive,
+        archive.open("K.npy", "w") as member,
+    ):
+        member.write(b"\x93NUMPY\x01\x00" + len(header).to_bytes(2, "little") + header)
+        for _ in range(0, min(whole, 200_000_000), 1_000_000):
+            member.write(bytes(1_000_000))
     return file.getvalue()
 
 
