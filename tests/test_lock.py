@@ -124,3 +124,12 @@ def test_without_locks_a_mark_counts_as_long_as_its_maker_may_run(
 def test_a_folder_that_cannot_be_written_to_is_an_error_of_the_system(tmp_path: Path) -> None:
     with pytest.raises(OSError, match="No such file"), locked(tmp_path / "none"):
         pass
+
+
+def test_a_link_in_place_of_the_lock_is_not_followed(tmp_path: Path) -> None:
+    (tmp_path / "mine.txt").write_text("mine")
+    (tmp_path / "out").mkdir()
+    (tmp_path / "out" / ".slopemap.lock").symlink_to(tmp_path / "mine.txt")
+    with pytest.raises(OSError, match="link"), locked(tmp_path / "out"):
+        pass
+    assert (tmp_path / "mine.txt").read_text() == "mine"

@@ -85,7 +85,8 @@ def _runs(holder: str) -> bool:
 def _try(folder: Path) -> int | None:
     """Descriptor of the lock, None if another program holds it."""
     path = folder / LOCK
-    descriptor = os.open(path, os.O_RDWR | os.O_CREAT, 0o666)
+    # a link is not followed: what it leads to would be emptied
+    descriptor = os.open(path, os.O_RDWR | os.O_CREAT | getattr(os, "O_NOFOLLOW", 0), 0o666)
     taken = False
     try:
         taken = _lock(descriptor) and _is_still(descriptor, path)
