@@ -24,6 +24,7 @@ Verdict = Literal["safe", "unsafe", "undecided"]
 class Camera:
     """Intrinsics of one camera, px; distortion: () for "pinhole"; OpenCV order k1 k2 p1 p2 k3 k4 k5 k6 (missing = 0)
     for "brown" (radial-tangential and rational); k1 k2 k3 k4 for "fisheye" (equidistant).
+    size_given: whether the size is the camera's own, rather than that of an image; note: how it was read, or "".
     """
 
     width: int
@@ -35,6 +36,8 @@ class Camera:
     model: CameraModel = "pinhole"
     distortion: tuple[float, ...] = ()
     source: str = "given"
+    size_given: bool = field(default=True, compare=False)
+    note: str = field(default="", compare=False)
 
     @property
     def K(self) -> FloatArray:

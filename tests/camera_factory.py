@@ -107,10 +107,10 @@ binning_x: 0
 binning_y: 0
 roi: {x_offset: 0, y_offset: 0, height: 0, width: 0, do_rectify: false}
 ---
-height: 1
-width: 1
----
 """
+
+
+ROS2_ECHO += ROS2_ECHO.replace("sec: 17", "sec: 18")  # the next message is of the same camera, later
 
 
 ROS1_ECHO = ROS2_ECHO.replace("\nd:", "\nD:").replace("\nk:", "\nK:").replace("\nr:", "\nR:").replace("\np:", "\nP:")

@@ -5,19 +5,15 @@ from __future__ import annotations
 import hashlib
 import os
 import re
-from collections.abc import Iterable, Iterator
-from contextlib import suppress
 from dataclasses import dataclass
 from functools import cache
-from itertools import islice
 from pathlib import Path, PurePath
 from typing import NamedTuple
 
 from slopecli.batch.jobs import Pair
+from slopecli.batch.named_cameras import NamedCameras
 from slopecli.batch.summary import FILES
 from slopecli.errors import InputError
-from slopecli.io.cameras.reading import load_camera
-from slopecli.io.images import load_image
 from slopecli.io.pair_sources import cameras_by_number, cameras_in, folders_in, images_in, read_pair_list, why_no_images
 from slopecli.options import CameraChoice
 
@@ -82,16 +78,16 @@ def find_pairs(
     if output is not None and _is_same_place(folder, output):
         raise InputError(f"{folder}: is the folder of the images, and cannot take the results too; give another -o")
     candidates, notes = _candidates(folder, pairing, stride, output)
-    search = CameraSearch(folder)
-    pairs = [_pair(*named, cameras, search) for named in zip(_names(candidates), candidates, strict=True)]
+    search, picked = CameraSearch(folder), NamedCameras()
+    pairs = [_pair(*named, cameras, search, picked) for named in zip(_names(candidates), candidates, strict=True)]
     problems = list(dict.fromkeys(pair.problem for pair in pairs))
     if None not in problems:
         others = f" (and {len(problems) - 1} other reasons)" if len(problems) > 1 else ""
         raise InputError(f"{folder}: no pair can be tried: {problems[0]}{others}")
     files = {choice.file: None for choice in cameras or () if choice.file} or search.shared_files()
-    for file in files:
-        check_camera_file(file, (pair.image1 for pair in pairs))
-    return FoundPairs(pairs, notes + search.notes())
+    read = {file: picked.check(file, (pair.image1 for pair in pairs)) for file in files}
+    notes = [*notes, *search.notes(), *(f"camera: {file}: {note}" for file, note in read.items() if note)]
+    return FoundPairs(pairs, notes)
 
 
 # ---- which images belong together ----
@@ -262,39 +258,14 @@ class CameraSearch:
         return [f"camera: {file}, found beside the images" for file in files]
 
 
-def check_camera_file(file: str, images: Iterable[str]) -> None:
-    """Raise InputError if a camera file that many pairs share cannot be read.
-
-    A file without an image size may be valid for some sizes only, so it is tried with those of up to three images.
-    """
-    try:
-        load_camera(file)
-        return
-    except InputError as error:
-        problem = error
-    for size in islice(_sizes_of(images), 3):
-        try:
-            load_camera(file, size=size)
-            return
-        except InputError as error:
-            problem = error
-    raise problem
-
-
-def _sizes_of(images: Iterable[str]) -> Iterator[tuple[int, int]]:
-    """Sizes of those images that can be read."""
-    for path in images:
-        with suppress(InputError):
-            image = load_image(path)
-            yield image.width, image.height
-
-
-def _pair(name: str, candidate: Candidate, given: Cameras | None, search: CameraSearch) -> Pair:
+def _pair(name: str, candidate: Candidate, given: Cameras | None, search: CameraSearch, picked: NamedCameras) -> Pair:
     images = (candidate.image1, candidate.image2)
     if candidate.problem is not None:
         return Pair(name, *images, None, None, candidate.problem)
     try:
-        return Pair(name, *images, *_cameras(candidate, given, search))
+        both = zip(_cameras(candidate, given, search), images, strict=True)
+        camera1, camera2 = (picked.pick(choice, image) for choice, image in both)
+        return Pair(name, *images, camera1, camera2)
     except InputError as error:
         return Pair(name, *images, None, None, str(error))
 

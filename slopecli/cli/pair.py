@@ -94,8 +94,7 @@ def _answer_pair(ctx: click.Context, image1: str, image2: str, parameters: dict[
         from slopecli.io.images import load_image
 
         images = load_image(image1), load_image(image2)
-    camera1 = _load_camera(images[0], parameters, talk)
-    camera2 = _load_camera(images[1], {**parameters, "camera": parameters["camera2"] or parameters["camera"]}, talk)
+    camera1, camera2 = _load_cameras(images, parameters, talk)
 
     from slopecli import pipeline
 
@@ -110,10 +109,14 @@ def _answer_pair(ctx: click.Context, image1: str, image2: str, parameters: dict[
     print_report(report, written, talk, as_json=parameters["as_json"])
 
 
-def _load_camera(image: Image, parameters: dict[str, Any], talk: Talk) -> Camera:
+def _load_cameras(images: tuple[Image, Image], parameters: dict[str, Any], talk: Talk) -> tuple[Camera, Camera]:
+    """The cameras of both images; how they were read is said once."""
     from slopecli.io.cameras.reading import camera_for
 
-    camera, note = camera_for(image, camera_choice(parameters))
-    if note:
+    choices = (parameters, {**parameters, "camera": parameters["camera2"] or parameters["camera"]})
+    (camera1, notes1), (camera2, notes2) = (
+        camera_for(image, camera_choice(choice)) for image, choice in zip(images, choices, strict=True)
+    )
+    for note in dict.fromkeys((*notes1, *notes2)):
         talk.say(f"info: {note}")
-    return camera
+    return camera1, camera2

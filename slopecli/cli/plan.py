@@ -128,10 +128,11 @@ def _camera(parameters: dict[str, Any], talk: Talk) -> Camera:
         return camera_from_intrinsics(parameters["intrinsics"], *size)
     if parameters["fov"] is not None:
         return camera_from_fov(parameters["fov"], *size)
-    camera = load_camera(parameters["camera"], size=size)
-    if size is None:
-        return camera
-    camera, note = fit_camera_to_image(camera, *size)
+    camera, note = load_camera(parameters["camera"], size=size), None
+    if camera.note:
+        talk.say(f"info: {parameters['camera']}: {camera.note}")
+    if size is not None:
+        camera, note = fit_camera_to_image(camera, *size)
     if note:
         talk.say(f"info: {parameters['camera']}: {note}")
     return camera

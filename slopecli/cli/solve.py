@@ -67,6 +67,8 @@ def solve(ctx: click.Context, matches: str, **parameters: Any) -> None:
     two_noises = correspondences.sigma is not None and parameters["noise"] is not None
     refuse(ctx, (two_noises, f"--noise contradicts the column sigma of {matches}; leave one out."))
     cameras, options = _cameras(parameters), options_from(parameters)
+    for note in dict.fromkeys(camera.note for camera in cameras or () if camera.note):
+        talk.say(f"info: camera: {note}")
     with talk.timed("solve"):
         report = solve_given(correspondences, cameras, options, parameters["noise"])
     print_report(report, _write(report, parameters["output"]), talk, as_json=parameters["as_json"])

@@ -5,6 +5,7 @@ from slopecli.face import lazy_names
 __getattr__, __dir__ = lazy_names(
     __name__,
     {
+        "camera_checks": "implausible_cameras unlikely",
         "checks": "check_answer check_pair",
         "codes": "CODES",
         "facts": "AnswerFacts PairFacts epipole1_px",

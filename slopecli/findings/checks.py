@@ -11,6 +11,7 @@ from slopecli.types import Diagnostic
 
 PAIR_CHECKS = (
     pair_checks.mirrored,
+    pair_checks.cameras_as_made,
     pair_checks.image_notes,
     pair_checks.contradicting_matches,
     parallax.low_parallax,

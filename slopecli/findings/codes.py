@@ -113,6 +113,15 @@ _ROWS: dict[Severity, dict[str, tuple[Any, ...]]] = {
             "distrust windows that are touched, or take both images in quick succession",
             "share of image 1",
         ),
+        "implausible-camera": (
+            "Hardly any camera is like this: a principal point more than a quarter of the image off its middle (17 % "
+            "where the camera comes without an image size, less where it fits another size), a focal length outside 0.3 "
+            "to 25 image widths unless it is a fisheye lens, pixels half as long again as wide, or distortion that leaves "
+            "half of the image without rays. Crops and the longest lenses do have such cameras.",
+            "check the unit, which is pixels, and the image size that the camera is for",
+            "number of the image",
+            True,
+        ),
         "suspect-distortion": (
             "Residuals grow from the image centre as another lens distortion than that of the camera file makes them. "
             "Its k1 is named; a lens distortion that was taken out of the images already shows in the same way.",

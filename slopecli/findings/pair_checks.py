@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from slopecli.errors import NoAnswer
+from slopecli.findings.camera_checks import implausible_cameras
 from slopecli.findings.facts import PairFacts
 from slopecli.findings.wording import finding
 from slopecli.geometry.motion import LensMisfit
@@ -56,6 +57,11 @@ def mirrored(pair: PairFacts) -> list[Diagnostic]:
     column, row = np.floor(8 * (evidence.uv1 + 0.5) / [width, height]).astype(np.int64).T
     refuse_mirrored(evidence.x1, evidence.x2, 8 * row + column)
     return []
+
+
+def cameras_as_made(pair: PairFacts) -> list[Diagnostic]:
+    """Warn of cameras as hardly any are made."""
+    return implausible_cameras(pair.scene.camera1, pair.scene.camera2)
 
 
 def image_notes(pair: PairFacts) -> list[Diagnostic]:

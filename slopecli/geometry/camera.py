@@ -38,7 +38,8 @@ def rays_from_pixels(camera: Camera, uv: FloatArray) -> FloatArray:
     k = _padded_coefficients(camera)
     if camera.model == "pinhole":
         return distorted
-    return (_undistort_fisheye if camera.model == "fisheye" else _undistort_brown)(distorted, k)
+    with np.errstate(over="ignore", divide="ignore", invalid="ignore"):  # only where there is no ray
+        return (_undistort_fisheye if camera.model == "fisheye" else _undistort_brown)(distorted, k)
 
 
 def pixels_from_rays(camera: Camera, x: FloatArray) -> FloatArray:
@@ -66,6 +67,13 @@ def points_on_plane(
     with np.errstate(invalid="ignore"):  # a lens has no ray for some pixels: NaN compares false
         met = incidence > 0.01 * np.linalg.norm(rays, axis=1)
         return rays * (distance / np.where(met, incidence, 1.0))[:, None], met
+
+
+def share_with_rays(camera: Camera) -> float:
+    """Share of the pixels of a camera's image that have a ray, by a grid of 13 x 13."""
+    u, v = (np.linspace(0.0, side - 1.0, 13) for side in (camera.width, camera.height))
+    rays = rays_from_pixels(camera, np.stack(np.meshgrid(u, v), axis=-1).reshape(-1, 2))
+    return float(np.isfinite(rays).all(axis=1).mean())
 
 
 def pinhole_of(camera: Camera) -> Camera:
@@ -186,8 +194,7 @@ def _newton_step(
     x_d, y_d = _distort_brown(x, y, r2, k)
     e_x, e_y = x_d - target[:, 0], y_d - target[:, 1]
     determinant = j_xx * j_yy - j_xy * j_xy
-    with np.errstate(divide="ignore", invalid="ignore"):
-        return (j_yy * e_x - j_xy * e_y) / determinant, (j_xx * e_y - j_xy * e_x) / determinant, determinant
+    return (j_yy * e_x - j_xy * e_y) / determinant, (j_xx * e_y - j_xy * e_x) / determinant, determinant
 
 
 # ---- fisheye: r_d = theta (1 + k1 theta^2 + k2 theta^4 + k3 theta^6 + k4 theta^8), theta = atan r ----
@@ -212,12 +219,11 @@ def _undistort_fisheye(distorted: FloatArray, k: tuple[float, ...]) -> FloatArra
     grid = np.linspace(0, limit, TABLE_SIZE)
     theta = np.interp(r_d, _fisheye_radius(grid, k), grid)
     slope = np.array([9.0, 7.0, 5.0, 3.0, 1.0]) * [*k[::-1], 1.0]
-    with np.errstate(divide="ignore", invalid="ignore"):
-        for _ in range(NEWTON_STEPS):
-            step = (_fisheye_radius(theta, k) - r_d) / np.polyval(slope, theta * theta)
-            theta = theta - step
-            if not np.any(np.abs(step) > NEWTON_SETTLED):
-                break
+    for _ in range(NEWTON_STEPS):
+        step = (_fisheye_radius(theta, k) - r_d) / np.polyval(slope, theta * theta)
+        theta = theta - step
+        if not np.any(np.abs(step) > NEWTON_SETTLED):
+            break
     good = (np.abs(step) <= NEWTON_SETTLED) & (theta < limit)
     ratio = np.divide(np.tan(theta), r_d, out=np.ones_like(r_d), where=r_d > 0)
     return np.where(good[:, None], distorted * ratio[:, None], np.nan)
@@ -229,6 +235,12 @@ def _undistort_fisheye(distorted: FloatArray, k: tuple[float, ...]) -> FloatArra
 @lru_cache(maxsize=32)
 def _valid_angle(model: CameraModel, k: tuple[float, ...]) -> float:
     """Angle off the axis, rad, below which the radial part of the lens model grows: its fold, or `MAX_ANGLE`."""
+    with np.errstate(over="ignore", invalid="ignore"):
+        return _fold_angle(model, k)
+
+
+def _fold_angle(model: CameraModel, k: tuple[float, ...]) -> float:
+    """As `_valid_angle`; 0 where coefficients overflow."""
     if model == "fisheye":
         fold = _smallest_positive_root(np.array([9.0, 7.0, 5.0, 3.0, 1.0]) * [*k[::-1], 1.0])
         return min(float(np.sqrt(fold)), float(MAX_ANGLE))
@@ -242,7 +254,11 @@ def _valid_angle(model: CameraModel, k: tuple[float, ...]) -> float:
 
 
 def _smallest_positive_root(polynomial: FloatArray) -> float:
-    """Smallest positive real root, infinity when there is none."""
+    """Smallest positive real root, infinity when there is none; 0 where the coefficients overflow."""
+    if not np.isfinite(polynomial).all():
+        return 0.0
+    # terms that matter nowhere would overflow on division
+    polynomial = np.where(np.abs(polynomial) < 1e-30 * np.abs(polynomial).max(), 0.0, polynomial)
     roots = np.roots(polynomial)
     real = roots.real[(np.abs(roots.imag) <= 1e-9 * np.abs(roots)) & (roots.real > 0)]
     return float(real.min()) if len(real) else np.inf

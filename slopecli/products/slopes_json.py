@@ -16,7 +16,7 @@ from slopecli.types import Image, Report
 SCHEMA_VERSION = "2.0"
 SIGNIFICANT_DIGITS = 9  # 1e-9 of a rotation is 6e-8 deg; more digits would only record the processor's rounding
 # written as labels.png, drawn on overlay.png and the steps; properties that follow from other keys
-_NOT_IN_JSON = {"labels", "epipole1_px", "segmentation", "slope_known", "noun", "found"}
+_NOT_IN_JSON = {"labels", "epipole1_px", "segmentation", "slope_known", "noun", "found", "size_given", "note"}
 _LEFT_OUT_IF_NONE = {"rms_mrad", "noise_mrad"}  # only of correspondences without a camera
 
 

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import re
 import struct
+from collections.abc import Iterator
 from typing import Any
 
 from slopecli.errors import InputError
@@ -29,6 +30,9 @@ MODELS: dict[str, str | int] = {
     "THIN_PRISM_FISHEYE": 12,
     "RAD_TAN_THIN_PRISM_FISHEYE": 16,
 }
+# of COLMAP 4, with ids after those: their parameters are not read
+NEWER = {12: "SIMPLE_DIVISION", 13: "DIVISION", 14: "SIMPLE_FISHEYE", 15: "FISHEYE", 16: "EQUIRECTANGULAR"}
+MOST_PARAMETERS = 24
 LINE = re.compile(r"\s*\d+\s+[A-Z][A-Z0-9_]+\s+\d+\s+\d+(\s+\S+)+\s*")
 
 
@@ -46,24 +50,74 @@ def _find_in_text(text: str) -> dict[str, ColmapCamera]:
     if not lines or not all(LINE.fullmatch(line) for line in lines):
         return {}
     words = [line.split() for line in lines]
+    values.refuse_twice(f"camera {w[0]}" for w in words)
     return {w[0]: (w[1], w[2], w[3], w[4:]) for w in words}
 
 
 def _find_in_binary(data: bytes) -> dict[str, ColmapCamera]:
-    cameras: dict[str, ColmapCamera] = {}
+    """The cameras of cameras.bin. A model that is not known may have any number of parameters: the one that fits."""
+    unknown = _first_unknown(data, {})
+    if unknown is None:
+        return _records(data, {}) or {}
+    for count in range(MOST_PARAMETERS + 1):
+        second = _first_unknown(data, {unknown: count})
+        others = range(MOST_PARAMETERS + 1) if second is not None else (0,)
+        for other in others:
+            if cameras := _records(data, {second: other, unknown: count} if second is not None else {unknown: count}):
+                return cameras
+    return {}
+
+
+def _first_unknown(data: bytes, counts: dict[int, int]) -> int | None:
+    """The first model id that is neither known nor among the counts, None if the file ends before it."""
+    for model_id, _ in _walk(data, counts):
+        if model_id not in counts and not 0 <= model_id < len(MODELS):
+            return model_id
+    return None
+
+
+def _records(data: bytes, counts: dict[int, int]) -> dict[str, ColmapCamera] | None:
+    """The cameras if the records fill the file exactly, None otherwise.
+
+    counts : numbers of parameters of models that are not in `MODELS`, by id.
+    """
+    cameras: list[tuple[str, ColmapCamera]] = []
     names = list(MODELS)
-    try:
-        (count,), position = struct.unpack_from("<Q", data), 8
-        for _ in range(count):
-            identity, model_id, width, height = struct.unpack_from("<IiQQ", data, position)
-            if not 0 <= model_id < len(names):
-                return {}
-            parameters = struct.unpack_from(f"<{_parameter_count(names[model_id])}d", data, position + 24)
-            cameras[str(identity)] = (names[model_id], width, height, list(parameters))
-            position += 24 + 8 * len(parameters)
-    except struct.error:
-        return {}
-    return cameras if position == len(data) else {}
+    (count,) = struct.unpack_from("<Q", data) if len(data) >= 8 else (0,)
+    end = 8
+    for model_id, position in _walk(data, counts):
+        identity, _, width, height = struct.unpack_from("<IiQQ", data, position)
+        n = _count_of(model_id, counts)
+        end = position + 24 + 8 * n
+        if n < 0 or end > len(data) or width * height == 0 or max(width, height) > 1_000_000:
+            return None
+        name = names[model_id] if 0 <= model_id < len(names) else NEWER.get(model_id, f"with the id {model_id}")
+        parameters = struct.unpack_from(f"<{n}d", data, position + 24)
+        cameras.append((str(identity), (name, width, height, list(parameters))))
+    if end != len(data) or len(cameras) != count:
+        return None
+    values.refuse_twice(f"camera {name}" for name, _ in cameras)
+    return dict(cameras)
+
+
+def _walk(data: bytes, counts: dict[int, int]) -> Iterator[tuple[int, int]]:
+    """Model id and position of every record, as far as the numbers of parameters are known."""
+    if len(data) < 8:
+        return
+    (count,), position = struct.unpack_from("<Q", data), 8
+    while count > 0 and position + 24 <= len(data):
+        model_id = struct.unpack_from("<IiQQ", data, position)[1]
+        yield model_id, position
+        n = _count_of(model_id, counts)
+        if n < 0:
+            return
+        position, count = position + 24 + 8 * n, count - 1
+
+
+def _count_of(model_id: int, counts: dict[int, int]) -> int:
+    """Number of parameters of a model, -1 where it is not known."""
+    names = list(MODELS)
+    return _parameter_count(names[model_id]) if 0 <= model_id < len(names) else counts.get(model_id, -1)
 
 
 def read(camera: ColmapCamera, _size: values.Size | None) -> Camera:

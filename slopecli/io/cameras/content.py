@@ -2,19 +2,20 @@
 
 from __future__ import annotations
 
+import codecs
 import json
-import re
 from collections.abc import Mapping
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 from slopecli.errors import InputError
 from slopecli.io.cameras.values import Tree
+from slopecli.io.cameras.yaml_documents import yaml_documents
 
 if TYPE_CHECKING:
     from xml.etree.ElementTree import Element
 
-MAX_YAML_CHARACTERS = 4_000_000  # YAML is parsed at about 1 MB a second
+UTF16_MARKS = (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)
 
 
 class UnknownContent(InputError):
@@ -25,20 +26,18 @@ class CameraFileContent:
     """The bytes of a camera file and what they parse to.
 
     Each property parses when it is first read, so a format should look at the cheapest one first. `text`, `xml` and
-    `tree` raise InputError when the file is damaged, and are empty when it is of another kind.
+    `tree` raise InputError when the file is damaged, and are empty when it is of another kind. `notes` are for users.
     """
 
     def __init__(self, data: bytes) -> None:
         self.data = data
-        self.is_binary = b"\0" in data[:64]
+        self.is_binary = b"\0" in data[:64] and not data.startswith(UTF16_MARKS)
+        self.notes: list[str] = []
 
     @cached_property
     def text(self) -> str:
-        """The file as UTF-8 text; "" for binary data."""
-        try:
-            return "" if self.is_binary else self.data.decode("utf-8-sig")
-        except UnicodeDecodeError:
-            raise UnknownContent("is neither text nor a COLMAP cameras.bin") from None
+        """The file as text: UTF-8, UTF-16 with its mark, or Latin-1; "" for binary data."""
+        return "" if self.is_binary else _decode(self.data)
 
     @cached_property
     def xml(self) -> Element | None:
@@ -47,59 +46,90 @@ class CameraFileContent:
 
         if not self.text.lstrip().startswith("<"):
             return None
+        if "<!ENTITY" in self.text:
+            raise InputError("is XML that defines entities, which no camera file does")
         try:
             return ElementTree.fromstring(self.text)
-        except (ElementTree.ParseError, ValueError) as error:
+        except (ElementTree.ParseError, ValueError, LookupError) as error:
             raise InputError(f"is damaged XML ({error})") from None
 
     @cached_property
     def tree(self) -> Tree:
-        """Names and values of a JSON or YAML file, of the first document that is not empty; {} for other files."""
+        """Names and values of a JSON or YAML file, of all its documents together; {} for other files."""
         if self.is_binary or self.xml is not None:
             return {}
-        tree = _parse_json(self.text) if self.text.lstrip().startswith(("{", "[")) else _parse_yaml(self.text)
-        return tree if isinstance(tree, Mapping) else {}
+        if not self.text.lstrip().startswith(("{", "[")):
+            return self._merged(_parse_yaml(self.text))
+        return self._merged(_parse_json(self.text))
+
+    def _merged(self, documents: list[Any]) -> Tree:
+        """The names and values of all documents, which must not contradict each other; {} if the first has none."""
+        documents = [tree for tree in documents if tree is not None]
+        if not documents or not isinstance(documents[0], Mapping):
+            return {}
+        merged = dict(documents[0])
+        for tree in documents[1:]:
+            if not isinstance(tree, Mapping):
+                raise InputError(f"holds {len(documents)} documents, and not all are names with values; keep one")
+            for key, value in tree.items():
+                # messages of a camera repeat it with another header, which has the time
+                if merged.setdefault(key, value) != value and key != "header":
+                    raise InputError(f"holds {len(documents)} documents that differ in {key!r}; keep one of them")
+        if len(merged) > len(documents[0]):
+            self.notes.append(f"its {len(documents)} documents are read together")
+        return merged
 
 
-def _parse_json(text: str) -> Any:
+def _decode(data: bytes) -> str:
+    """Text of bytes. Where it is not UTF-8, most must be printable ASCII: the rest are names and comments."""
     try:
-        return json.loads(text)
+        if not data.startswith(UTF16_MARKS):
+            return data.decode("utf-8-sig")
+        text = data.decode("utf-16")
+    except UnicodeDecodeError:
+        text = data.decode("latin-1")
+    plain = sum(character.isascii() and (character.isprintable() or character in "\t\r\n\f") for character in text)
+    if plain < 0.7 * len(text):
+        raise UnknownContent("is neither text nor a COLMAP cameras.bin")
+    return text
+
+
+class _Twice(InputError):
+    """A name that an object has twice."""
+
+
+def _unique(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    found = dict(pairs)
+    if len(found) < len(pairs):
+        names = [name for name, _ in pairs]
+        twice = next(name for name in found if names.count(name) > 1)
+        raise _Twice(f"has {twice!r} twice; keep one of them")
+    return found
+
+
+def _integer(text: str) -> float:
+    """Python reads no integer of more than 4300 digits; one beyond any float is infinite."""
+    return int(text) if len(text) < 300 else float(text)
+
+
+def _parse_json(text: str) -> list[Any]:
+    try:
+        return [json.loads(text, object_pairs_hook=_unique, parse_int=_integer)]
     except RecursionError:
         raise InputError("is JSON nested too deeply for a camera file") from None
     except json.JSONDecodeError as error:
+        if error.msg == "Extra data":
+            raise InputError("holds more than one JSON value, one after the other; join them into one") from None
         try:
             return _parse_yaml(text)  # OpenCV's JSON has numbers like "1.", which only YAML accepts
-        except InputError:
+        except UnknownContent as unknown:
+            if "one after the other" in str(unknown):
+                raise
             raise InputError(f"is damaged JSON ({error})") from None
 
 
-def _parse_yaml(text: str) -> Any:
-    import yaml
-
-    if len(text) > MAX_YAML_CHARACTERS:
-        raise InputError(f"is {len(text) / 1e6:.0f} MB of text that is not JSON, too large for a camera file")
-    # OpenCV writes a version directive that YAML parsers do not accept
-    text = re.sub(r"\A%YAML[^\n]*\n", "", text)
+def _parse_yaml(text: str) -> list[Any]:
     try:
-        documents = yaml.load_all(text, Loader=_yaml_loader())
-        return next((tree for tree in documents if tree is not None), None)
-    except (yaml.YAMLError, RecursionError, ValueError) as error:
-        problem = getattr(error, "problem", None) or type(error).__name__
-        mark = getattr(error, "problem_mark", None)
-        where = f" at line {mark.line + 1}" if mark is not None else ""
-        raise UnknownContent(f"is neither JSON nor YAML ({problem}{where})") from None
-
-
-def _yaml_loader() -> Any:
-    """A safe loader that also knows OpenCV's matrices and Python's tuples."""
-    import yaml
-
-    base = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
-    loader: Any = type("CameraLoader", (base,), {})
-    loader.add_multi_constructor(
-        "tag:yaml.org,2002:opencv-", lambda loader, _, node: loader.construct_mapping(node, deep=True)
-    )
-    loader.add_constructor(
-        "tag:yaml.org,2002:python/tuple", lambda loader, node: loader.construct_sequence(node, deep=True)
-    )
-    return loader
+        return yaml_documents(text)
+    except ValueError as error:
+        raise UnknownContent(str(error)) from None

@@ -9,6 +9,8 @@ from typing import Any
 from slopecli.errors import InputError
 from slopecli.io.cameras import values
 from slopecli.io.cameras.content import CameraFileContent
+from slopecli.io.cameras.lens_marks import marked_model
+from slopecli.io.cameras.sizes import image_size
 from slopecli.types import Camera
 
 LENS_KEYS = ("distortion_model", "distortion_coeffs", "distortion_coefficients")
@@ -28,12 +30,15 @@ def read(tree: values.Tree, size: values.Size | None) -> Camera:
     if tree["camera_model"] != "pinhole":
         raise InputError(f"camera_model {tree['camera_model']!r} is not supported, only 'pinhole' is")
     values.refuse_unread_distortion(tree, LENS_KEYS, "list the coefficients as distortion_coeffs")
-    model = values.lens_model(tree.get("distortion_model"), "distortion_model")
+    model = marked_model(tree) or "pinhole"
     lens = tree.get("distortion_coeffs", tree.get("distortion_coefficients"))
     if lens is None and model != "pinhole":
         raise InputError(f"distortion_model is {tree['distortion_model']}, but distortion_coeffs are missing")
     intrinsics = values.numbers(tree.get("intrinsics"), "intrinsics")
     if len(intrinsics) != 4:
         raise InputError(f"intrinsics has {len(intrinsics)} numbers, needed fx, fy, cx, cy")
-    size = values.size_of_list(tree.get("resolution"), "resolution") or size
-    return values.make_camera("Kalibr", size, intrinsics, model, values.numbers(lens, "distortion_coeffs"))
+    own, note = image_size(tree, (intrinsics[2], intrinsics[3]), size)
+    coefficients = values.numbers(lens, "distortion_coeffs")
+    return values.make_camera(
+        "Kalibr", own or size, intrinsics, model, coefficients, note=note, size_given=own is not None
+    )

@@ -39,6 +39,7 @@ def find(content: CameraFileContent) -> dict[str, Element]:
 def read(calibration: Element, size: values.Size | None) -> Camera:
     """Frame cameras only, without b2, k4, p3 and p4, for which OpenCV's lens model has no term."""
     tags: dict[str, Any] = {child.tag: (child.text or "").strip() for child in calibration}
+    values.refuse_twice(child.tag for child in calibration)
     kind = calibration.get("type") or tags.get("projection") or "frame"
     if kind != "frame":
         raise InputError(f"Metashape camera type {kind!r} is not supported, only 'frame' is")
@@ -48,9 +49,12 @@ def read(calibration: Element, size: values.Size | None) -> Camera:
     values.refuse_nonzero(tags, ("p3", "p4"), "tangential distortion of higher order")
     resolution = calibration.find("resolution")
     sides = tags if resolution is None else resolution
-    size = values.known_size(values.size_of(sides.get("width"), sides.get("height")) or size)
+    own = values.size_of(sides.get("width"), sides.get("height"))
+    size = values.known_size(own or size)
     k1, k2, k3, p1, p2 = (values.number(tags.get(key) or 0, key) for key in ("k1", "k2", "k3", "p1", "p2"))
-    return values.make_camera("Metashape", size, _intrinsics(tags, size), "brown", (k1, k2, p2, p1, k3))
+    return values.make_camera(
+        "Metashape", size, _intrinsics(tags, size), "brown", (k1, k2, p2, p1, k3), size_given=own is not None
+    )
 
 
 def _intrinsics(tags: dict[str, Any], size: values.Size) -> values.Intrinsics:

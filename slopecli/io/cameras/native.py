@@ -7,6 +7,8 @@ from typing import Any
 from slopecli.errors import InputError
 from slopecli.io.cameras import values
 from slopecli.io.cameras.content import CameraFileContent
+from slopecli.io.cameras.lens_marks import is_mark_key, marked_model
+from slopecli.io.cameras.sizes import image_size, is_size_key
 from slopecli.types import Camera
 
 NUMBERS = ("fx", "fy", "cx", "cy")
@@ -18,20 +20,24 @@ def find(content: CameraFileContent) -> dict[str, Any]:
     """The camera under its `name` ("" without one); {} for another format."""
     tree = content.tree
     own = "fx" in tree or ("K" in tree and set(tree) <= KEYS | NOTES)
-    return {str(tree.get("name", "")): tree} if own else {}
+    return {str(tree.get("name") or ""): tree} if own else {}
 
 
 def read(tree: values.Tree, size: values.Size | None) -> Camera:
     """Missing coefficients count as 0; an unknown key is an error, as it may be a misspelt coefficient."""
-    unknown = sorted(set(map(str, tree)) - KEYS - NOTES)
+    others = [str(key) for key in tree if not (is_size_key(key) or is_mark_key(key))]
+    unknown = sorted(set(others) - KEYS - NOTES)
     if unknown:
         raise InputError(f"unknown key {unknown[0]!r}; a native camera file has {', '.join(sorted(KEYS))}")
-    model = values.lens_model(tree.get("model", "brown"), "model")
+    model = marked_model(tree) or "brown"
     given = values.numbers(tree.get("distortion"), "distortion")
     counts = (0, 4) if model == "fisheye" else (0, 4, 5, 8)
     coefficients = given + [0.0] * (next((c for c in counts if c >= len(given)), 0) - len(given))
-    size = values.size_of(tree.get("width"), tree.get("height")) or size
-    return values.make_camera("native", size, _intrinsics(tree), model, coefficients)
+    fx, fy, cx, cy = _intrinsics(tree)
+    own, note = image_size(tree, (cx, cy), size)
+    return values.make_camera(
+        "native", own or size, (fx, fy, cx, cy), model, coefficients, note=note, size_given=own is not None
+    )
 
 
 def _intrinsics(tree: values.Tree) -> values.Intrinsics:

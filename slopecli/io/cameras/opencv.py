@@ -12,6 +12,8 @@ from typing import TYPE_CHECKING, Any
 from slopecli.errors import InputError
 from slopecli.io.cameras import values
 from slopecli.io.cameras.content import CameraFileContent
+from slopecli.io.cameras.lens_marks import is_mark_key, marked_model
+from slopecli.io.cameras.sizes import image_size
 from slopecli.types import Camera
 
 if TYPE_CHECKING:
@@ -23,10 +25,11 @@ LENSES = (
     "distortion|dist|d"
 )
 KEY = re.compile(rf"(?P<before>left|right)?(?:(?P<matrix>{MATRICES})|(?P<lens>{LENSES}))(?P<after>\d+|left|right|l|r)?")
-WIDTH_KEYS = ("image_width", "imageWidth", "width", "img_width", "w")
-HEIGHT_KEYS = ("image_height", "imageHeight", "height", "img_height", "h")
-SIZE_KEYS = ("image_size", "imageSize", "img_size", "imgSize", "ImageSize", "resolution")
-MODEL_KEYS = ("model", "camera_model", "distortion_model", "lens_model", "model_type")
+FOUR = (
+    "four coefficients and no lens model are read as k1 k2 p1 p2 of a radial-tangential lens (of a fisheye lens, add "
+    '"model": "fisheye")'
+)
+MOST_NUMBERS = 1000  # of an array in a NumPy archive that is read; images and lists of points have more
 
 
 def find(content: CameraFileContent) -> dict[str, Any]:
@@ -35,7 +38,7 @@ def find(content: CameraFileContent) -> dict[str, Any]:
     cameras: dict[str, dict[str, Any]] = {}
     for key, value in tree.items():
         match = KEY.fullmatch(values.plain_key(key))
-        if match is None or (match["matrix"] and not isinstance(value, list | tuple | Mapping)):
+        if match is None or (match["matrix"] and not _may_be_matrix(value)):
             continue
         part = "matrix" if match["matrix"] else "lens"
         camera = cameras.setdefault(match["before"] or match["after"] or "", {"tree": tree})
@@ -49,20 +52,31 @@ def find(content: CameraFileContent) -> dict[str, Any]:
     return found
 
 
+def _may_be_matrix(value: Any) -> bool:
+    """Whether it is numbers in a list, or names with values; a list of cameras of another program is not."""
+    return isinstance(value, Mapping) or (
+        isinstance(value, list | tuple) and not any(isinstance(part, Mapping) for part in value)
+    )
+
+
 def read(camera: Mapping[str, Any], size: values.Size | None) -> Camera:
     """Without coefficients it is a pinhole, and `Camera.source` says so."""
     tree = camera["tree"]
     _refuse_unread_names(tree)
-    fisheye = bool(values.number(tree.get("fisheye_model", 0), "fisheye_model"))
-    named = next((tree[key] for key in MODEL_KEYS if key in tree), None)
-    model = values.lens_model(named) if named is not None else "fisheye" if fisheye else "brown"
+    marked = marked_model(tree)
     key, value = camera["matrix"]
     lens_key, lens = camera.get("lens", ("", None))
     source = "OpenCV" if lens_key else "OpenCV, no distortion given"
     # many files call OpenCV's usual lens model a pinhole
-    model = "brown" if model == "pinhole" else model
-    intrinsics = values.intrinsics_of_matrix(value, key)
-    return values.make_camera(source, _size(tree) or size, intrinsics, model, values.numbers(lens, lens_key))
+    model = marked if marked == "fisheye" else "brown"
+    fx, fy, cx, cy = values.intrinsics_of_matrix(value, key)
+    coefficients = values.numbers(lens, lens_key)
+    own, turned = image_size(tree, (cx, cy), size)
+    unmarked = marked is None and len(coefficients) == 4 and any(coefficients)
+    note = "; ".join(filter(None, (FOUR if unmarked else "", turned)))
+    return values.make_camera(
+        source, own or size, (fx, fy, cx, cy), model, coefficients, note=note, size_given=own is not None
+    )
 
 
 def _refuse_unread_names(tree: values.Tree) -> None:
@@ -72,16 +86,8 @@ def _refuse_unread_names(tree: values.Tree) -> None:
             raise InputError("an omnidirectional camera (xi) is not supported; undistort the images first")
         if re.fullmatch("[kp][1-6]", plain) and not isinstance(value, list | tuple | Mapping):
             raise InputError(f"{key!r} stands alone; list the coefficients as distortion_coefficients")
-    known = [*MODEL_KEYS, *(key for key in tree if KEY.fullmatch(values.plain_key(key)))]
+    known = [key for key in tree if KEY.fullmatch(values.plain_key(key)) or is_mark_key(key)]
     values.refuse_unread_distortion(tree, known, "list the coefficients as distortion_coefficients")
-
-
-def _size(tree: values.Tree) -> values.Size | None:
-    pair = next((tree[key] for key in SIZE_KEYS if key in tree), None)
-    if pair is not None:
-        return values.size_of_list(pair, "image size")
-    width, height = (next((tree[key] for key in keys if key in tree), None) for keys in (WIDTH_KEYS, HEIGHT_KEYS))
-    return values.size_of(width, height)
 
 
 def _arrays(content: CameraFileContent) -> values.Tree:
@@ -89,26 +95,36 @@ def _arrays(content: CameraFileContent) -> values.Tree:
     if content.is_binary:
         return _numpy_arrays(content.data) if content.data.startswith(b"PK") else {}
     if content.xml is not None:
-        return {child.tag: _xml_value(child) for child in content.xml} if content.xml.tag == "opencv_storage" else {}
+        if content.xml.tag != "opencv_storage":
+            return {}
+        values.refuse_twice(child.tag for child in content.xml)
+        return {child.tag: _xml_value(child) for child in content.xml}
     return content.tree
 
 
 def _numpy_arrays(data: bytes) -> dict[str, Any]:
-    """The arrays of a .npz. Pickled objects are not loaded; reading one as coefficients is an error."""
+    """The small arrays of a .npz. Pickled objects are not loaded; reading one as coefficients is an error."""
     from io import BytesIO
+    from zipfile import ZipFile
 
     import numpy as np
 
     arrays: dict[str, Any] = {}
     try:
-        with np.load(BytesIO(data), allow_pickle=False) as archive:
-            for key in archive.files:
+        with ZipFile(BytesIO(data)) as archive:
+            parts = archive.infolist()
+            names = [part.filename.removesuffix(".npy") for part in parts]
+            for name, part in zip(names, parts, strict=True):
+                if part.file_size > 8 * MOST_NUMBERS + 4096:  # its header is shorter
+                    arrays[name] = "a large array"
+                    continue
                 try:
-                    arrays[key] = archive[key].tolist()
+                    arrays[name] = np.load(BytesIO(archive.read(part)), allow_pickle=False).tolist()
                 except ValueError:
-                    arrays[key] = "a pickled object"
+                    arrays[name] = "a pickled object"
     except Exception:  # zipfile and NumPy raise many kinds of exceptions on damaged bytes
         raise InputError("is a damaged zip or NumPy archive") from None
+    values.refuse_twice(names)
     return arrays
 
 

@@ -8,8 +8,11 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
+from slopecli.errors import InputError
 from slopecli.io.cameras import values
 from slopecli.io.cameras.content import CameraFileContent
+from slopecli.io.cameras.lens_marks import marked_model
+from slopecli.io.cameras.sizes import image_size
 from slopecli.types import Camera
 
 
@@ -23,12 +26,21 @@ def find(content: CameraFileContent) -> dict[str, Any]:
 def read(tree: values.Tree, size: values.Size | None) -> Camera:
     """Converts normalised lengths to pixels; without a focal length per axis, `focal` is that of both."""
     values.refuse_unread_distortion(tree, (), "give the coefficients as k1, k2, p1, p2, ...")
-    model = values.lens_model(tree["projection_type"], "projection_type")
-    size = values.known_size(values.size_of(tree.get("width"), tree.get("height")) or size)
+    model = marked_model(tree) or "brown"
+    own, note = image_size(tree, image=size)
+    size = values.known_size(own or size)
     longer = max(size)
     focal = tree.get("focal", tree.get("focal_x"))
     fx = values.number(tree.get("focal_x", focal), "focal_x") * longer
     fy = values.number(tree.get("focal_y", focal), "focal_y") * longer
-    centre = zip(("c_x", "c_y"), size, strict=True)
-    cx, cy = (values.number(tree.get(key, 0), key) * longer + (side - 1) / 2 for key, side in centre)
-    return values.make_camera("OpenSfM", size, (fx, fy, cx, cy), model, values.named_coefficients(tree, model))
+    off = [values.number(tree.get(key, 0), key) for key in ("c_x", "c_y")]
+    if max(map(abs, off)) > 0.25:
+        raise InputError(
+            f"c_x = {off[0]:g}, c_y = {off[1]:g} put the principal point far off the middle; OpenSfM measures them "
+            "from the middle of the image, in units of its longer side (0.5 is its edge): is it from a corner?"
+        )
+    cx, cy = (place * longer + (side - 1) / 2 for place, side in zip(off, size, strict=True))
+    coefficients = values.named_coefficients(tree, model)
+    return values.make_camera(
+        "OpenSfM", size, (fx, fy, cx, cy), model, coefficients, note=note, size_given=own is not None
+    )

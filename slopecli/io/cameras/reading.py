@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import math
 import os
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager, suppress
+from dataclasses import replace
 from os import PathLike
 from pathlib import Path
 from typing import Any, Literal
@@ -13,12 +15,13 @@ from slopecli.errors import InputError
 from slopecli.geometry.camera import scale_camera
 from slopecli.io.cameras.content import CameraFileContent, UnknownContent
 from slopecli.io.cameras.formats import CAMERA_FORMATS, CameraFormat
+from slopecli.io.cameras.picking import listed, named, of_image
+from slopecli.io.cameras.unread import looks_like
 from slopecli.io.cameras.values import Size, make_camera
 from slopecli.io.files import read_file
 from slopecli.options import CameraChoice
 from slopecli.types import Camera, Image
 
-MAX_NAMES = 8  # of cameras, listed in a message
 NEEDED = f"needed a camera file of one of these formats: {', '.join(form.name for form in CAMERA_FORMATS)}"
 
 
@@ -28,8 +31,13 @@ def load_camera(path: str | PathLike[str], name: str | None = None, size: Size |
     Parameters
     ----------
     path : the file; FILE#NAME picks one of several cameras.
-    name : the camera to pick, in place of #NAME (`cam1` in Kalibr, the id in COLMAP, `1`/`2` or left/right in OpenCV).
+    name : the camera to pick, in place of #NAME (`cam1` in Kalibr, the id in COLMAP, `1`/`2` or left/right in OpenCV,
+        the path of a frame in nerfstudio, or its end).
     size : (width, height) px to use when the file gives none, usually the image's.
+
+    Returns
+    -------
+    camera : its `note` is what a user should know of how it was read, "" for nothing.
 
     Raises
     ------
@@ -56,21 +64,46 @@ def read_camera_file(file: str | PathLike[str], base: str | PathLike[str] = "") 
     return data
 
 
-def decode_camera(data: bytes, file: str | PathLike[str], name: str | None = None, size: Size | None = None) -> Camera:
-    """As `load_camera`, from the bytes of the file; `file` is for messages and is not opened."""
+def decode_camera(
+    data: bytes,
+    file: str | PathLike[str],
+    name: str | None = None,
+    size: Size | None = None,
+    image: str | None = None,
+) -> Camera:
+    """As `load_camera`, from the bytes of the file; `file` is for messages and is not opened.
+
+    image : path of the image that the camera is for: it picks one of several cameras where none is named.
+    """
+    with _one_line(file):
+        content = CameraFileContent(data)
+        form, cameras = _find_cameras(content)
+        key, picked = _pick(form, cameras, name, Path(file).name, size, image)
+        camera: Camera = form.module.read(cameras[key], size)
+        return replace(camera, note="; ".join(filter(None, (*content.notes, picked, camera.note))))
+
+
+def camera_names(data: bytes, file: str | PathLike[str]) -> tuple[str, ...]:
+    """The names of the cameras of a file, "" for one without a name. Raises InputError as `decode_camera`."""
+    with _one_line(file):
+        return tuple(_find_cameras(CameraFileContent(data))[1])
+
+
+@contextmanager
+def _one_line(file: str | PathLike[str]) -> Iterator[None]:
+    """Name the file in every message, which may quote it, and a damaged file may hold text of any length."""
     try:
-        form, cameras = _find_cameras(data)
-        camera: Camera = form.module.read(_pick(cameras, name, Path(file).name), size)
-        return camera
+        yield
     except InputError as error:
-        # messages quote the file, and a damaged file may hold text of any length
         raise InputError(f"{file}: {' '.join(str(error).split())[:400]}") from None
+    except RecursionError:
+        raise InputError(f"{file}: is nested too deeply for a camera file") from None
 
 
 def camera_for(
     image: Image, choice: CameraChoice, files: Mapping[str, bytes] | None = None
-) -> tuple[Camera, str | None]:
-    """The camera of an image, scaled to its size if need be, and a message for the user about that, or None.
+) -> tuple[Camera, tuple[str, ...]]:
+    """The camera of an image, scaled to its size if need be, and messages for the user about that.
 
     Parameters
     ----------
@@ -85,26 +118,28 @@ def camera_for(
     if choice.file is not None:
         return _camera_from_file(image, choice.file, files)
     if choice.intrinsics is not None:
-        return camera_from_intrinsics(choice.intrinsics, *size), None
+        return camera_from_intrinsics(choice.intrinsics, *size), ()
     if choice.fov_deg is not None:
-        return camera_from_fov(choice.fov_deg, *size), None
+        return camera_from_fov(choice.fov_deg, *size), ()
     raise InputError(f"{image.path}: no camera; give a camera file, intrinsics or a field of view")
 
 
-def _camera_from_file(image: Image, path: str, files: Mapping[str, bytes] | None) -> tuple[Camera, str | None]:
+def _camera_from_file(image: Image, path: str, files: Mapping[str, bytes] | None) -> tuple[Camera, tuple[str, ...]]:
     size = (image.width, image.height)
     file, name = (path, None) if files and path in files else split_name(path)
-    camera = decode_camera(files[file] if files else read_camera_file(file), file, name, size)
+    camera = decode_camera(files[file] if files else read_camera_file(file), file, name, size, image.path)
+    notes = [f"{path}: {camera.note}"] if camera.note else []
     try:
         camera, message = fit_camera_to_image(camera, *size)
     except InputError as error:
         raise InputError(f"{image.path} with {path}: {error}") from None
-    return camera, f"{image.path} with {path}: {message}" if message else None
+    return camera, (*notes, *([f"{image.path} with {path}: {message}"] if message else []))
 
 
 def camera_from_intrinsics(intrinsics: tuple[float, float, float, float], width: int, height: int) -> Camera:
     """A pinhole camera from fx, fy, cx, cy, px."""
-    return make_camera("given", (width, height), intrinsics)
+    camera = make_camera("given", (width, height), intrinsics)
+    return replace(camera, size_given=False)
 
 
 def camera_from_fov(deg: float, width: int, height: int, which: Literal["h", "v", "d"] = "h") -> Camera:
@@ -116,6 +151,11 @@ def camera_from_fov(deg: float, width: int, height: int, which: Literal["h", "v"
     """
     if not 0 < deg < 180:
         raise InputError(f"the field of view is {deg:g} degrees, needed more than 0 and less than 180")
+    if deg <= math.pi:
+        raise InputError(
+            f"a field of view of {deg:g} degrees: it must be in degrees, and {deg:g} radians are "
+            f"{math.degrees(deg):.4g} degrees; for a lens as long as that give --intrinsics"
+        )
     extent = {"h": width, "v": height, "d": math.hypot(width, height)}[which]
     focal = extent / 2 / math.tan(math.radians(deg) / 2)
     return make_camera("field of view", (width, height), (focal, focal, (width - 1) / 2, (height - 1) / 2))
@@ -151,27 +191,39 @@ def _is_rescale(width: int, height: int, new_width: int, new_height: int) -> boo
     return abs(new_height - height * across) < 1 or abs(new_width - width * down) < 1
 
 
-def _find_cameras(data: bytes) -> tuple[CameraFormat, Mapping[str, Any]]:
+def _find_cameras(content: CameraFileContent) -> tuple[CameraFormat, Mapping[str, Any]]:
     """The format of a file and its cameras by name."""
-    content = CameraFileContent(data)
     try:
+        if not content.is_binary and not content.text.strip():
+            raise InputError(f"is empty; {NEEDED}")
         for form in CAMERA_FORMATS:
             if cameras := form.module.find(content):
                 return form, cameras
     except UnknownContent as error:
-        raise InputError(f"{error}; {NEEDED}") from None
+        raise InputError(f"{error}{looks_like(content)}; {NEEDED}") from None
     text = "holds no" if content.xml is None else "is XML without a"
     kind = "is binary data without a" if content.is_binary else text
-    raise InputError(f"{kind} camera that is understood; {NEEDED}")
+    raise InputError(f"{kind} camera that is understood{looks_like(content)}; {NEEDED}")
 
 
-def _pick(cameras: Mapping[str, Any], name: str | None, file: str) -> Any:
-    names = ", ".join(list(cameras)[:MAX_NAMES]) + (", ..." if len(cameras) > MAX_NAMES else "")
-    if name is None:
-        if len(cameras) == 1:
-            return next(iter(cameras.values()))
-        raise InputError(f"holds {len(cameras)} cameras ({names}); pick one, for example {file}#{next(iter(cameras))}")
-    if name not in cameras:
-        held = f"holds {names}" if any(cameras) else "holds one camera without a name; leave the name out"
-        raise InputError(f"has no camera {name!r}; it {held}")
-    return cameras[name]
+def _pick(
+    form: CameraFormat,
+    cameras: Mapping[str, Any],
+    name: str | None,
+    file: str,
+    size: Size | None,
+    image: str | None,
+) -> tuple[str, str]:
+    """The name of the camera meant, and a note where the path of the image picks it."""
+    if name is not None:
+        return named(cameras, name), ""
+    if len(cameras) == 1:
+        return next(iter(cameras)), ""
+    fitting = of_image(cameras, image) if image else None
+    if fitting is not None:
+        return fitting, f"of its {len(cameras)} cameras, {fitting} is that of {image}"
+    first = next(iter(cameras))
+    with suppress(InputError):
+        if len({form.module.read(camera, size) for camera in cameras.values()}) == 1:
+            return first, f"its {len(cameras)} cameras are the same"
+    raise InputError(f"holds {len(cameras)} cameras ({listed(cameras)}); pick one, for example {file}#{first}")

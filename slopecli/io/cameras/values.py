@@ -4,49 +4,62 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Collection, Mapping, Sequence
+from collections import Counter
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from typing import Any
 
 from slopecli.errors import InputError
+from slopecli.geometry.camera import share_with_rays
 from slopecli.types import Camera, CameraModel
 
 Size = tuple[int, int]  # width, height, px
 Tree = Mapping[str, Any]  # names and values of a JSON or YAML file
 Intrinsics = tuple[float, float, float, float]  # fx, fy, cx, cy, px
 
-# The names under which the lens models go, lower case. A model that is not here is refused by its name.
+# The names under which the lens models go, lower case without separators. What is not here is refused by its name.
 LENS_NAMES: dict[CameraModel, str] = {
-    "pinhole": "none pinhole simple_pinhole",
-    "brown": "brown opencv full_opencv perspective plumb_bob radtan radial-tangential rational_polynomial "
-    "simple_radial radial",
-    "fisheye": "fisheye equidistant equi opencv_fisheye fisheye_opencv simple_radial_fisheye radial_fisheye",
+    "pinhole": "none pinhole simplepinhole pinholecamera ideal undistorted rectified nodistortion",
+    "brown": "brown brownconrady opencv opencv5 opencv8 opencvpinhole fullopencv perspective rectilinear plumbbob "
+    "radtan radialtangential radialtangentialdistortion rationalpolynomial rational simpleradial radial standard "
+    "normal pinholeradtan pinholeradialtangential",
+    "fisheye": "fisheye equidistant equi opencvfisheye fisheyeopencv simpleradialfisheye radialfisheye "
+    "equidistantfisheye fisheyeequidistant kannalabrandt kannalabrandt4 kannalabrandt8 kb4 kb8 pinholeequi "
+    "pinholeequidistant",
 }
+LENSES_KNOWN = "pinhole, radial-tangential, rational and equidistant fisheye"
 BROWN_ORDER = ("k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6")
 FISHEYE_ORDER = ("k1", "k2", "k3", "k4")
 LOOKS_LIKE_DISTORTION = "coef|distor|^r?dist(?!ance)|radial|tangential|lensparam"
-MIN_FOCAL_RATIO = 0.02  # of the longer side; a focal length in millimetres or normalised units falls far below
+# Focal length over the longer side of the image, below which no lens of a kind is made; millimetres and shares of
+# the image width fall below. The middle of a pinhole's range is far narrower: `findings.camera_checks`.
+LEAST_FOCAL: dict[CameraModel, float] = {"pinhole": 0.15, "brown": 0.15, "fisheye": 0.06}
+MOST_FOCAL = 1000.0
+LARGEST_COEFFICIENT = 1e6  # rational models have a few hundred
+LEAST_SEEN = 0.1  # of the pixels of an image must have a ray
 
 
 def lens_model(name: Any, what: str = "lens model") -> CameraModel:
     """Our name of a lens model, or InputError naming the one that is not understood."""
-    plain = str(name).strip().lower() or "none"  # also for None
+    plain = re.sub("^distortion(?=.)", "", plain_key(name)) or "none"
     for model, names in LENS_NAMES.items():
         if plain in names.split():
             return model
-    known = "pinhole, radial-tangential, rational and equidistant fisheye"
-    raise InputError(f"{what} {name!r} is not supported, only {known} lenses are; undistort the images first")
+    shown = repr(name)[:60]
+    raise InputError(f"{what} {shown} is not supported, only {LENSES_KNOWN} lenses are; undistort the images first")
 
 
 def number(value: Any, name: str) -> float:
     """A finite float; YAML readers leave 1e-05 as text, so text that is a number counts."""
     if isinstance(value, bool) or not isinstance(value, int | float | str):
-        raise InputError(f"{name} is {value!r}, needed a number")
+        raise InputError(f"{name} is {repr(value)[:60]}, needed a number")
     try:
         found = float(value)
     except ValueError:
-        raise InputError(f"{name} is {value!r}, needed a number") from None
+        raise InputError(f"{name} is {str(value)[:60]!r}, needed a number") from None
+    except OverflowError:  # an integer of more than 308 digits
+        found = math.inf
     if not math.isfinite(found):
-        raise InputError(f"{name} is {value!r}, needed a finite number; calibrate again")
+        raise InputError(f"{name} is {found!r}, needed a finite number; calibrate again")
     return found
 
 
@@ -78,6 +91,9 @@ def intrinsics_of_matrix(value: Any, name: str) -> Intrinsics:
     k = numbers(value, name)
     if len(k) != 9:
         raise InputError(f"{name} has {len(k)} numbers, needed a 3x3 matrix")
+    if not any(k) or k == [1, 0, 0, 0, 1, 0, 0, 0, 1]:
+        what = "all zero" if not any(k) else "the identity matrix"
+        raise InputError(f"{name} is {what}: the camera is not calibrated; calibrate it first")
     if k[1] != 0:
         raise InputError(f"{name} has skew {k[1]:g}, which is not supported; calibrate with square axes (skew 0)")
     if k[3] != 0 or k[6:] != [0, 0, 1]:
@@ -90,14 +106,6 @@ def size_of(width: Any, height: Any) -> Size | None:
     if width is None and height is None:
         return None
     return _side(width, "width"), _side(height, "height")
-
-
-def size_of_list(sides: Any, name: str) -> Size | None:
-    """Image size from [width, height], or None for null."""
-    found = numbers(sides, name)
-    if found and len(found) != 2:
-        raise InputError(f"{name} has {len(found)} numbers, needed width and height")
-    return size_of(*found) if found else None
 
 
 def known_size(size: Size | None) -> Size:
@@ -132,6 +140,13 @@ def refuse_unread_distortion(keys: Collection[Any], read: Collection[str], remed
             raise InputError(f"{key!r} is not understood; {remedy}")
 
 
+def refuse_twice(names: Iterable[str]) -> None:
+    """Refuse names of which one stands twice."""
+    counts = Counter(names)
+    if twice := next((name for name, count in counts.items() if count > 1), None):
+        raise InputError(f"has {twice!r} twice; keep one of them")
+
+
 def refuse_nonzero(values: Mapping[str, Any], names: Sequence[str], what: str) -> None:
     """Refuse a model that needs terms we do not have."""
     for name in names:
@@ -145,6 +160,9 @@ def make_camera(
     intrinsics: Sequence[float],
     model: CameraModel = "pinhole",
     coefficients: Sequence[float] = (),
+    *,
+    note: str = "",
+    size_given: bool = True,
 ) -> Camera:
     """Build a camera from what a file says, in OpenCV's pixel convention, or refuse it by name.
 
@@ -154,6 +172,7 @@ def make_camera(
     size : (width, height) px; None when neither the file nor the caller knows it.
     intrinsics : fx, fy, cx, cy, px.
     model, coefficients : lens; a "brown" lens whose coefficients are all 0 becomes a "pinhole" one.
+    note : what the user should know of how it was read.  size_given : False where the size is that of the image.
 
     Raises
     ------
@@ -161,28 +180,59 @@ def make_camera(
     """
     size = known_size(size)
     fx, fy, cx, cy = (number(value, name) for name, value in zip(("fx", "fy", "cx", "cy"), intrinsics, strict=True))
-    _check_focal(fx, "fx", size)
-    _check_focal(fy, "fy", size)
-    for name, centre, side in (("cx", cx, size[0]), ("cy", cy, size[1])):
-        if not -side <= centre <= 2 * side:
-            raise InputError(f"{name} = {centre:g} is far outside an image of {size[0]}x{size[1]} px; is it in pixels?")
+    _check_focal(fx, "fx", size, model)
+    _check_focal(fy, "fy", size, model)
+    _check_centre((cx, cy), size, size_given)
     model, coefficients = _lens(model, [number(k, "a distortion coefficient") for k in coefficients])
-    return Camera(*size, fx, fy, cx, cy, model, tuple(coefficients), source)
+    if not size_given:
+        note = "; ".join([*filter(None, [note]), f"it gives no image size: taken to be for {size[0]}x{size[1]} px"])
+    camera = Camera(*size, fx, fy, cx, cy, model, tuple(coefficients), source, size_given, note)
+    _check_lens(camera)
+    return camera
 
 
-def _check_focal(value: float, name: str, size: Size) -> None:
+def _check_focal(value: float, name: str, size: Size, model: CameraModel) -> None:
     if value == 0:
         raise InputError(f"{name} is 0: the camera is not calibrated; needed a focal length in pixels")
     if value < 0:
         raise InputError(f"{name} = {value:g} is negative, needed a focal length in pixels")
-    if value < MIN_FOCAL_RATIO * max(size):
+    longer = max(size)
+    if LEAST_FOCAL[model] * longer <= value <= MOST_FOCAL * longer:
+        return
+    sees = f"a field of view of {2 * math.degrees(math.atan(longer / 2 / value)):.3g} deg"
+    if model == "fisheye":
+        sees = f"180 deg in {value * math.pi:.3g} px"
+    unit = "units of the image width" if value < 5 else "millimetres" if value < longer else "micrometres"
+    raise InputError(
+        f"{name} = {value:g} px for {size[0]}x{size[1]} px is {sees}, which no {model} lens has; it must be in pixels, "
+        f"not in millimetres or normalised (is it in {unit}?): px = mm x image width in px / sensor width in mm"
+    )
+
+
+def _check_centre(centre: tuple[float, float], size: Size, size_given: bool) -> None:
+    """Refuse a principal point that is in no image of this size, nor in the image that this one was cropped from."""
+    for name, place, side in zip(("cx", "cy"), centre, size, strict=True):
+        if not size_given and not 0 <= place <= side - 1:
+            raise InputError(
+                f"{name} = {place:g} is outside the image of {size[0]}x{size[1]} px, and the camera has no image size "
+                "of its own; add the width and height in pixels that it is for"
+            )
+        if not -side <= place <= 2 * side:
+            raise InputError(f"{name} = {place:g} is far outside an image of {size[0]}x{size[1]} px; is it in pixels?")
+
+
+def _check_lens(camera: Camera) -> None:
+    """Refuse distortion that leaves hardly a pixel with a ray."""
+    if camera.model != "pinhole" and (seen := share_with_rays(camera)) < LEAST_SEEN:
         raise InputError(
-            f"{name} = {value:g} is too short for {size[0]}x{size[1]} px; "
-            "it must be in pixels, not in millimetres or normalised"
+            f"its distortion leaves only {100 * seen:.0f} % of the image with rays; coefficients must be in OpenCV's "
+            "order and units (of normalised coordinates)"
         )
 
 
 def _lens(model: CameraModel, coefficients: list[float]) -> tuple[CameraModel, list[float]]:
+    if too_large := next((k for k in coefficients if abs(k) > LARGEST_COEFFICIENT), None):
+        raise InputError(f"a distortion coefficient is {too_large:g}, which no lens has; calibrate again")
     if model == "pinhole" and any(coefficients):
         raise InputError("the lens is a pinhole without distortion, but coefficients are given; name the lens model")
     if model == "fisheye":

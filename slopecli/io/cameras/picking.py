@@ -1,0 +1,84 @@
+"""Which of several cameras of a file is meant: by the name given, or by the path of the image."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Collection, Iterable
+from pathlib import PurePath
+
+from slopecli.errors import InputError
+
+MAX_NAMES = 8  # of cameras, listed in a message
+
+
+def named(cameras: Collection[str], name: str) -> str:
+    """The camera of this name: the whole name, or the end of a path (`0001.png`, `cam0/0001.png`).
+
+    Raises
+    ------
+    InputError : there is none, or several; the message lists the names there are.
+    """
+    if name in cameras:
+        return name
+    ends = [one for one in cameras if _parts(name) and _common_end(one, name) == len(_parts(name))]
+    if len(ends) == 1:
+        return ends[0]
+    if ends:
+        raise InputError(f"has {len(ends)} cameras for {name!r}; pick one of them: {listed(ends)}")
+    held = f"it holds {listed(cameras)}" if any(cameras) else "it holds one camera without a name; leave the name out"
+    raise InputError(f"has no camera {name!r}; {held}")
+
+
+def of_image(cameras: Collection[str], image: str) -> str | None:
+    """The camera whose name fits the path of an image, None if none does.
+
+    A name that is a path fits where it ends as the path of the image does; a name such as `cam0` or `left` where the
+    file, or a folder that it is in, is called so.
+
+    Raises
+    ------
+    InputError : several fit equally well.
+    """
+    ends = {one: _common_end(one, image) for one in cameras if not one.isdigit()}  # ids are no names of images
+    longest = max(ends.values(), default=0)
+    fitting = [one for one, length in ends.items() if length == longest > 0]
+    if not fitting:
+        parts = _parts(image)[-4:]
+        fitting = [one for one in cameras if any(_is_called(part, one) for part in parts)]
+    if len(fitting) > 1:
+        raise InputError(f"has {len(fitting)} cameras for this image; pick one of them with #NAME: {listed(fitting)}")
+    return fitting[0] if fitting else None
+
+
+def listed(names: Iterable[str]) -> str:
+    """The first names, for a message."""
+    names = list(names)
+    return ", ".join(names[:MAX_NAMES]) + (", ..." if len(names) > MAX_NAMES else "")
+
+
+def _parts(path: str) -> list[str]:
+    return [part for part in path.replace("\\", "/").split("/") if part not in ("", ".", "..")]
+
+
+def _common_end(name: str, path: str) -> int:
+    """How many parts two paths have in common at their ends; a suffix counts only where both have one."""
+    ours, theirs = _parts(name), _parts(path)
+    if not ours or not theirs:
+        return 0
+    if "." not in ours[-1] or "." not in theirs[-1]:
+        ours[-1], theirs[-1] = PurePath(ours[-1]).stem, PurePath(theirs[-1]).stem
+    length = 0
+    for one, other in zip(reversed(ours), reversed(theirs), strict=False):
+        if one != other:
+            break
+        length += 1
+    return length
+
+
+def _is_called(part: str, name: str) -> bool:
+    """Whether a camera's name stands alone in a part of a path: cam0 in cam0_17, left in left01."""
+    if len(name) < 3 or not name[0].isalpha():
+        return False
+    ends_in_digit = name[-1].isdigit()
+    after = "(?![a-z0-9])" if ends_in_digit else "(?![a-z])"
+    return re.search(rf"(?<![a-z0-9]){re.escape(name.lower())}{after}", part.lower()) is not None
