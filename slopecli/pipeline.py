@@ -112,7 +112,7 @@ def solve(given: Given, cameras: tuple[Camera, Camera] | None, options: Options,
 
     # whether the rows of each patch are on one plane
     refuse_unrelated(solved.solution, joined, both[1])
-    joined, notes = review(solved, joined, sigma_rad, both[1])
+    joined, notes = review(solved, joined, sigma_rad, *both)
     joined, solution, merged = _merge_coplanar(joined, solved.solution, options)
 
     image1, image2 = (ImageInfo(given.path, c.width or None, c.height or None, given.sha256) for c in both)

@@ -18,6 +18,7 @@ from report_factory import make_camera
 from slopecli.batch import find_pairs
 from slopecli.findings import implausible_cameras, unlikely
 from slopecli.io.cameras import camera_from_intrinsics, decode_camera
+from slopecli.study import make_scene
 from slopecli.types import Camera
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -99,6 +100,21 @@ def test_units_that_cannot_be_are_refused_by_every_command(flags: tuple[str, str
         assert words in done.stderr
         assert len(done.stderr.splitlines()) == 1
     assert words in slopemap("plan", *flags, "--size", "800x800", "--trajectory", "45", "--height", "80").stderr
+
+
+def test_rows_of_your_own_are_never_safe_under_a_focal_length_in_millimetres(tmp_path: Path) -> None:
+    scene = make_scene(np.random.default_rng(1), noise_px=0.1)
+    rows = np.column_stack([scene.uv1, scene.uv2, scene.patch])
+    np.savetxt(tmp_path / "rows.csv", rows, delimiter=",", header="x1,y1,x2,y2,patch", comments="", fmt="%.6g")
+    centre = f"{scene.camera.cx},{scene.camera.cy}"
+    for focal, doubted in ((scene.camera.fx, False), (35.0, True)):
+        done = slopemap("solve", str(tmp_path / "rows.csv"), "--intrinsics", f"{focal},{focal},{centre}", "--json")
+        if done.returncode == 0:
+            result = json.loads(done.stdout)
+            assert ("implausible-camera" in [found["code"] for found in result["diagnostics"]]) == doubted
+            assert not doubted or "safe" not in [plane["verdict"] for plane in result["planes"]]
+        else:
+            assert doubted
 
 
 def test_how_a_file_is_read_is_said_once(tmp_path: Path) -> None:

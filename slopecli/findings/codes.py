@@ -115,9 +115,9 @@ _ROWS: dict[Severity, dict[str, tuple[Any, ...]]] = {
         ),
         "implausible-camera": (
             "Hardly any camera is like this: a principal point more than a quarter of the image off its middle (17 % "
-            "where the camera comes without an image size, less where it fits another size), a focal length outside 0.3 "
-            "to 25 image widths unless it is a fisheye lens, pixels half as long again as wide, or distortion that leaves "
-            "half of the image without rays. Crops and the longest lenses do have such cameras.",
+            "where the camera comes without an image size, less where it fits another size), a focal length outside "
+            "0.3 to 25 image widths unless it is a fisheye lens, pixels half as long again as wide, or distortion that "
+            "leaves half of the image without rays. Crops and the longest lenses do have such cameras.",
             "check the unit, which is pixels, and the image size that the camera is for",
             "number of the image",
             True,

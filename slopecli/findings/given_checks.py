@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from slopecli.errors import NoAnswer
+from slopecli.findings.camera_checks import implausible_cameras
 from slopecli.findings.plane_checks import NON_PLANAR
 from slopecli.findings.solution_checks import solver_remedy
 from slopecli.findings.wording import finding, listed
@@ -38,8 +39,24 @@ def _unit(camera2: Camera) -> tuple[str, float]:
     return ("mrad", 1e3) if camera2 is RAYS else ("px", camera2.focal_px)
 
 
+def cameras_of_rows(joined: Joined, camera1: Camera, camera2: Camera) -> list[Diagnostic]:
+    """Warn of cameras as hardly any are made; where a camera has no image size, by the angle that its points span."""
+    found = implausible_cameras(camera1, camera2)
+    for number, camera, rays in ((1, camera1, joined.matches.x1), (2, camera2, joined.matches.x2)):
+        if camera is RAYS or camera.width or found:
+            continue
+        tangent = float(np.quantile(np.hypot(*rays.T), 0.9)) if len(rays) else 0.0
+        if tangent > 3.0:  # lenses that are no fisheyes see up to 1.7
+            message = (
+                f"with fx = {camera.fx:.6g} px a tenth of the points are {np.degrees(np.arctan(tangent)):.0f}° or more "
+                "off the axis (is it in millimetres?)"
+            )
+            found.append(finding("implausible-camera", message, float(number)))
+    return found
+
+
 def review(
-    solved: GivenSolution, joined: Joined, noise: float | None, camera2: Camera
+    solved: GivenSolution, joined: Joined, noise: float | None, camera1: Camera, camera2: Camera
 ) -> tuple[Joined, list[Diagnostic]]:
     """The patches with what contradicts their planes as their `reason`, and what a user should know of them.
 
@@ -63,6 +80,7 @@ def review(
         message = f"residuals are {residuals}, those of matches below {NOISY_PX:g} px, so no plane is called safe"
         remedy = remedy or "check the camera and the rows; if the points are no better, say so with --noise"
         found.append(finding("poor-fit", message, measured * per, remedy))
+    found += cameras_of_rows(joined, camera1, camera2)
     patches = [replace(patch, reason=reason) for patch, reason in zip(joined.patches, reasons, strict=True)]
     return replace(joined, patches=tuple(patches)), [*found, *_rough(solved, joined, reasons)]
 

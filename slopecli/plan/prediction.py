@@ -8,6 +8,7 @@ from typing import Literal
 import numpy as np
 
 from slopecli.errors import NoAnswer, SlopemapError
+from slopecli.findings.camera_checks import implausible_cameras
 from slopecli.findings.parallax import check_parallax, parallax_px
 from slopecli.geometry.epipolar import normal_angle
 from slopecli.geometry.slope import measure_slopes
@@ -69,7 +70,8 @@ def forecast(flight: Flight, baseline: float) -> Forecast:
             "shorten the baseline, or turn the camera to the ground with --up",
         )
     parallax = parallax_px(seen.x1, seen.x2, flight.camera.focal_px)
-    diagnostics = planned_parallax(parallax, flight.noise_px)
+    camera = flight.camera
+    diagnostics = [*implausible_cameras(camera, camera), *planned_parallax(parallax, flight.noise_px)]
     sigma, (second_answer, error, first_error) = slope_sigmas(flight, seen), _simulate(flight, seen)
     # where the two roots run into each other, the simulated errors are far smaller than the covariance says
     joined = float(np.median(error)) < 0.5 * float(np.median(sigma))
