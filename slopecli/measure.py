@@ -134,12 +134,17 @@ def signed_distance(normal: FloatArray, x1: FloatArray) -> float:
     return (1 if ahead else -1) / float(np.linalg.norm(normal))
 
 
-def judge(p_safe: float, p_other: float | None, seen_as_plane: bool, confidence: float) -> Verdict:
+def judge(
+    p_safe: float, p_other: float | None, seen_as_plane: bool, confidence: float, guessed: bool = False
+) -> Verdict:
     """Verdict on one plane: safe only if both roots are safe and the window's own matches confirm the plane.
 
     p_safe : P(slope < tolerance); p_other : the same in the second root, None if there is none.
+    guessed : its orientation is borrowed and not known, which is no evidence for or against it.
     """
     worst, best = (p_safe, p_safe) if p_other is None else (min(p_safe, p_other), max(p_safe, p_other))
+    if guessed:
+        return "undecided"
     if seen_as_plane and worst >= confidence:
         return "safe"
     return "unsafe" if best <= 1 - confidence else "undecided"

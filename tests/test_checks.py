@@ -386,3 +386,19 @@ def test_up_the_wrong_way_round_is_told() -> None:
     assert "upside-down" in found
     assert "upside-down" not in reported(make_report_of(solution, Options(up=(0.0, 0.0, -1.0))))
     assert "upside-down" not in reported(make_report_of(solution))
+
+
+@pytest.mark.parametrize(
+    ("slopes_deg", "sigma_deg", "told"),
+    [
+        ([75.0, 88.0], 0.3, False),  # walls that lean over against up: 105 and 92 degrees
+        ([14.0, 75.0], 0.3, False),  # one of them is a wall
+        ([14.0, 75.0], [0.3, 20.0], True),  # a window of unknown slope has no say
+        ([14.0, 5.0], 20.0, False),  # none is known
+    ],
+)
+def test_up_is_wrong_only_where_all_that_is_known_is_a_ceiling(
+    slopes_deg: list[float], sigma_deg: float | list[float], told: bool
+) -> None:
+    solution = make_solution(slopes_deg, sigma_deg=sigma_deg)
+    assert ("upside-down" in reported(make_report_of(solution, Options(up=(0.0, 0.0, 1.0))))) == told

@@ -323,6 +323,20 @@ def test_never_safe_when_the_plane_is_borrowed() -> None:
     assert report.planes[0].reason == BORROWED["reason"]
 
 
+def test_a_borrowed_orientation_that_is_not_known_is_no_evidence_against_a_window() -> None:
+    vague = BORROWED | {"tilt_sigma_rad": np.radians(12)}
+    changes = {0: vague, 1: BORROWED, 2: {"tilt_sigma_rad": np.radians(12)}}
+    steep = make_solution([80, 80, 80])
+    assert verdicts(make_report_of(steep, patch_changes=changes)) == ["undecided", "unsafe", "unsafe"]
+    both = make_report_of(with_second_root(steep, [85, 85, 85]), patch_changes=changes)
+    assert verdicts(both) == ["undecided", "unsafe", "unsafe"]
+    assert both.ambiguity.alternative is not None
+    assert [plane.verdict for plane in both.ambiguity.alternative.planes] == ["undecided", "unsafe", "unsafe"]
+    # known in the first answer, not in the second
+    second = make_report_of(with_second_root(steep, [85, 85, 85], sigma_deg=12), patch_changes={0: BORROWED})
+    assert verdicts(second)[0] == "undecided"
+
+
 def test_a_borrowed_plane_is_never_known_better_than_terrain_varies() -> None:
     plane = only_plane(make_report_of(make_solution([10], sigma_deg=0.01), patch_changes={0: BORROWED}))
     assert plane.slope_sigma_deg >= 5

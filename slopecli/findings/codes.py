@@ -92,7 +92,8 @@ _ROWS: dict[Severity, dict[str, tuple[Any, ...]]] = {
             "median parallax, px",
         ),
         "upside-down": (
-            "Every window faces away from up, as if the ground hung over the camera: `--up` points down.",
+            "Every window of known slope is a ceiling (over 120°), as if the ground hung over the camera: `--up` points "
+            "down.",
             "turn the sign of --up: it points against gravity, in camera-1 axes (x right, y down, z forward)",
             "how many windows",
         ),

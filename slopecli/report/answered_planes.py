@@ -49,7 +49,8 @@ def _plane(
         reasons.append(f"sigma {beside(sigma, limit)}° is above --max-sigma {limit:g}°")
     p_safe, p_second = float(root.p_safe[k]), None if second is None else float(second.p_safe[k])
     both_known = known and (second is None or np.degrees(second.slopes.sigma_rad[k]) <= limit)
-    verdict = None if is_level else judge(p_safe, p_second, both_known and not reasons, options.confidence)
+    guessed = patch.origin == "borrowed" and not both_known  # its orientation alone is no evidence against a window
+    verdict = None if is_level else judge(p_safe, p_second, both_known and not reasons, options.confidence, guessed)
     H = homography_of_plane(solution.R, solution.T, solution.scaled_normals[k])
     matches = joined.matches.take(kept)
     squares = (apply_homography(H, matches.x1) - matches.x2) ** 2

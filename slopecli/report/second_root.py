@@ -15,6 +15,7 @@ from slopecli.geometry.solver.uncertainty import by_chance
 from slopecli.measure import Measured, judge, signed_distance
 from slopecli.options import Options
 from slopecli.patches.join import Joined
+from slopecli.patches.patch import Patch
 from slopecli.report.units import motion_of, scale_of
 from slopecli.types import Alternative, AlternativePlane, AmbiguityReport, FloatArray, Plane, Solution
 
@@ -35,7 +36,7 @@ def ambiguity_report(
         length = scale_of(second, joined, options)[1]
     by_id = {plane.id: plane for plane in planes}
     kept = [(k, by_id[patch.id]) for k, patch in enumerate(joined.patches) if patch.id in by_id]
-    seconds = [_second_plane(k, plane, second, joined.patches[k].matches.x1, length, options) for k, plane in kept]
+    seconds = [_second_plane(k, plane, second, joined.patches[k], length, options) for k, plane in kept]
     firsts = np.array([plane.slope_deg for _, plane in kept])
     ways = what_decides(main.solution, firsts, np.array([plane.slope_deg for plane in seconds]))
     alternative = Alternative(motion_of(second.solution, length), tuple(seconds))
@@ -44,21 +45,24 @@ def ambiguity_report(
 
 
 def _second_plane(
-    k: int, first: Plane, second: Measured, x1: FloatArray, length: float, options: Options
+    k: int, first: Plane, second: Measured, patch: Patch, length: float, options: Options
 ) -> AlternativePlane:
     """Plane k in the second root, in which the baseline has this length; `first` is the same plane in the first root.
 
-    It is called safe only where the plane is in the first.  x1 : (n, 2) rays of its points.
+    It is called safe only where the plane is in the first, and nothing where its orientation is borrowed and not known.
     """
     p_safe, is_level = float(second.p_safe[k]), k == second.level
+    known = is_level or float(np.degrees(second.slopes.sigma_rad[k])) <= options.max_sigma_deg
+    guessed = patch.origin == "borrowed" and not (known and first.slope_known)
+    verdict = judge(p_safe, None, first.verdict == "safe", options.confidence, guessed)
     return AlternativePlane(
         id=first.id,
         normal_cam1=surface_normals(second.solution)[k],
-        distance=signed_distance(second.solution.scaled_normals[k], x1) * length,
+        distance=signed_distance(second.solution.scaled_normals[k], patch.matches.x1) * length,
         **second.numbers[k],
-        verdict=None if is_level else judge(p_safe, None, first.verdict == "safe", options.confidence),
+        verdict=None if is_level else verdict,
         p_safe=None if is_level else p_safe,
-        slope_known=is_level or float(np.degrees(second.slopes.sigma_rad[k])) <= options.max_sigma_deg,
+        slope_known=known,
     )
 
 
