@@ -7,12 +7,14 @@ from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
 
+import numpy as np
+
 from slopecli.findings.checks import check_pair
 from slopecli.findings.facts import PairFacts
 from slopecli.findings.given_checks import refuse_unrelated, review
 from slopecli.findings.known_motion import contradiction, motion_prior
 from slopecli.findings.pair_checks import refuse_identical, refuse_mirrored, refuse_unmatched
-from slopecli.findings.solution_checks import merged_groups
+from slopecli.findings.solution_checks import POOR_FIT_PX, merged_groups
 from slopecli.geometry.motion import MotionEstimate
 from slopecli.geometry.solver.priors import MotionPrior
 from slopecli.geometry.statistics import median
@@ -22,8 +24,9 @@ from slopecli.look.scene import Scene
 from slopecli.look.scene_from_images import find_scene
 from slopecli.options import Options
 from slopecli.patches import PLANE_FINDERS
-from slopecli.patches.given import RAYS, Given, join_rows, solve_given
+from slopecli.patches.given import RAYS, Given, join_rows, settling_rows, solve_given
 from slopecli.patches.join import Joined, join_patches, merge_patches, solve_jointly
+from slopecli.patches.settling import set_aside_unsettled
 from slopecli.patches.windows.window_finder import wanted_windows
 from slopecli.report.build import build_report
 from slopecli.types import Camera, Diagnostic, Image, ImageInfo, Report, Solution
@@ -74,6 +77,10 @@ def estimate(
     # joint solution: one motion for all patches, and one scaled normal for each
     joined = join_patches(found, scene)
     solution, against_prior = _solve_with_prior(joined, scene, motions, prior, options)
+    rest = _settling(joined, scene, solution, motions, prior, options)
+    if rest is not joined:
+        joined = rest
+        solution, against_prior = _solve_with_prior(joined, scene, motions, prior, options)
     joined, solution, merged = _merge_coplanar(joined, solution, options)
     clock.tick("solve")
 
@@ -105,8 +112,11 @@ def solve(given: Given, cameras: tuple[Camera, Camera] | None, options: Options,
     sigma_rad = None if sigma is None else sigma * (1e-3 if cameras is None else 1.0 / both[1].focal_px)
 
     # joint solution, with the known motion unless the rows contradict it
-    solve_rows = partial(solve_given, joined, options.solver, sigma_rad)
-    solved, diagnostics = solve_rows(prior), list[Diagnostic]()
+    solved, diagnostics = solve_given(joined, options.solver, sigma_rad, prior), list[Diagnostic]()
+    rest = settling_rows(joined, solved, options.solver, sigma_rad, prior)
+    solve_rows = partial(solve_given, rest, options.solver, sigma_rad)
+    if rest is not joined:
+        joined, solved = rest, solve_rows(prior)
     if prior and (against := contradiction(prior, solved.solution, lambda: solve_rows().solution, None, options)):
         solved, diagnostics = solve_rows(), [against.diagnostic]
 
@@ -134,6 +144,23 @@ def _solve_with_prior(
         return solution, []
     factor = against.noise_factor
     return solve_patches(prior, factor) if factor else solve_patches(), [against.diagnostic]
+
+
+def _settling(
+    joined: Joined,
+    scene: Scene,
+    solution: Solution,
+    motions: list[MotionEstimate],
+    prior: MotionPrior | None,
+    options: Options,
+) -> Joined:
+    """The joined problem without patches that keep it from settling; see `set_aside_unsettled`."""
+    if options.solver != "mle":
+        return joined
+    most_noise = POOR_FIT_PX / scene.camera2.focal_px * float(np.sqrt(median(joined.weight)))
+    return set_aside_unsettled(
+        joined, solution, lambda rest: _solve_with_prior(rest, scene, motions, prior, options)[0], most_noise
+    )
 
 
 def _merge_coplanar(joined: Joined, solution: Solution, options: Options) -> tuple[Joined, Solution, list[Diagnostic]]:

@@ -92,8 +92,8 @@ _ROWS: dict[Severity, dict[str, tuple[Any, ...]]] = {
             "median parallax, px",
         ),
         "upside-down": (
-            "Every window of known slope is a ceiling (over 120°), as if the ground hung over the camera: `--up` points "
-            "down.",
+            "Every window of known slope is a ceiling (over 120°), as if the ground hung over the camera: `--up` "
+            "points down.",
             "turn the sign of --up: it points against gravity, in camera-1 axes (x right, y down, z forward)",
             "how many windows",
         ),
@@ -214,6 +214,10 @@ _ROWS: dict[Severity, dict[str, tuple[Any, ...]]] = {
         "no-overlap": ("image 2 does not show it",),
         "low-texture": ("too little texture, or its matches do not determine the slope",),
         "poor-fit": ("it has texture, and yet no match: something else may be there in image 2",),
+        "unsettled": (
+            "the joint solution does not settle with it: its matches put it behind a camera, or at infinity, or "
+            "contradict the motion that the others agree on. The others are solved without it",
+        ),
         "up-unknown": ("nearly all of its sigma is that of up",),
         "slope-open": (
             "its slope is known worse than `--max-sigma`; or [correspondences of your own](solve.md): its rows do not "

@@ -17,11 +17,13 @@ from slopecli.geometry.statistics import median
 from slopecli.look.matches import Matches
 from slopecli.patches.join import Joined
 from slopecli.patches.patch import Footprint, Patch
+from slopecli.patches.settling import noise_of_each_alone, set_aside_unsettled
 from slopecli.types import BoolArray, Camera, FloatArray, IntArray, Solution
 from slopecli.windows import box_polygon
 
 WIDEST_RAY = 5.0  # tangent of the angle to the axis
 RAYS = Camera(0, 0, 1.0, 1.0, 0.0, 0.0, source="rays")  # stands for no camera: its pixels are rays
+ROUNDING = 1e-7  # normalised coordinates: rows that agree better are exact
 FEWEST = 3  # points that make a plane
 MOST_LEFT_OUT = 0.25  # share of a patch's rows off its plane beyond which it is not one plane
 
@@ -100,21 +102,22 @@ def _patch(label: int, matches: Matches, weight: FloatArray, mine: BoolArray) ->
     patch, n = Patch(label, "given", Hull((0, 0), np.zeros((0, 0), bool), polygon)), len(own)
     if n < FEWEST:
         return patch.unmatched(f"it has {n} row{'s' if n > 1 else ''}, and a plane needs {FEWEST}", "too-few-points")
-    spread = np.linalg.svd(own.x1 - own.x1.mean(axis=0), compute_uv=False)
-    if spread[1] <= 1e-6 * spread[0]:
+    length, width = np.linalg.svd(own.x1 - own.x1.mean(axis=0), compute_uv=False)
+    if width * length <= 1.01e-4 * (width**2 + length**2):  # a little more than the solver asks for
         return patch.unmatched(f"its {n} rows lie on one line, which does not fix a plane", "too-few-points")
     return replace(patch, matches=own, weight=weight[mine], origin="own", score=1.0, share=1.0)
 
 
 @dataclass(frozen=True, eq=False)
 class GivenSolution:
-    """The solution and checks of its patches (m,).
+    """The solution, the exactly planar one that it may be, and checks of its patches (m,).
 
     flatness : whether residuals along the epipolar lines exceed those across.  emptied : too many rows lie off the
     exactly planar fit.  unchecked : no more rows are left than determine a plane, so none of them is checked.
     """
 
     solution: Solution
+    exact: Solution
     flatness: Flatness
     emptied: BoolArray
     unchecked: BoolArray
@@ -141,5 +144,28 @@ def solve_given(
         seen = flatness(rough, *given, joined.weight)
         # a fit with relief takes many mismatches for noise
         if seen.off.any() and rough.noise <= exact.noise:
-            return GivenSolution(rough, seen, emptied, unchecked)
-    return GivenSolution(exact, flatness(exact, *given, joined.weight), emptied, unchecked)
+            return GivenSolution(rough, exact, seen, emptied, unchecked)
+    return GivenSolution(exact, exact, flatness(exact, *given, joined.weight), emptied, unchecked)
+
+
+def settling_rows(
+    joined: Joined,
+    solved: GivenSolution,
+    solver: Literal["mle", "ha", "lh"],
+    noise: float | None,
+    prior: MotionPrior | None = None,
+) -> Joined:
+    """The rows without patches that keep the joint solution from settling, see `set_aside_unsettled`.
+
+    solved : of all rows; other arguments as of `solve_given`. Rows are held to the noise given, or to that of each
+    patch by itself.
+    """
+    if solver != "mle":
+        return joined
+
+    def solve(some: Joined) -> Solution:
+        given = (some.matches.x1, some.matches.x2, some.plane)
+        return solve_planes(*given, solver, noise, weights=some.weight, prior=prior)
+
+    most_noise = max(noise_of_each_alone(joined), noise or 0.0, ROUNDING)
+    return set_aside_unsettled(joined, solved.exact, solve, most_noise * (1.0 + 1e-9))
