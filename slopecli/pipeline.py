@@ -75,12 +75,7 @@ def estimate(
     clock.tick(options.planes)
 
     # joint solution: one motion for all patches, and one scaled normal for each
-    joined = join_patches(found, scene)
-    solution, against_prior = _solve_with_prior(joined, scene, motions, prior, options)
-    rest = _settling(joined, scene, solution, motions, prior, options)
-    if rest is not joined:
-        joined = rest
-        solution, against_prior = _solve_with_prior(joined, scene, motions, prior, options)
+    joined, solution, against_prior = _solve_settled(join_patches(found, scene), scene, motions, prior, options)
     joined, solution, merged = _merge_coplanar(joined, solution, options)
     clock.tick("solve")
 
@@ -146,21 +141,20 @@ def _solve_with_prior(
     return solve_patches(prior, factor) if factor else solve_patches(), [against.diagnostic]
 
 
-def _settling(
-    joined: Joined,
-    scene: Scene,
-    solution: Solution,
-    motions: list[MotionEstimate],
-    prior: MotionPrior | None,
-    options: Options,
-) -> Joined:
-    """The joined problem without patches that keep it from settling; see `set_aside_unsettled`."""
+def _solve_settled(
+    joined: Joined, scene: Scene, motions: list[MotionEstimate], prior: MotionPrior | None, options: Options
+) -> tuple[Joined, Solution, list[Diagnostic]]:
+    """The joint solution of all patches but those that keep it from settling, see `set_aside_unsettled`."""
+
+    def solve_patches(some: Joined) -> tuple[Solution, list[Diagnostic]]:
+        return _solve_with_prior(some, scene, motions, prior, options)
+
+    solution, diagnostics = solve_patches(joined)
     if options.solver != "mle":
-        return joined
+        return joined, solution, diagnostics
     most_noise = POOR_FIT_PX / scene.camera2.focal_px * float(np.sqrt(median(joined.weight)))
-    return set_aside_unsettled(
-        joined, solution, lambda rest: _solve_with_prior(rest, scene, motions, prior, options)[0], most_noise
-    )
+    rest = set_aside_unsettled(joined, solution, lambda some: solve_patches(some)[0], most_noise)
+    return (joined, solution, diagnostics) if rest is joined else (rest, *solve_patches(rest))
 
 
 def _merge_coplanar(joined: Joined, solution: Solution, options: Options) -> tuple[Joined, Solution, list[Diagnostic]]:
