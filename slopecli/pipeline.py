@@ -5,31 +5,22 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 from dataclasses import replace
-from functools import partial
-
-import numpy as np
 
 from slopecli.findings.checks import check_pair
 from slopecli.findings.facts import PairFacts
-from slopecli.findings.given_checks import refuse_unrelated, review
-from slopecli.findings.known_motion import contradiction, motion_prior
 from slopecli.findings.pair_checks import refuse_identical, refuse_mirrored, refuse_unmatched
-from slopecli.findings.solution_checks import POOR_FIT_PX, merged_groups
-from slopecli.geometry.motion import MotionEstimate
-from slopecli.geometry.solver.priors import MotionPrior
 from slopecli.geometry.statistics import median
 from slopecli.look.changes import find_changes
 from slopecli.look.features import FeatureMemory
-from slopecli.look.scene import Scene
 from slopecli.look.scene_from_images import find_scene
 from slopecli.options import Options
 from slopecli.patches import PLANE_FINDERS
-from slopecli.patches.given import RAYS, Given, join_rows, settling_rows, solve_given
-from slopecli.patches.join import Joined, join_patches, merge_patches, solve_jointly
-from slopecli.patches.settling import set_aside_unsettled
+from slopecli.patches.given import RAYS, Given, join_rows
+from slopecli.patches.join import join_patches
 from slopecli.patches.windows.window_finder import wanted_windows
 from slopecli.report.build import build_report
-from slopecli.types import Camera, Diagnostic, Image, ImageInfo, Report, Solution
+from slopecli.solving import solve_rows, solve_scene
+from slopecli.types import Camera, Image, ImageInfo, Report
 
 OnStage = Callable[[str, float], None]  # called with the name of a stage and its processor time, s
 
@@ -58,7 +49,6 @@ def estimate(
     """
     clock = _Clock(on_stage)
     windows = wanted_windows(options, image1.width, image1.height)
-    prior = motion_prior(options)
     images, cameras, greys = (image1, image2), (camera1, camera2), (image1.grey, image2.grey)
     refuse_identical(*images)
 
@@ -74,13 +64,14 @@ def estimate(
     found = PLANE_FINDERS[options.planes](scene, options)
     clock.tick(options.planes)
 
-    # joint solution: one motion for all patches, and one scaled normal for each
-    joined, solution, against_prior = _solve_settled(join_patches(found, scene), scene, motions, prior, options)
-    joined, solution, merged = _merge_coplanar(joined, solution, options)
+    # joint solution: one motion for all patches, and one scaled normal for each; and what it says of the cameras
+    answer = solve_scene(join_patches(found, scene), scene, motions, diagnostics, options)
     clock.tick("solve")
 
     # slopes, verdicts and findings
-    report = build_report(images, cameras, options, joined, solution, diagnostics + against_prior + merged, changes)
+    report = build_report(
+        images, answer.cameras, options, answer.joined, answer.solution, answer.diagnostics, changes, answer.test
+    )
     clock.tick("report")
     return report
 
@@ -100,72 +91,16 @@ def solve(given: Given, cameras: tuple[Camera, Camera] | None, options: Options,
     DegenerateConfiguration, NoAnswer : too few rows, no parallax, a mirrored image, or no motion explains the rows.
     """
     both = cameras or (RAYS, RAYS)
-    prior = motion_prior(options)
     joined = join_rows(given, both)
     refuse_mirrored(joined.matches.x1, joined.matches.x2, joined.plane)
     sigma = median(given.sigma) if noise is None and given.sigma is not None else noise
     sigma_rad = None if sigma is None else sigma * (1e-3 if cameras is None else 1.0 / both[1].focal_px)
-
-    # joint solution, with the known motion unless the rows contradict it
-    solved, diagnostics = solve_given(joined, options.solver, sigma_rad, prior), list[Diagnostic]()
-    rest = settling_rows(joined, solved, options.solver, sigma_rad, prior)
-    solve_rows = partial(solve_given, rest, options.solver, sigma_rad)
-    if rest is not joined:
-        joined, solved = rest, solve_rows(prior)
-    if prior and (against := contradiction(prior, solved.solution, lambda: solve_rows().solution, None, options)):
-        solved, diagnostics = solve_rows(), [against.diagnostic]
-
-    # whether the rows of each patch are on one plane
-    refuse_unrelated(solved.solution, joined, both[1])
-    joined, notes = review(solved, joined, sigma_rad, *both)
-    joined, solution, merged = _merge_coplanar(joined, solved.solution, options)
-
+    answer = solve_rows(joined, both, sigma_rad, options)
     image1, image2 = (ImageInfo(given.path, c.width or None, c.height or None, given.sha256) for c in both)
-    report = build_report((image1, image2), both, options, joined, solution, diagnostics + notes + merged)
+    report = build_report(
+        (image1, image2), both, options, answer.joined, answer.solution, answer.diagnostics, test=answer.test
+    )
     return replace(report, options={**report.options, "noise": noise})
-
-
-def _solve_with_prior(
-    joined: Joined, scene: Scene, motions: list[MotionEstimate], prior: MotionPrior | None, options: Options
-) -> tuple[Solution, list[Diagnostic]]:
-    """Solve all patches jointly, with the prior; if the matches contradict it, a diagnostic says so.
-
-    The solution is then without the prior, or with it and a larger sigma of the matches (`noise_factor`).
-    """
-    solve_patches = partial(solve_jointly, joined, scene, motions, options.solver)
-    solution = solve_patches(prior)
-    against = prior and contradiction(prior, solution, solve_patches, scene.camera2.focal_px, options)
-    if not against:
-        return solution, []
-    factor = against.noise_factor
-    return solve_patches(prior, factor) if factor else solve_patches(), [against.diagnostic]
-
-
-def _solve_settled(
-    joined: Joined, scene: Scene, motions: list[MotionEstimate], prior: MotionPrior | None, options: Options
-) -> tuple[Joined, Solution, list[Diagnostic]]:
-    """The joint solution of all patches but those that keep it from settling, see `set_aside_unsettled`."""
-
-    def solve_patches(some: Joined) -> tuple[Solution, list[Diagnostic]]:
-        return _solve_with_prior(some, scene, motions, prior, options)
-
-    solution, diagnostics = solve_patches(joined)
-    if options.solver != "mle":
-        return joined, solution, diagnostics
-    most_noise = POOR_FIT_PX / scene.camera2.focal_px * float(np.sqrt(median(joined.weight)))
-    rest = set_aside_unsettled(joined, solution, lambda some: solve_patches(some)[0], most_noise)
-    return (joined, solution, diagnostics) if rest is joined else (rest, *solve_patches(rest))
-
-
-def _merge_coplanar(joined: Joined, solution: Solution, options: Options) -> tuple[Joined, Solution, list[Diagnostic]]:
-    """Solve again with one plane, or one normal, for patches that are coplanar or parallel; one diagnostic a group.
-
-    Nothing changes without the option `merge_coplanar`.
-    """
-    if not options.merge_coplanar:
-        return joined, solution, []
-    joined, solution, groups = merge_patches(joined, solution)
-    return joined, solution, merged_groups(groups)
 
 
 class _Clock:

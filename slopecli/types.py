@@ -97,6 +97,7 @@ class Solution:
     prior_chi2 : growth of chi-square due to the prior of the motion; None without one.
     inlier : (n,) which correspondences were kept.  rms : of their residuals in image 2, normalised coordinates.
     chi2 : weighted sum of squares at the optimum.
+    noise_gain : factor on standard errors for errors that neighbouring correspondences share.
     """
 
     R: FloatArray
@@ -117,6 +118,7 @@ class Solution:
     ambiguity: Ambiguity = field(default_factory=Ambiguity)
     prior_chi2: float | None = None
     joint_normals: FloatArray | None = None
+    noise_gain: float = 1.0
 
     @property
     def direction_covariance(self) -> FloatArray:
@@ -212,6 +214,8 @@ class Fit:
     n_inliers: int
     rms_mrad: float | None = None  # in place of px, where there is no camera
     noise_mrad: float | None = None
+    focal_factor: float | None = None  # focal length that the images prefer over that given; None where not told
+    focal_factor_sigma: float | None = None
 
 
 @dataclass(frozen=True, eq=False)

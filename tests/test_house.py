@@ -26,6 +26,7 @@ FLOORS = (
     "planes",
     "measure",
     "findings",
+    "solving",
     "report",
     "products",
     "pipeline",

@@ -29,6 +29,8 @@ def print_report(report: Report, written: list[Path], talk: Talk, *, as_json: bo
         print_table(result_table(report))
     for line in talk_lines(report):
         talk.say(line)
+    if talk.verbose:
+        talk.say(focal_line(report))
     if written:
         talk.say(f"wrote {', '.join(map(str, written))}")
 
@@ -98,6 +100,15 @@ def talk_lines(report: Report) -> Iterator[str]:
     for one in report.rejected:
         yield f"{report.noun} {one.id}: no answer: {one.reason}: {one.message}"
     yield from map(diagnostic_line, report.diagnostics)
+
+
+def focal_line(report: Report) -> str:
+    """What the images say of the focal length, for -v."""
+    factor, sigma = report.fit.focal_factor, report.fit.focal_factor_sigma
+    if factor is None or sigma is None:
+        why = "one plane, level views with hardly any rotation, a narrow field of view, or too few points"
+        return f"focal length: the images do not tell it ({why})"
+    return f"focal length: the images prefer {factor:.4f} ± {sigma:.2g} times the one given"
 
 
 def diagnostic_line(diagnostic: Diagnostic) -> str:

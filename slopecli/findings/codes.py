@@ -131,6 +131,15 @@ _ROWS: dict[Severity, dict[str, tuple[Any, ...]]] = {
             "px at the corner of image 1",
             True,
         ),
+        "suspect-camera": (
+            "The matches fit another camera than that given: its focal length (or principal point) is named where it "
+            "explains them clearly better than the others, with its 1-sigma, and by how much slopes with the one "
+            "given are off ([how](cameras.md#the-images-test-the-camera)). A rolling shutter does the same as a wrong "
+            "camera. The camera given is used all the same.",
+            "solve with the focal length that the images prefer by --free-focal, or check the camera file",
+            "focal length that the images prefer over the one given",
+            True,
+        ),
         "poor-fit": (
             "Matches miss their epipolar lines by more than 0.5 px, or the joint solution did not converge. Blur, a "
             "rolling shutter and moving things do the same as a wrong camera file; so does `--solver lh`, or `ha` "

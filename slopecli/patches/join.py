@@ -76,8 +76,13 @@ def join_patches(found: Found, scene: Scene) -> Joined:
     evidence = scene.evidence
     free = np.flatnonzero(~np.any([patch.footprint.covers(evidence.uv1) for patch in answered], axis=0))
     outside = evidence.take(thin(evidence.uv1, free, OUTSIDE_POINTS))
+    return Joined.of(found.patches, outside, outside_weight(scene, len(outside)), found.segmentation)
+
+
+def outside_weight(scene: Scene, n: int) -> FloatArray:
+    """(n,) weights of matches of the overview."""
     sigma_px = OVERVIEW_CELL_PX / float(scene.pyramid1.overview_scale.mean())
-    return Joined.of(found.patches, outside, weight_of(np.full(len(outside), sigma_px**2)), found.segmentation)
+    return weight_of(np.full(n, sigma_px**2))
 
 
 def solve_jointly(

@@ -8,6 +8,7 @@ from dataclasses import asdict
 import numpy as np
 from numpy.typing import NDArray
 
+from slopecli.findings.camera_test import CameraTest
 from slopecli.findings.checks import check_answer
 from slopecli.findings.facts import AnswerFacts
 from slopecli.look.changes import Change
@@ -34,10 +35,11 @@ def build_report(
     solution: Solution,
     diagnostics: list[Diagnostic],
     changes: Sequence[Change] = (),
+    test: CameraTest | None = None,
 ) -> Report:
     """Assemble everything that is written and shown.
 
-    diagnostics : those of the pair and of the motion given.  changes : areas of image 1 that changed.
+    diagnostics : of the pair and the solution.  changes : areas of image 1 that changed.  test : of the cameras.
 
     Raises
     ------
@@ -49,33 +51,27 @@ def build_report(
     scale, length = scale_of(main, joined, options)
     known, rejected = divide(planes_of(main, second, joined, cameras, options), main, joined, options)
     planes = tuple(in_unit(plane, scale, length) for plane in known)
-    facts = AnswerFacts(
-        planes=planes,
-        solution=solution,
-        joined=joined,
-        cameras=cameras,
-        options=options,
-        labels=_labels(joined, planes, images[0]),
-        length_m=length if scale.unit == "m" else None,
-        changes=changes,
+    labels = _labels(joined, planes, images[0])
+    length_m = length if scale.unit == "m" else None
+    facts = AnswerFacts(planes, solution, joined, cameras, options, labels, length_m, changes)
+    return withhold_safe(
+        Report(
+            images=(_info(images[0]), _info(images[1])),
+            cameras=cameras,
+            options=_options_used(options, joined.patches[0].source),
+            up=main.up,
+            scale=scale,
+            motion=motion_of(solution, length),
+            fit=fit_of(solution, joined, cameras[1], test or CameraTest()),
+            ambiguity=ambiguity_report(main, second, joined, planes, length, options),
+            planes=planes,
+            rejected=rejected,
+            diagnostics=(*diagnostics, *check_answer(facts)),
+            labels=facts.labels,
+            epipole1_px=facts.epipole1_px,
+            segmentation=joined.segmentation,
+        )
     )
-    report = Report(
-        images=(_info(images[0]), _info(images[1])),
-        cameras=cameras,
-        options=_options_used(options, joined.patches[0].source),
-        up=main.up,
-        scale=scale,
-        motion=motion_of(solution, length),
-        fit=fit_of(solution, joined, cameras[1]),
-        ambiguity=ambiguity_report(main, second, joined, planes, length, options),
-        planes=planes,
-        rejected=rejected,
-        diagnostics=(*diagnostics, *check_answer(facts)),
-        labels=facts.labels,
-        epipole1_px=facts.epipole1_px,
-        segmentation=joined.segmentation,
-    )
-    return withhold_safe(report)
 
 
 def _labels(joined: Joined, planes: Sequence[Plane], image: Image | ImageInfo) -> NDArray[np.uint16]:

@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from slopecli.errors import InputError
+from slopecli.findings.camera_test import CameraTest
 from slopecli.findings.known_motion import known_length_m
 from slopecli.geometry.epipolar import homogeneous, rotation_angle
 from slopecli.geometry.statistics import median
@@ -66,7 +67,7 @@ def motion_of(solution: Solution, length: float) -> Motion:
     return Motion(solution.R, solution.T * length, float(np.degrees(rotation_angle(solution.R))), *sigmas_deg)
 
 
-def fit_of(solution: Solution, joined: Joined, camera2: Camera) -> Fit:
+def fit_of(solution: Solution, joined: Joined, camera2: Camera, test: CameraTest) -> Fit:
     """Residuals and counts of the solution; the noise is that of the median match, not of one of weight one."""
     rms_px, rms_mrad = residual_in_unit(solution.rms, camera2)
     noise_px, noise_mrad = residual_in_unit(solution.noise / float(np.sqrt(median(joined.weight))), camera2)
@@ -81,6 +82,8 @@ def fit_of(solution: Solution, joined: Joined, camera2: Camera) -> Fit:
         n_inliers=int(solution.inlier.sum()),
         rms_mrad=rms_mrad,
         noise_mrad=noise_mrad,
+        focal_factor=test.focal_factor,
+        focal_factor_sigma=test.focal_factor_sigma,
     )
 
 

@@ -274,6 +274,7 @@ def _solution(fit: Fit, index: int, solver: str, scale: _Scale, joined: bool = F
         converged=bool(fit.converged[index]),
         iterations=fit.iterations,
         solver=solver,
+        noise_gain=scale.gain,
     )
 
 

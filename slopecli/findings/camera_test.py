@@ -1,0 +1,208 @@
+"""What the images say of the cameras: the focal length they prefer, and whether they contradict what was given."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from slopecli.errors import DegenerateConfiguration, SlopemapError
+from slopecli.findings.pair_checks import check_lens
+from slopecli.findings.wording import finding
+from slopecli.geometry.motion import LensMisfit
+from slopecli.geometry.solver.free_camera import Freed, free_focal, free_parameter
+from slopecli.geometry.solver.intrinsics import (
+    PARAMETERS,
+    CameraScore,
+    Settled,
+    Sightings,
+    changed,
+    score_camera,
+)
+from slopecli.look.scene import Scene
+from slopecli.measure import measure
+from slopecli.options import Options
+from slopecli.patches.given import RAYS
+from slopecli.patches.join import Joined
+from slopecli.patches.sightings import every_sighting, seen_by, sightings_of
+from slopecli.types import Camera, Diagnostic, Solution
+
+Cameras = tuple[Camera, Camera]
+Again = Callable[[Joined, Cameras, Settled], Solution]  # solves matches again, seen by other cameras, from a start
+
+ASKED, ASKED_SHARE = 1.5, 0.02  # sigmas and size of the step from which on the focal length is freed
+CONTRADICTED = 5.0  # sigmas of a freed focal length
+LEAST_WRONG = 0.035  # share by which it must be off: photographs of right cameras ask for up to 3 %
+TELLING = 0.1  # 1-sigma of its logarithm beyond which the images do not tell it
+CLEARLY = 1.05  # ratio of noises from which on one parameter explains the matches better than another
+FEW_FREE = 30  # degrees of freedom: with fewer, sigmas are guesses
+
+
+@dataclass(frozen=True, eq=False)
+class CameraTest:
+    """What the images say of the focal length.
+
+    step, sigma : logarithm of the focal length they prefer over that given, and its 1-sigma, infinite where they do not
+    tell it.  suspect : whether they contradict the one given.
+    score, sightings : what it was computed from; None where there is nothing to compute it from.
+    start : the solution under the focal length preferred, None if it was not freed.
+    """
+
+    step: float = 0.0
+    sigma: float = np.inf
+    suspect: bool = False
+    score: CameraScore | None = None
+    sightings: Sightings | None = None
+    start: Settled | None = None
+
+    @property
+    def focal_factor(self) -> float | None:
+        """The focal length that the images prefer over the one given; None where they do not tell it."""
+        return float(np.exp(self.step)) if self.sigma < TELLING else None
+
+    @property
+    def focal_factor_sigma(self) -> float | None:
+        """Its 1-sigma."""
+        return float(np.exp(self.step)) * self.sigma if self.sigma < TELLING else None
+
+
+def examine_cameras(joined: Joined, solution: Solution, cameras: Cameras, scene: Scene | None = None) -> CameraTest:
+    """Test the cameras by the residuals of the joint solution; about 5 ms, and half a second where these ask for more.
+
+    scene : of the matches, None for a user's own correspondences.
+    """
+    free = 2 * int(solution.inlier.sum()) - 5 - 3 * len(solution.scaled_normals)
+    if cameras[1] is RAYS or free < FEW_FREE:
+        return CameraTest()
+    sightings, start = sightings_of(joined, solution, cameras), Settled.of(solution)
+    try:
+        score = score_camera(sightings, start)
+    except DegenerateConfiguration:  # what the solution kept is too little for a plane
+        return CameraTest()
+    step, sigma = float(score.step[0]), float(score.sigma[0])  # too large a sigma under a wrong camera
+    if abs(step) < max(ASKED * sigma, ASKED_SHARE) or sigma > 3 * TELLING:
+        return CameraTest(step, _sigma(score), False, score, sightings)
+    freed = free_focal(every_sighting(joined, cameras, solution.noise_gain, scene), start)
+    if freed is None:
+        return CameraTest(score=score, sightings=sightings)
+    step, sigma = freed.value, _sigma(freed.score)
+    wrong = abs(np.expm1(step)) > LEAST_WRONG and sigma < TELLING and abs(step) > CONTRADICTED * sigma
+    return CameraTest(step, sigma, wrong, score, sightings, freed.settled)
+
+
+def _sigma(score: CameraScore) -> float:
+    """1-sigma of the step of log f; infinite where residuals change by less than their noise while f doubles or so.
+
+    There the step is no longer linear in the residuals.
+    """
+    return float(score.sigma[0]) if score.px[0] > score.noise_px else np.inf
+
+
+class _Explained(NamedTuple):
+    """Which of `PARAMETERS` explains the matches, "" where none does clearly better; all of them, freed alone."""
+
+    name: str
+    freed: dict[str, Freed]
+    noise_px: float
+
+    @property
+    def explains(self) -> bool:
+        """Whether any reduces the noise."""
+        return CLEARLY * min(one.score.noise_px for one in self.freed.values()) < self.noise_px
+
+
+def suspicion(
+    test: CameraTest, joined: Joined, solution: Solution, options: Options, again: Again, known: list[Diagnostic]
+) -> list[Diagnostic]:
+    """The diagnostics of a pair, with one on the camera where the images contradict it.
+
+    known : diagnostics so far.  again : solves the same matches as seen by other cameras.
+    """
+    if not test.suspect or test.sightings is None or test.score is None or test.start is None:
+        return known
+    found = _explained(test.sightings, Settled.of(solution), test)
+    if found is None:
+        return known
+    others = [one for one in known if one.code != "suspect-distortion"]
+    lens = [one for one in known if one.code == "suspect-distortion"]
+    if lens and found.name in ("", "k1"):
+        return known
+    cameras = test.sightings.cameras
+    if found.name == "k1":
+        k1 = found.freed["k1"]
+        lens = check_lens(
+            LensMisfit(-k1.value, float(k1.score.sigma[3]), found.noise_px, k1.score.noise_px), cameras[0]
+        )
+        if lens:
+            return [*others, *lens]
+    name = found.name if found.name != "k1" else ""
+    off = _slopes_off(found.freed[name or "f"], name or "f", joined, solution, cameras, options, again)
+    message, remedy = _words(name, found, cameras, off)
+    return [*others, finding("suspect-camera", message, test.focal_factor, remedy)]
+
+
+def _explained(sightings: Sightings, start: Settled, test: CameraTest) -> _Explained | None:
+    """Free each parameter alone, and name that with the least noise if no other comes near; None if f cannot be freed.
+
+    All are compared on the same matches. The focal length stated is that of `test`, of all matches.
+    """
+    tried = {name: free_parameter(sightings, start, name) for name in PARAMETERS}
+    freed = {name: one for name, one in tried.items() if one is not None}
+    if "f" not in freed or test.score is None or test.start is None:
+        return None
+    best, *others = sorted(freed, key=lambda name: freed[name].score.noise_px)
+    noise, before = freed[best].score.noise_px, test.score.noise_px
+    clear = all(freed[other].score.noise_px > CLEARLY * noise for other in others) and CLEARLY * noise < before
+    focal = freed["f"]
+    sigmas = np.append(test.sigma, focal.score.sigma[1:])
+    freed["f"] = Freed(test.step, test.start, focal.cost, focal.score._replace(sigma=sigmas))
+    return _Explained(best if clear else "", freed, before)
+
+
+def _slopes_off(
+    freed: Freed, name: str, joined: Joined, solution: Solution, cameras: Cameras, options: Options, again: Again
+) -> float | None:
+    """Largest difference of a slope, deg, to that with the value the images prefer; None where it cannot be solved."""
+    first, second = (changed(camera, name, freed.value) for camera in cameras)
+    other = seen_by(joined, (first, second))
+    if len(other.patches) != len(joined.patches):
+        return None
+    try:
+        right = measure(again(other, (first, second), freed.settled), other, options).slopes.slope_rad
+    except SlopemapError:
+        return None
+    return float(np.degrees(np.abs(right - measure(solution, joined, options).slopes.slope_rad).max()))
+
+
+def _words(name: str, found: _Explained, cameras: Cameras, off: float | None) -> tuple[str, str]:
+    """Message and remedy; name: of the parameter that explains the matches, "" for none."""
+    camera, best = cameras[0], found.freed[name or "f"]
+    after, sigma = best.score.noise_px, float(best.score.sigma[PARAMETERS.index(name or "f")])
+    better = f"matches miss it by {after:.2g} px instead of {found.noise_px:.2g} px"
+    wrong = "" if off is None else f"; with the one given, slopes are off by up to {off:.2g}°"
+    right = changed(camera, name or "f", best.value)
+    if name in ("cx", "cy"):
+        value, given = getattr(right, name), getattr(camera, name)
+        what = f"the images fit a principal point with {name} = {value:.4g} ± {sigma * camera.focal_px:.2g} px"
+        remedy = (
+            f"check the principal point of the camera file: is it that of this image, not cropped? {name} = {value:.5g}"
+        )
+        return f"{what}, and {given:.4g} px was given: {better}{wrong}", remedy
+    times = float(np.exp(best.value))
+    what = f"a focal length of {right.focal_px:.4g} ± {times * sigma * camera.focal_px:.2g} px"
+    given = f"{camera.focal_px:.4g} px"
+    solve = f"--free-focal solves with that focal length ({times:.4g} times the one given)"
+    if name:
+        numbers = ",".join(f"{v:.6g}" for v in (right.fx, right.fy, right.cx, right.cy))
+        give = f"or give it (--intrinsics {numbers})" if not camera.distortion else "or correct fx and fy in the file"
+        return f"the images fit {what}, and {given} was given: {better}{wrong}", f"{solve}, {give}"
+    check = "check that the camera file belongs to these images, uncropped and not zoomed"
+    if found.explains:
+        message = f"the images contradict the camera; {what} instead of {given} fits better, and so would another "
+        message += f"principal point or lens: {better}{wrong}"
+        return message, f"{check}; {solve}"
+    message = f"the images contradict the camera, and none of its numbers explains it ({what} would fit best): a "
+    message += "rolling shutter or things that moved do the same"
+    return f"{message}{wrong}", f"{check}; hold the camera still, or use one with a global shutter"

@@ -1,0 +1,189 @@
+"""The joint solution with one parameter of both cameras free as well: steps along it, then Gauss-Newton.
+
+Gauss-Newton alone sticks when a focal length is off by a third. So the focal length is first moved by steps of its
+logarithm to either side, all else solved again from the neighbouring step, and the best step is refined.
+"""
+
+from __future__ import annotations
+
+from functools import partial
+from typing import NamedTuple
+
+import numpy as np
+
+from slopecli.errors import DegenerateConfiguration, SlopemapError
+from slopecli.geometry.epipolar import rotation_from_vector
+from slopecli.geometry.solver.intrinsics import (
+    PARAMETERS,
+    CameraScore,
+    Settled,
+    Sightings,
+    changed,
+    score_camera,
+    thinned,
+)
+from slopecli.geometry.solver.observations import Observations, QuadraticForm, linearise, observe, predict
+from slopecli.geometry.solver.one_thread import one_blas_thread
+from slopecli.geometry.solver.refinement import State, levenberg_marquardt
+from slopecli.geometry.solver.relief import estimate_relief
+from slopecli.geometry.solver.solve import solve_planes
+from slopecli.types import FloatArray
+
+FOCAL_STEPS = (0.1, 0.2, 0.35, 0.5, 0.7)  # of the logarithm of the focal length, to either side
+LONGEST_STEP = {"f": 0.3, "cx": 0.1, "cy": 0.1, "k1": 0.2}  # of Gauss-Newton, in the units of `intrinsics.changed`
+
+
+class Freed(NamedTuple):
+    """The best value of one parameter of both cameras, as of `intrinsics.changed`, and the solution under it.
+
+    cost : twice the negative logarithm of the likelihood, less a constant.  score : of the changed cameras.
+    """
+
+    value: float
+    settled: Settled
+    cost: float
+    score: CameraScore
+
+
+class _Tried(NamedTuple):
+    value: float
+    settled: Settled
+    cost: float
+
+
+@one_blas_thread()
+def free_parameter(sightings: Sightings, start: Settled, parameter: str, steps: bool = True) -> Freed | None:
+    """Motion, normals and one of `PARAMETERS` that fit the sightings best; None where no value fits.
+
+    start : the solution under the cameras of the sightings.  steps : whether a focal length may be far off.
+    """
+    best = _settle(sightings, parameter, 0.0, start)
+    if best is None:
+        return None
+    if parameter == "f" and steps:
+        best = min([best, *_either_side(sightings, best)], key=lambda one: one.cost)
+    return _gauss_newton(sightings, parameter, best)
+
+
+def free_focal(every: Sightings, start: Settled) -> Freed | None:
+    """The logarithm of the focal length over that of the cameras that fits best, solved again with its own mismatches.
+
+    What was kept under a wrong focal length was chosen to fit it. So the points that fit are chosen again under the
+    one found, until it stays.
+
+    every : all points, mismatches included.  start : the solution under the cameras given.
+    """
+    total, freed, left = 0.0, None, every
+    for round_number in range(4):
+        try:
+            solution = solve_planes(
+                *left.rays(), left.patch, weights=left.weight, relief=True, initial=[(start.R, start.T)]
+            )
+        except (SlopemapError, np.linalg.LinAlgError):
+            return None
+        kept = thinned(left.take(solution.inlier), gain=every.gain)
+        freed = free_parameter(kept, Settled.of(solution), "f", steps=not round_number)
+        if freed is None:
+            return None
+        total += freed.value
+        start = freed.settled
+        left = _changed(every, "f", total).with_rays()
+        if abs(total) > FOCAL_STEPS[-1]:  # beyond what was tried: nothing holds it
+            return None
+        if abs(freed.value) < max(0.001, 0.3 * float(freed.score.sigma[0])):
+            break
+    return freed and freed._replace(value=total)
+
+
+def _either_side(sightings: Sightings, middle: _Tried) -> list[_Tried]:
+    """The solutions at all steps of the focal length, each from its neighbour nearer to the start."""
+    found = []
+    for side in (-1.0, 1.0):
+        last = middle
+        for size in FOCAL_STEPS:
+            moved = _refocused(last.settled, side * size - last.value)
+            tried = _settle(sightings, "f", side * size, moved)
+            if tried is None:
+                break
+            last = tried
+            found.append(last)
+    return found
+
+
+def _gauss_newton(sightings: Sightings, parameter: str, best: _Tried) -> Freed:
+    """Refine a value with all else; steps that fit worse are halved."""
+    index = PARAMETERS.index(parameter)
+    score = _score(sightings, parameter, best)
+    for _ in range(12):
+        step, sigma = float(score.step[index]), float(score.sigma[index])
+        if abs(step) <= max(0.003 * sigma, 1e-10):
+            break
+        step = float(np.clip(step, -LONGEST_STEP[parameter], LONGEST_STEP[parameter]))
+        for size in (1.0, 0.5, 0.2):
+            moved = _refocused(best.settled, size * step) if parameter == "f" else best.settled
+            tried = _settle(sightings, parameter, best.value + size * step, moved)
+            # a step within the noise is taken as it is: the cost is flat there
+            if tried is not None and (tried.cost < best.cost or abs(step) < sigma):
+                break
+        else:
+            break
+        best, score = tried, _score(sightings, parameter, tried)
+    return Freed(*best, score)
+
+
+def _changed(sightings: Sightings, parameter: str, value: float) -> Sightings:
+    first, second = (changed(camera, parameter, value) for camera in sightings.cameras)
+    return sightings.seen_by((first, second))
+
+
+def _score(sightings: Sightings, parameter: str, tried: _Tried) -> CameraScore:
+    return score_camera(_changed(sightings, parameter, tried.value), tried.settled)
+
+
+def _refocused(settled: Settled, by: float) -> Settled:
+    """Motion and planes whose images are nearly those of `settled`, for a focal length exp(by) times as long.
+
+    Rays are exp(by) times nearer to the axis then: sideways parts of the baseline and of turns are less, slopes more.
+    """
+    shrink = float(np.exp(-by))
+    axis = settled.R[:, 2]
+    aim = axis * [shrink, shrink, 1.0]
+    turn = np.cross(axis, aim / np.linalg.norm(aim))
+    sine = float(np.linalg.norm(turn))
+    if sine > 0.0:
+        turn *= np.arcsin(min(sine, 1.0)) / sine
+    T = settled.T * [shrink, shrink, 1.0]
+    length = float(np.linalg.norm(T))
+    normals = settled.scaled_normals * [1.0 / shrink, 1.0 / shrink, 1.0] * length
+    return settled._replace(R=rotation_from_vector(turn) @ settled.R, T=T / length, scaled_normals=normals)
+
+
+def _settle(sightings: Sightings, parameter: str, value: float, start: Settled) -> _Tried | None:
+    """The solution under cameras with a given value of a parameter; None where it is beyond what they can see."""
+    seen_by = _changed(sightings, parameter, value)
+    x1, x2 = seen_by.rays()
+    if not (np.isfinite(x1).all() and np.isfinite(x2).all()):
+        return None
+    try:
+        seen = observe(x1, x2, sightings.patch, sightings.weight)
+    except DegenerateConfiguration:
+        return None
+    state = State(start.R[None], start.T[None], start.scaled_normals[None])
+    relief = estimate_relief(seen, predict(seen, *state), 0, start.noise, False, settled=True)
+    for _ in range(3):
+        form = partial(_form, seen, relief.W[None])
+        refined = levenberg_marquardt(state, form, max(seen.freedom(), 1), max_iterations=20)
+        state, before = refined.state, relief
+        relief = estimate_relief(seen, predict(seen, *state), 0, None, False)
+        if abs(relief.noise - before.noise) < 0.01 * relief.noise:
+            break
+    noise_px = relief.noise * seen_by.cameras[1].focal_px
+    rows = 2 * len(seen.weight) + seen.n_free
+    chi2 = float(linearise(seen, predict(seen, *state), relief.W[None]).constant[0]) / relief.noise**2
+    cost = 2.0 * rows * float(np.log(noise_px)) + relief.log_determinant + chi2
+    settled = Settled(state.R[0], state.T[0], state.N[0], relief.noise, relief.relative)
+    return _Tried(value, settled, cost) if np.isfinite(cost) else None
+
+
+def _form(seen: Observations, W: FloatArray, state: State) -> QuadraticForm:
+    return linearise(seen, predict(seen, *state), W)

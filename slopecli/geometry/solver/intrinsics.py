@@ -1,0 +1,301 @@
+"""Whether the matches agree with the intrinsics: one Gauss-Newton step of the joint solution with these free as well.
+
+A wrong focal length, principal point or radial term bends the epipolar lines and the planes, and motion and normals
+absorb only part of it. The step says what the rest asks for, and with which 1-sigma. Each parameter is free alone,
+beside the 5 + 3m of the joint solution; both cameras change alike. Residuals are split across the epipolar line, where
+there is noise only, and along it, where there is relief too; a point on no plane has only the first. The normals are
+eliminated patch by patch (Schur complement), as in `refinement`.
+
+Matches of neighbouring pixels err alike, and lenses and planes are never exactly as modelled, so the 1-sigma is the
+largest of three: that of independent residuals times their measured correlation gain, and those by the scatter of
+what blocks of the image, and patches, ask for (White, "Maximum likelihood estimation of misspecified models", 1982).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+import numpy as np
+
+from slopecli.geometry.camera import pixels_from_rays, rays_from_pixels
+from slopecli.geometry.epipolar import homogeneous, skew, tangent_basis
+from slopecli.geometry.solver.observations import FINEST_RESIDUAL, Observations, observe, predict
+from slopecli.geometry.solver.one_thread import one_blas_thread
+from slopecli.geometry.statistics import median
+from slopecli.types import BoolArray, Camera, CameraModel, FloatArray, IntArray, Solution
+
+PARAMETERS = ("f", "cx", "cy", "k1")
+ENOUGH = 3000  # matches of the score step: more add time only
+ENOUGH_EACH = 24  # of them on one patch, where it has as many
+BLOCK_PX = 64.0  # side of the blocks of image 1 whose errors count as independent; within 16 px they are not
+
+
+@dataclass(frozen=True, eq=False)
+class Sightings:
+    """Points seen by two cameras: uv1, uv2 (n, 2) px as stored; patch (n,) number of the plane, -1 for none.
+
+    weight : (n,) inverse relative variances.  gain : of standard errors, by the correlation of neighbours' errors.
+    """
+
+    uv1: FloatArray
+    uv2: FloatArray
+    patch: IntArray
+    weight: FloatArray
+    cameras: tuple[Camera, Camera]
+    gain: float = 1.0
+
+    def take(self, which: BoolArray | IntArray) -> Sightings:
+        """The points of a mask (n,) or of these indices."""
+        return replace(
+            self, uv1=self.uv1[which], uv2=self.uv2[which], patch=self.patch[which], weight=self.weight[which]
+        )
+
+    def seen_by(self, cameras: tuple[Camera, Camera]) -> Sightings:
+        """The same pixels of other cameras."""
+        return replace(self, cameras=cameras)
+
+    def with_rays(self) -> Sightings:
+        """The points that have a ray in both cameras."""
+        return self.take(np.asarray(np.isfinite(np.column_stack(self.rays())).all(axis=1)))
+
+    def rays(self) -> tuple[FloatArray, FloatArray]:
+        """(n, 2) normalised coordinates in images 1 and 2; NaN where a lens has no ray."""
+        return rays_from_pixels(self.cameras[0], self.uv1), rays_from_pixels(self.cameras[1], self.uv2)
+
+
+def thinned(sightings: Sightings, most: int = ENOUGH, gain: float = 1.0) -> Sightings:
+    """About `most` of the points, the same share of every patch, but at least `ENOUGH_EACH` of each, with their gain.
+
+    gain : factor on standard errors of all points by the correlation of their errors. Of the points left it is less,
+    as they are farther apart: standard errors of a thinned lattice are about those of the full one.
+    """
+    n = len(sightings.patch)
+    if n <= most:
+        return replace(sightings, gain=gain)
+    patch = sightings.patch
+    order = np.argsort(patch, kind="stable")
+    count = np.bincount(patch + 1)
+    rank = np.empty(n)
+    rank[order] = np.arange(n) - np.repeat(np.cumsum(count) - count, count)
+    share = np.maximum(most / n, ENOUGH_EACH / np.maximum(count, 1))[patch + 1]
+    golden = 0.5 * (np.sqrt(5.0) - 1.0)  # spreads any share of the ranks evenly, and along no row of a lattice
+    left = sightings.take((golden * rank) % 1.0 < share)
+    return replace(left, gain=max(gain * float(np.sqrt(len(left.patch) / n)), 1.0))
+
+
+def changed(camera: Camera, parameter: str, value: float) -> Camera:
+    """A camera whose parameter differs: f by the factor exp(value), cx or cy by value times f, k1 by value."""
+    if parameter == "f":
+        return replace(camera, fx=camera.fx * float(np.exp(value)), fy=camera.fy * float(np.exp(value)))
+    if parameter in ("cx", "cy"):
+        return replace(camera, **{parameter: getattr(camera, parameter) + value * camera.focal_px})
+    model: CameraModel = "brown" if camera.model == "pinhole" else camera.model
+    first, *others = camera.distortion or (0.0,)
+    return replace(camera, model=model, distortion=(first + value, *others))
+
+
+class Settled(NamedTuple):
+    """A solution, as far as the score needs it; fields as of `types.Solution`."""
+
+    R: FloatArray
+    T: FloatArray
+    scaled_normals: FloatArray
+    noise: float
+    relief: FloatArray
+
+    @classmethod
+    def of(cls, solution: Solution) -> Settled:
+        """That part of a solution."""
+        return cls(solution.R, solution.T, solution.scaled_normals, solution.noise, solution.relief)
+
+
+class CameraScore(NamedTuple):
+    """What the matches ask for of each of `PARAMETERS` (4,), free alone, and how motion and normals follow the first.
+
+    step : change of the parameter, as of `changed`.  sigma : 1-sigma of it.  px : RMS change of residuals, px of
+    image 2, for a unit change, after motion and normals have followed.  noise_px : 1-sigma of the median match across
+    its epipolar line.
+    motion (5,), normals (m, 3) : derivatives by log f of the motion (w, T along its tangent) and the scaled normals.
+    """
+
+    step: FloatArray
+    sigma: FloatArray
+    px: FloatArray
+    noise_px: float
+    motion: FloatArray
+    normals: FloatArray
+
+
+class _Rows(NamedTuple):
+    """Whitened rows: patch points along their epipolar lines, then all across; columns (..., rows) of the motion (5),
+    the camera (4) and the residual (1). normal (3, n): derivatives along by the own normal."""
+
+    along: FloatArray
+    across: FloatArray
+    normal: FloatArray
+
+
+@one_blas_thread()
+def score_camera(sightings: Sightings, settled: Settled) -> CameraScore:
+    """Score the cameras of sightings at a solution of them; the points that it left out count for nothing here.
+
+    Raises
+    ------
+    DegenerateConfiguration : a patch has fewer than three points, or collinear ones.
+    """
+    x1, x2 = sightings.rays()
+    d1, d2 = (_by_parameters(camera, x) for camera, x in zip(sightings.cameras, (x1, x2), strict=True))
+    seen = observe(x1, x2, sightings.patch, sightings.weight)
+    rows = _rows(seen, settled, d1[:, :, seen.order], d2[:, :, seen.order])
+
+    # normals eliminated: V_i, and its response to the other columns
+    V = seen.sum_patches(rows.normal[:, None] * rows.normal)
+    X = seen.sum_patches(rows.normal[:, None] * rows.along)
+    response = np.asarray(np.linalg.solve(_lifted(V.transpose(2, 0, 1)), X.transpose(2, 0, 1)), float)  # (m, 3, 10)
+    along = rows.along - (rows.normal[:, None] * seen.per_point(response.transpose(1, 2, 0))).sum(axis=0)
+    left = np.concatenate([along, rows.across], axis=1)
+
+    # motion eliminated
+    G = left @ left.T
+    moved = np.linalg.solve(_lifted(G[:5, :5]), G[:5, 5:])
+    left = left[5:] - moved.T @ left[:5]
+    g, r = left[:4], left[4]
+    information = np.maximum((g * g).sum(axis=1), np.finfo(float).tiny)
+    step = -(g @ r) / information
+
+    place = sightings.uv1[seen.order]
+    sigma = _sigma(g, r, step, information, seen, place, sightings)
+    motion = -moved[:, 0]
+    normals = -response[:, :, 5] - response[:, :, :5] @ motion
+    unit = max(settled.noise, FINEST_RESIDUAL) * sightings.cameras[1].focal_px / np.sqrt(median(sightings.weight))
+    across = r[along.shape[1] :]
+    noise_px = float(np.sqrt(across @ across / max(len(across) - 6, 1)) * unit)
+    return CameraScore(step, sigma, np.sqrt(information / left.shape[1]) * unit, noise_px, motion, normals)
+
+
+def _by_parameters(camera: Camera, x: FloatArray) -> FloatArray:
+    """(4, 2, n) derivatives of the normalised coordinates (n, 2) of fixed pixels by each of `PARAMETERS`."""
+    u, v = x.T
+    square = u * u + v * v
+    moved = np.zeros((4, 2, len(x)))
+    if camera.model == "pinhole":
+        moved[0] = -x.T
+        moved[1, 0] = -camera.focal_px / camera.fx
+        moved[2, 1] = -camera.focal_px / camera.fy
+        moved[3] = -x.T * square
+        return moved
+    # the pixel of a fixed ray moves, and the lens takes that move back to the ray
+    step = 1e-6
+    pixels = pixels_from_rays(camera, x)
+    columns = [(pixels_from_rays(camera, x + step * axis) - pixels) / step for axis in np.eye(2)]
+    by_k1 = (pixels_from_rays(changed(camera, "k1", step), x) - pixels) / step
+    shift = np.array([[camera.focal_px, 0.0], [0.0, camera.focal_px]])
+    by = np.stack([pixels - (camera.cx, camera.cy), *np.broadcast_to(shift[:, None], (2, len(x), 2)), by_k1])
+    (a, c), (b, d) = columns[0].T, columns[1].T
+    determinant = a * d - b * c
+    moved[:, 0] = -(d * by[:, :, 0] - b * by[:, :, 1]) / determinant
+    moved[:, 1] = -(a * by[:, :, 1] - c * by[:, :, 0]) / determinant
+    return moved
+
+
+def _rows(seen: Observations, settled: Settled, d1: FloatArray, d2: FloatArray) -> _Rows:
+    """Rows of the linearised problem; d1, d2 (4, 2, k + n): `_by_parameters` of the points, those on no patch first."""
+    R, T, N = settled.R, settled.T, settled.scaled_normals
+    noise = max(settled.noise, FINEST_RESIDUAL)
+    prediction = predict(seen, R[None], T[None], N[None])
+    slide = prediction.slide[0]
+    gain = np.maximum(np.hypot(*slide), np.finfo(float).tiny)
+    e = slide / gain
+    k = seen.n_free
+
+    moves = np.empty((10, 2, len(seen.weight)))
+    moves[:9] = _image2_moves(seen, settled, prediction.x2[0], prediction.depth_ratio[0], d1[:, :, k:])
+    moves[9] = prediction.residual[0]
+    moves[5:9] -= d2[:, :, k:]
+    moves[5] += moves[9]  # residuals are those of pixels, which are as many more as f is longer
+    lever = gain * prediction.inverse_depth[0]
+    weight = np.maximum(seen.weight, np.finfo(float).tiny)
+    by_along = 1.0 / np.sqrt(noise**2 / weight + (lever * seen.per_point(settled.relief)) ** 2)
+    along = (moves * e).sum(axis=1) * by_along
+    across = (moves[:, 1] * e[0] - moves[:, 0] * e[1]) * np.sqrt(seen.weight) / noise
+    if k:
+        free = _free_rows(seen, R, T, d1[:, :, :k], d2[:, :, :k], prediction.distance[0], prediction.length[0])
+        across = np.concatenate([across, free * np.sqrt(seen.free_weight) / noise], axis=1)
+    return _Rows(along, across, seen.p * (gain * by_along))
+
+
+def _image2_moves(seen: Observations, settled: Settled, x2: FloatArray, z: FloatArray, d1: FloatArray) -> FloatArray:
+    """(9, 2, n) how predictions x2 (2, n) move with the motion (5) and, through the points of image 1, the camera."""
+    R, T, N = settled.R, settled.T, settled.scaled_normals
+    K = R @ T
+    y = np.concatenate([x2 * z, z[None]])
+    w = (seen.per_point(N.T) * seen.p).sum(axis=0)
+    by_point = R[:, :2, None] - K[:, None, None] * seen.per_point(N.T)[None, :2]
+    moves = np.empty((9, 3, len(z)))
+    moves[:3] = skew(np.eye(3)) @ y
+    moves[3:5] = -(R @ tangent_basis(T)).T[:, :, None] * w
+    moves[5:] = (by_point[None] * d1[:, None]).sum(axis=2)
+    return np.asarray((moves[:, :2] - x2 * moves[:, 2:]) / z)
+
+
+def _free_rows(
+    seen: Observations,
+    R: FloatArray,
+    T: FloatArray,
+    d1: FloatArray,
+    d2: FloatArray,
+    distance: FloatArray,
+    length: FloatArray,
+) -> FloatArray:
+    """(10, k) derivatives of the distances from epipolar lines by motion (5) and camera (4), and these distances."""
+    E = R @ skew(T)
+    p2 = homogeneous(seen.free2.T).T
+    line2, line1 = E @ seen.free1, E.T @ p2
+    rows = np.empty((10, seen.n_free))
+    rows[:3] = np.cross(line2, p2, axis=0)
+    rows[3:5] = tangent_basis(T).T @ np.cross(seen.free1, R.T @ p2, axis=0)
+    rows[5:9] = (line1[:2] * d1).sum(axis=1) + (line2[:2] * d2).sum(axis=1)
+    rows[:9] /= length
+    rows[9] = distance
+    rows[5] += distance  # in pixels, as those of the patches
+    return rows
+
+
+def _lifted(information: FloatArray) -> FloatArray:
+    """Matrices (..., q, q) whose diagonal is lifted by rounding, so that singular ones can be solved."""
+    trace = np.trace(information, axis1=-2, axis2=-1)[..., None, None]
+    return np.asarray(information + (1e-13 * trace + np.finfo(float).tiny) * np.eye(information.shape[-1]))
+
+
+def _sigma(
+    g: FloatArray,
+    r: FloatArray,
+    step: FloatArray,
+    information: FloatArray,
+    seen: Observations,
+    place: FloatArray,
+    sightings: Sightings,
+) -> FloatArray:
+    """(4,) the largest of three 1-sigmas of the steps.
+
+    g (4, rows), r (rows,): whitened derivatives and residuals; place (k + n, 2): pixels, points on no patch first.
+    """
+    k, n = seen.n_free, len(seen.weight)
+    point = np.concatenate([np.arange(k, k + n), np.arange(k, k + n), np.arange(k)])  # of each row
+    after = r + step[:, None] * g  # residuals once the step is taken
+    asked = g * after
+    noise = np.sqrt((after**2).mean(axis=1))
+    plain = noise * sightings.gain / np.sqrt(information)
+    block = np.floor((place - place.min(axis=0)) / BLOCK_PX).astype(np.int64)
+    coarse = np.floor(3.0 * (place - place.min(axis=0)) / (np.ptp(place, axis=0) + 1e-9)).astype(np.int64)
+    windows = np.concatenate([3 * coarse[:k, 0] + coarse[:k, 1], 9 + np.repeat(np.arange(seen.n_patches), seen.count)])
+    blocks = block[:, 0] * (block[:, 1].max() + 1) + block[:, 1]
+    return np.maximum.reduce([plain, *(_scatter(asked, c[point]) / information for c in (blocks, windows))])
+
+
+def _scatter(asked: FloatArray, cluster: IntArray) -> FloatArray:
+    """(4,) 1-sigma of sums of `asked` (4, rows), from the sums of clusters of rows, which are independent."""
+    sums = np.array([np.bincount(cluster, row) for row in asked])
+    count = np.count_nonzero(np.bincount(cluster))
+    return np.asarray(np.sqrt((sums**2).sum(axis=1) * count / max(count - 1, 1)))
