@@ -13,7 +13,12 @@ MIN_SIDE_PX = 16  # nothing can be matched in less
 
 
 def grid_windows(columns: int, rows: int, width: int, height: int) -> list[Window]:
-    """The image divided evenly, row by row from the top left."""
+    """The image (px) divided evenly, row by row from the top left. InputError if a cell would be too small."""
+    if columns * MIN_SIDE_PX > width or rows * MIN_SIDE_PX > height:
+        raise InputError(
+            f"a grid of {columns}x{rows} windows does not fit into image 1, which is {width}x{height} px: they need at "
+            f"least {MIN_SIDE_PX}x{MIN_SIDE_PX} px each; use at most {width // MIN_SIDE_PX}x{height // MIN_SIDE_PX}"
+        )
     xs = [round(i * width / columns) for i in range(columns + 1)]
     ys = [round(j * height / rows) for j in range(rows + 1)]
     return [(xs[i], ys[j], xs[i + 1] - xs[i], ys[j + 1] - ys[j]) for j in range(rows) for i in range(columns)]

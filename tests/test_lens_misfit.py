@@ -86,8 +86,25 @@ def test_the_warning_has_the_size_at_the_corner() -> None:
     assert (warning.code, warning.severity) == ("suspect-distortion", "warning")
     assert warning.value == pytest.approx(corner)
     assert "k1 = -0.1 which the camera file does not have" in warning.message
-    assert f"{corner:.1f} px at the corner" in warning.message
+    assert f"{corner:.1f} ± 0.05 px at the corner" in warning.message
     assert "calibrate" in str(warning.remedy)
+
+
+def test_no_size_is_stated_where_no_match_is() -> None:
+    """Matches in the middle of the image: what they measure is stated, and not what it might be at the corner."""
+    (warning,) = check_lens(LensMisfit(0.1, 1e-3, 1e-3, 1e-4, reach=0.4), PINHOLE)
+    assert warning.value is None
+    assert "corner" not in warning.message
+    assert f"{0.1 * 0.4**3 * FOCAL:.1f} ± " in warning.message
+    assert f"{0.4 * FOCAL:.0f} px off the centre" in warning.message
+    assert check_lens(LensMisfit(0.1, 1e-3, 1e-3, 1e-4, reach=0.1), PINHOLE) == []
+    # the largest term allowed is a limit, not a measurement
+    (limit,) = check_lens(LensMisfit(1.0, 1e-3, 1e-3, 1e-4), PINHOLE)
+    assert (limit.value, "k1 =" in limit.message) == (None, False)
+    scene = scene_with(-0.1)
+    middle = np.linalg.norm(scene.x1, axis=1) < 0.35
+    R, T, x1, x2 = seen_through(scene, PINHOLE)
+    assert fit_lens_misfit(R, T, x1[middle], x2[middle], FLOOR)[0].reach < 0.6
 
 
 def test_a_misfit_below_a_pixel_is_not_worth_a_word() -> None:

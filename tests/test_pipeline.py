@@ -397,7 +397,7 @@ def test_a_window_that_cannot_be_is_refused_by_its_number(window: Window, said: 
 
 
 def test_a_grid_too_fine_for_the_image_is_refused() -> None:
-    with pytest.raises(InputError, match="8x8 px, at least 16x16"):
+    with pytest.raises(InputError, match="at least 16x16 px each; use at most"):
         run(grid=(100, 100))
 
 

@@ -128,7 +128,7 @@ _ROWS: dict[Severity, dict[str, tuple[Any, ...]]] = {
             "Its k1 is named; a lens distortion that was taken out of the images already shows in the same way.",
             "calibrate the lens, and give its distortion in the camera file; or, of undistorted images, the matrix "
             "that they were undistorted to (P of ROS, newCameraMatrix of OpenCV)",
-            "px at the corner of image 1",
+            "px at the corner of image 1, null where matches do not reach so far",
             True,
         ),
         "suspect-camera": (

@@ -8,7 +8,7 @@ from slopecli.errors import NoAnswer
 from slopecli.findings.camera_checks import implausible_cameras
 from slopecli.findings.facts import PairFacts
 from slopecli.findings.wording import finding
-from slopecli.geometry.motion import LensMisfit
+from slopecli.geometry.motion import MOST_TERM, LensMisfit
 from slopecli.geometry.orientation import kept_orientation
 from slopecli.look.changes import lens_misfit
 from slopecli.types import Camera, Diagnostic, FloatArray, Image, IntArray
@@ -17,6 +17,7 @@ FEW_FEATURES = 60  # in an image with hardly any texture
 MIN_INLIERS, INLIER_SHARE = 20, 0.12  # of the tentative matches: fewer agree on a motion by chance
 MANY_CONTRADICT, MOST_CONTRADICT = 0.15, 0.5  # of the dense matches that contradict the motion: warned of, refused
 MIRRORED = 1 / 3  # share of triangles that keep their orientation: half of them by chance, nearly all of a right pair
+REACHED = 0.8  # of the corner's distance from the axis, to which matches must reach for the distortion to be told there
 DISTORTED_PX = 1.0  # at the corner: a lens that is this close to its model is not reported
 
 
@@ -101,14 +102,20 @@ def check_lens(misfit: LensMisfit | None, camera: Camera) -> list[Diagnostic]:
     # normalised distance of the farthest corner from the principal point, before distortion
     x = max(camera.cx, camera.width - 1 - camera.cx) / camera.fx
     y = max(camera.cy, camera.height - 1 - camera.cy) / camera.fy
-    corner_px = abs(misfit.term) * float(np.hypot(x, y)) ** 3 * camera.focal_px
-    if corner_px < DISTORTED_PX:
+    corner = float(np.hypot(x, y))
+    # a term of the third power is not extrapolated beyond the matches, nor believed where it is the largest allowed
+    supported = misfit.reach >= REACHED * corner and abs(misfit.term) < MOST_TERM
+    radius = corner if supported else min(misfit.reach, corner)
+    size_px, sigma_px = (abs(value) * radius**3 * camera.focal_px for value in (misfit.term, misfit.sigma))
+    if size_px < DISTORTED_PX:
         return []
     given = camera.distortion[0] if camera.distortion else 0.0
     own = "besides that of the camera file" if camera.distortion else "which the camera file does not have,"
+    as_far = f"{radius * camera.focal_px:.0f} px off the centre, as far as matches reach"
     message = (
-        "residuals grow with the distance from the image centre as a lens distortion of k1 = "
-        f"{-misfit.term:.2g} {own} would make them ({corner_px:.1f} px at the corner)"
+        "residuals grow with the distance from the image centre as a lens distortion of "
+        f"{f'k1 = {-misfit.term:.2g} ' if supported else ''}{own} would make them "
+        f"({size_px:.1f} ± {sigma_px:.1g} px {'at the corner' if supported else as_far})"
     )
     remedy = "calibrate the lens, and give its distortion in the camera file"
     if abs(given - misfit.term) < 0.4 * abs(given):  # what is left of it is small
@@ -116,4 +123,4 @@ def check_lens(misfit: LensMisfit | None, camera: Camera) -> list[Diagnostic]:
             "the distortion seems to be taken out of the images already: give the camera they have since then (ROS: "
             "the projection_matrix P; OpenCV: the newCameraMatrix), or leave it out where the matrix was kept"
         )
-    return [finding("suspect-distortion", message, corner_px, remedy)]
+    return [finding("suspect-distortion", message, size_px if supported else None, remedy)]
