@@ -118,6 +118,7 @@ class PlaneMotion(NamedTuple):
     N: FloatArray
 
 
+@np.errstate(over="ignore", divide="ignore", invalid="ignore")
 def longuet_higgins(H: FloatArray, rounding: float = 1e-14) -> tuple[FloatArray, FloatArray, FloatArray]:
     """The two essentially different motions of each homography; (T, N) and (-T, -N) give the same H.
 
@@ -133,10 +134,9 @@ def longuet_higgins(H: FloatArray, rounding: float = 1e-14) -> tuple[FloatArray,
     Returns
     -------
     R : (k, 2, 3, 3), T : (k, 2, 3) unit vectors, N : (k, 2, 3) scaled normals, 1/baseline. A homography that is a
-    rotation to working precision gives that rotation twice, with T along z and N = 0.
+    rotation to working precision gives that rotation twice, with T along z and N = 0; a singular one may give nan.
     """
-    with np.errstate(over="ignore", invalid="ignore"):
-        d, U_transposed = np.linalg.eigh(np.swapaxes(H, -1, -2) @ H)  # eq. (6), ascending
+    d, U_transposed = np.linalg.eigh(np.swapaxes(H, -1, -2) @ H)  # eq. (6), ascending
     middle = d[:, 1]
     d1, d3 = d[:, 2] / middle, d[:, 0] / middle
     spread = d1 - d3

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import json
+import warnings
 from collections.abc import Callable, Iterator
 from typing import Any
 
 import yaml
 from hypothesis import HealthCheck, Phase, given, seed, settings
 from hypothesis import strategies as st
+from hypothesis.errors import HypothesisWarning
 from hypothesis.strategies import SearchStrategy
 
 from fuzzing import samples
@@ -258,7 +260,9 @@ def drawn_failures(number: int, size: int, run: Callable[[Case], list[str]]) -> 
                 raise _Found
 
     try:
-        one()
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", HypothesisWarning)  # that a failure is large
+            one()
         yield from failed
     except _Found:
         _known.add(gist(failed[-1][1]))

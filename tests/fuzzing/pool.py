@@ -95,6 +95,8 @@ class Pool:
                 continue
             if message is None:
                 self._give(one, numbers, size, running)
+            elif isinstance(message, Exception):
+                raise message
             elif isinstance(message, Failure):
                 yield message
             else:
@@ -136,6 +138,10 @@ def _serve(pipe: Connection, seed: int, kinds: list[str] | None, folder: Path) -
             pipe.send((case.kind, time.process_time() - start))
             return found
 
-        for case, found in block(seed, number, size, kinds, run):
-            pipe.send(Failure(number, case, found))
+        try:
+            for case, found in block(seed, number, size, kinds, run):
+                pipe.send(Failure(number, case, found))
+        except Exception as error:  # of the campaign itself: inputs could not be made
+            pipe.send(error)
+            return
         pipe.send(None)
