@@ -32,6 +32,11 @@ SIZES = [
     {"cols": 1024, "rows": 768},
     {"res_x": 1024, "res_y": 768},
     {"DIM": [1024, 768]},
+    {"nx": 1024, "ny": 768},
+    {"width": "1024px", "height": "768 px"},
+    {"resolution_width": 1024, "resolution_height": 768},
+    {"calibImageSize": [1024, 768]},
+    {"size_of_image": [1024, 768]},
     {"dims": [1024, 768]},
     {"size": [1024, 768]},
     {"Image_Size": [1024, 768]},
@@ -117,6 +122,7 @@ FISHEYE = {"K": MATRIX, "D": [[0.05], [-0.02], [0.01], [-0.002]], "image_size": 
         {"lens": "fisheye"},
         {"lens_type": "Equidistant"},
         {"model": "kannala_brandt"},
+        {"model": "cv2.fisheye"},
         {"camera_model": "KANNALA_BRANDT4"},
         {"distortion_model": "equidistant"},
         {"distModel": "equi"},
@@ -192,6 +198,12 @@ def test_opensfm_centres_from_a_corner_are_refused(tmp_path: Path, key: str) -> 
         "a": {"projection_type": "brown", "width": 800, "height": 800, "focal_x": 0.866, "focal_y": 0.866, key: 0.5}
     }
     assert "from the middle" in refusal(write(tmp_path, tree))
+
+
+@pytest.mark.parametrize("focal", [35, 692])
+def test_opensfm_focal_lengths_in_another_unit_are_refused(tmp_path: Path, focal: float) -> None:
+    tree = {"a": {"projection_type": "brown", "width": 800, "height": 800, "focal": focal}}
+    assert "units of the longer side" in refusal(write(tmp_path, tree))
 
 
 @pytest.mark.parametrize("matrix", [[[0, 0, 0]] * 3, np.eye(3).tolist(), [[0, 0, 0], [0, 0, 0], [0, 0, 1]]])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterable, Iterator
 from contextlib import suppress
 from itertools import islice
@@ -36,7 +37,7 @@ class NamedCameras:
                 self._names[file] = camera_names(read_camera_file(file), file)
         names = self._names[file]
         try:
-            name = of_image(names, image) if len(names) > 1 else None
+            name = of_image(names, os.path.abspath(image)) if len(names) > 1 else None
         except InputError as error:
             raise InputError(f"{file}: {error}") from None
         if name is None:

@@ -33,6 +33,10 @@ def read(tree: values.Tree, size: values.Size | None) -> Camera:
     focal = tree.get("focal", tree.get("focal_x"))
     fx = values.number(tree.get("focal_x", focal), "focal_x") * longer
     fy = values.number(tree.get("focal_y", focal), "focal_y") * longer
+    if max(fx, fy) > 20 * longer:
+        raise InputError(
+            f"focal = {fx / longer:g}: OpenSfM's is in units of the longer side of the image, not px or mm"
+        )
     off = [values.number(tree.get(key, 0), key) for key in ("c_x", "c_y")]
     if max(map(abs, off)) > 0.25:
         raise InputError(

@@ -9,14 +9,13 @@ from typing import Any, NamedTuple
 from slopecli.errors import InputError
 from slopecli.io.cameras.values import Size, Tree, number, numbers, plain_key, size_of
 
-OWNER = "(?:image|img|im|frame|picture|photo|video|stream|camera|cam|calib|calibration|capture|pixel|full)?"
+OWNER = "(?:image|img|im|frame|picture|photo|video|stream|camera|cam|calib|calibration|capture|pixel|full)"
+WHOLE = "(?:sensorresolution|size|resolution|res|dims?|dimensions?|shape)"
 SIDE_KEYS = (
-    re.compile(rf"{OWNER}(?:width|w|cols?|columns|resolutionx|resx|xres|xresolution|sizex|width(?:in)?(?:px|pixels?))"),
-    re.compile(rf"{OWNER}(?:height|h|rows?|resolutiony|resy|yres|yresolution|sizey|height(?:in)?(?:px|pixels?))"),
+    re.compile(rf"{OWNER}{{0,2}}(?:{WHOLE}?(?:width|w)(?:in)?(?:px|pixels?)?|cols?|columns|{WHOLE}x|xres\w*|nx)"),
+    re.compile(rf"{OWNER}{{0,2}}(?:{WHOLE}?(?:height|h)(?:in)?(?:px|pixels?)?|rows?|{WHOLE}y|yres\w*|ny)"),
 )
-PAIR_KEY = re.compile(
-    rf"{OWNER}(?:sensorresolution|size|resolution|res|dims?|dimensions?|shape|wh|hw|widthheight)(?:wh|hw|px|pixels?)?"
-)
+PAIR_KEY = re.compile(rf"{OWNER}{{0,2}}(?:{WHOLE}(?:of)?{OWNER}?|wh|hw|widthheight)(?:wh|hw|px|pixels?)?")
 # sizes of something else: a part of the image, a calibration target, a sensor in mm
 NOT_THE_IMAGE = re.compile(
     "roi|crop|region|board|chess|checker|pattern|target|grid|tag|sensor|header|thumbnail|preview"
@@ -109,14 +108,18 @@ def _sides(tree: Tree) -> Iterator[Stated]:
     plain = {key: plain_key(key) for key, value in tree.items() if not isinstance(value, list | tuple | Mapping)}
     widths, heights = ([key for key in plain if side.fullmatch(plain[key])] for side in SIDE_KEYS)
     for keys in (widths, heights):
-        if len({number(tree[key], str(key)) for key in keys if tree[key] is not None}) > 1:
+        if len({number(_without_unit(tree[key]), str(key)) for key in keys if tree[key] is not None}) > 1:
             raise InputError(f"{keys[0]!r} and {keys[1]!r} are both given, and differ; keep one of them")
     if not widths and not heights:
         return
-    width, height = (tree[keys[0]] if keys else None for keys in (widths, heights))
+    width, height = (_without_unit(tree[keys[0]]) if keys else None for keys in (widths, heights))
     size = size_of(width, height)
     if size is not None:
         yield Stated(*size, False, " and ".join(str(keys[0]) for keys in (widths, heights) if keys))
+
+
+def _without_unit(side: Any) -> Any:
+    return re.sub(r"\s*(px|pixels?)\s*$", "", side) if isinstance(side, str) else side
 
 
 def _pairs(tree: Tree) -> Iterator[Stated]:

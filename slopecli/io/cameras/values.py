@@ -23,7 +23,7 @@ LENS_NAMES: dict[CameraModel, str] = {
     "radtan radialtangential radialtangentialdistortion rationalpolynomial rational simpleradial radial standard "
     "normal pinholeradtan pinholeradialtangential",
     "fisheye": "fisheye equidistant equi opencvfisheye fisheyeopencv simpleradialfisheye radialfisheye "
-    "equidistantfisheye fisheyeequidistant kannalabrandt kannalabrandt4 kannalabrandt8 kb4 kb8 pinholeequi "
+    "cv2fisheye equidistantfisheye fisheyeequidistant kannalabrandt kannalabrandt4 kannalabrandt8 kb4 kb8 pinholeequi "
     "pinholeequidistant",
 }
 LENSES_KNOWN = "pinhole, radial-tangential, rational and equidistant fisheye"
@@ -199,12 +199,13 @@ def _check_focal(value: float, name: str, size: Size, model: CameraModel) -> Non
     longer = max(size)
     if LEAST_FOCAL[model] * longer <= value <= MOST_FOCAL * longer:
         return
+    lens = "no fisheye lens" if model == "fisheye" else "no lens but a fisheye"
     sees = f"a field of view of {2 * math.degrees(math.atan(longer / 2 / value)):.3g} deg"
     if model == "fisheye":
         sees = f"180 deg in {value * math.pi:.3g} px"
     unit = "units of the image width" if value < 5 else "millimetres" if value < longer else "micrometres"
     raise InputError(
-        f"{name} = {value:g} px for {size[0]}x{size[1]} px is {sees}, which no {model} lens has; it must be in pixels, "
+        f"{name} = {value:g} px for {size[0]}x{size[1]} px is {sees}, which {lens} has; it must be in pixels, "
         f"not in millimetres or normalised (is it in {unit}?): px = mm x image width in px / sensor width in mm"
     )
 
