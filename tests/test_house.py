@@ -25,6 +25,7 @@ FLOORS = (
     "patches",
     "planes",
     "measure",
+    "level",
     "findings",
     "solving",
     "report",

@@ -5,7 +5,7 @@ To add a diagnostic: a function in the file of its subject, its name here, a row
 
 from __future__ import annotations
 
-from slopecli.findings import pair_checks, parallax, plane_checks, solution_checks
+from slopecli.findings import level_checks, pair_checks, parallax, plane_checks, solution_checks
 from slopecli.findings.facts import AnswerFacts, PairFacts
 from slopecli.types import Diagnostic
 
@@ -18,6 +18,7 @@ PAIR_CHECKS = (
     pair_checks.lens_distortion,
 )
 ANSWER_CHECKS = (
+    level_checks.level_assumed,
     plane_checks.on_no_plane,
     plane_checks.changed_areas,
     solution_checks.one_plane,

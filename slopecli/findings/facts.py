@@ -13,6 +13,7 @@ from slopecli.findings.wording import Separation
 from slopecli.geometry.camera import pixels_from_rays
 from slopecli.geometry.epipolar import focus_of_expansion, homogeneous
 from slopecli.geometry.statistics import median
+from slopecli.level import LevelOdds
 from slopecli.look.changes import Change
 from slopecli.look.scene import Scene
 from slopecli.options import Options
@@ -39,6 +40,7 @@ class AnswerFacts:
     labels : (h, w) plane id per pixel of image 1, 0 for none.
     length_m : between the cameras, None where it is not known.
     changes : areas of image 1 that changed between the images.
+    level : how probable it is that up is up, None where it was given or nothing tells.
     """
 
     planes: tuple[Plane, ...]
@@ -49,6 +51,7 @@ class AnswerFacts:
     labels: NDArray[np.uint16]
     length_m: float | None = None
     changes: Sequence[Change] = field(default_factory=tuple)
+    level: LevelOdds | None = None
 
     @property
     def focal_px(self) -> float | None:

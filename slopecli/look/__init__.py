@@ -17,6 +17,7 @@ __getattr__, __dir__ = lazy_names(
         "WORST_MATCH_PX correlation_gain",
         "photometric": "PlaneFit View align_plane cell_shifts correlation detrend gain_between normalise sweep_planes",
         "scene": "Scene epipolar_axes",
+        "segments": "Segments find_segments",
         "scene_from_images": "COARSE FINE build_scene feature_matchers find_scene is_decided may_suffice "
         "overview_effort",
         "threads": "single_threaded",

@@ -3,7 +3,7 @@ inverse depths; the dominant planes among them."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -100,6 +100,11 @@ class Evidence(Matches):
     grey: FloatArray
     focal_px: float
     n_given: int
+
+    def some(self, which: IntArray | BoolArray) -> Evidence:
+        """The evidence of these indices, or of a mask (n,)."""
+        names = ("uv1", "uv2", "x1", "x2", "w", "leverage", "grey")
+        return replace(self, **{name: getattr(self, name)[which] for name in names})
 
     def near(self, window: Window, grow: float) -> BoolArray:
         """(n,) whether a match is in the window enlarged on every side by `grow` times its longer side."""

@@ -146,6 +146,7 @@ def _frame(report: Report, rotation: FloatArray) -> dict[str, Any]:
         "axes": "x right, y up, -z ahead; the origin is camera 1",
         "model_from_camera1": [[rounded(value) for value in row] for row in rotation],
         "ambiguity": report.ambiguity.status,
+        "level_in_doubt": report.up.otherwise_cam1 is not None,
     }
 
 

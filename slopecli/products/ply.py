@@ -72,7 +72,14 @@ def report_to_ply(report: Report, image: Image | None = None, surfaces: Sequence
         "scalars of the cameras are 0; scalar_patch_id is the id in slopes.json",
         f"scalar_slope_deg and quality are {UNKNOWN_SLOPE:g} where the slope is not known",
     ]
-    return _encode(meshes, [*comments, *_second_answer(report)])
+    return _encode(meshes, [*comments, *_level(report), *_second_answer(report)])
+
+
+def _level(report: Report) -> list[str]:
+    """Comments on what is level, where it was assumed."""
+    plane_id, other = report.up.plane_id, report.up.otherwise_cam1
+    told = [] if plane_id is None else [f"patch {plane_id} is taken as level, by definition"]
+    return told if other is None else [*told, "what is level is in doubt: see level-assumed in slopes.json"]
 
 
 def _second_answer(report: Report) -> list[str]:

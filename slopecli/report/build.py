@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from slopecli.findings.camera_test import CameraTest
 from slopecli.findings.checks import check_answer
 from slopecli.findings.facts import AnswerFacts
+from slopecli.level import level_odds
 from slopecli.look.changes import Change
 from slopecli.measure import measure
 from slopecli.options import Options
@@ -18,6 +19,7 @@ from slopecli.patches import FINDERS
 from slopecli.patches.join import Joined
 from slopecli.patches.patch import paint_labels
 from slopecli.report.answered_planes import divide, planes_of
+from slopecli.report.doubted_level import against_both
 from slopecli.report.second_root import ambiguity_report
 from slopecli.report.units import fit_of, in_unit, motion_of, scale_of
 from slopecli.report.withheld import withhold_safe
@@ -50,16 +52,17 @@ def build_report(
     second = measure(other, joined, options) if (other := solution.ambiguity.alternative) else None
     scale, length = scale_of(main, joined, options)
     known, rejected = divide(planes_of(main, second, joined, cameras, options), main, joined, options)
+    level = level_odds(main, joined, known, cameras[0], images[0].grey if isinstance(images[0], Image) else None)
+    up, known = against_both(known, main, joined, options, level)
     planes = tuple(in_unit(plane, scale, length) for plane in known)
-    labels = _labels(joined, planes, images[0])
-    length_m = length if scale.unit == "m" else None
-    facts = AnswerFacts(planes, solution, joined, cameras, options, labels, length_m, changes)
+    labels, length_m = _labels(joined, planes, images[0]), length if scale.unit == "m" else None
+    facts = AnswerFacts(planes, solution, joined, cameras, options, labels, length_m, changes, level)
     return withhold_safe(
         Report(
             images=(_info(images[0]), _info(images[1])),
             cameras=cameras,
             options=_options_used(options, joined.patches[0].source),
-            up=main.up,
+            up=up,
             scale=scale,
             motion=motion_of(solution, length),
             fit=fit_of(solution, joined, cameras[1], test or CameraTest()),

@@ -32,8 +32,10 @@ def plane_kinds(report: Report) -> dict[int, Kind | None]:
     A plane steeper than 60 degrees is a wall, one that faces down as far beyond the vertical a ceiling. The others are
     ground if their low end is on the ground or below it, roof if it is above: any surface that stands on something.
     The ground is the lowest of the large level planes, extended. Without a level plane there is no height that tells
-    ground from roof, and the kind is None.
+    ground from roof, and the kind is None; of all planes where what is level is in doubt.
     """
+    if report.up.otherwise_cam1 is not None:  # what is level is in doubt
+        return dict.fromkeys((plane.id for plane in report.planes), None)
     outlines = {plane.id: _outline(plane, report) for plane in report.planes}
     ground = _ground(report, outlines)
     return {plane.id: _kind(plane, outlines[plane.id], ground) for plane in report.planes}

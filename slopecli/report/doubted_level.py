@@ -1,0 +1,34 @@
+"""Verdicts where the direction taken as up is in doubt: they hold only if they do against the other direction too."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from slopecli.level import LevelOdds
+from slopecli.measure import Measured, measure
+from slopecli.options import Options
+from slopecli.patches.join import Joined
+from slopecli.types import Plane, Up
+
+
+def against_both(
+    planes: list[Plane], root: Measured, joined: Joined, options: Options, level: LevelOdds | None
+) -> tuple[Up, list[Plane]]:
+    """Where level is doubted: up with the other direction, and the planes with verdicts that hold against both.
+
+    Their `p_safe` is the smaller of two; they are unsafe only where they are so against both, and never safe.
+    """
+    if level is None or not level.doubted:
+        return root.up, planes
+    x, y, z = level.upright.tolist()
+    other = measure(root.solution, joined, replace(options, up=(x, y, z)))
+    second = dict(zip((patch.id for patch in joined.patches), other.p_safe.tolist(), strict=True))
+    up = replace(root.up, otherwise_cam1=(x, y, z))
+    return up, [_in_doubt(plane, second[plane.id], options.confidence) for plane in planes]
+
+
+def _in_doubt(plane: Plane, second: float, confidence: float) -> Plane:
+    if plane.p_safe is None:
+        return plane
+    unsafe = plane.verdict == "unsafe" and second <= 1.0 - confidence
+    return replace(plane, p_safe=min(plane.p_safe, second), verdict="unsafe" if unsafe else "undecided")
