@@ -7,6 +7,7 @@ import os
 import pickle
 import shutil
 import signal
+import sys
 import tempfile
 import time
 from collections.abc import Iterator
@@ -101,6 +102,8 @@ class Pool:
                 yield message
             else:
                 self.done += 1
+                if self.done % 1000 == 0:
+                    print(f"{self.done} inputs", file=sys.stderr, flush=True)
                 kind, seconds = message
                 count, total = self.tally.get(kind, (0, 0.0))
                 self.tally[kind] = count + 1, total + seconds
