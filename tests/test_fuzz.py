@@ -143,3 +143,24 @@ def test_a_process_that_dies_is_known_by_its_input(tmp_path: Path) -> None:
 def test_a_worker_of_a_batch_is_stood_for_in_this_process() -> None:
     assert issubclass(checks.WorkerHere, Executor)
     assert checks.WorkerHere().submit(abs, -1).result() == 1
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="limits memory as Linux does")
+def test_reading_small_files_reserves_little_memory(tmp_path: Path) -> None:
+    """Of an input no more is reserved than it holds, whatever could be read of a larger one."""
+    for name, content in pair().items():
+        (tmp_path / name).write_bytes(content)
+    script = (
+        "import resource, sys\n"
+        "from slopecli.io import load_image, read_correspondences\n"
+        "from slopecli.io.cameras import load_camera\n"
+        "load_image('image2.png')\n"  # with what is loaded once
+        "limit = 400_000_000\n"
+        "resource.setrlimit(resource.RLIMIT_DATA, (limit, limit))\n"
+        "load_image('image1.png'), load_camera('camera.json'), read_correspondences('matches.csv')\n"
+    )
+    environment = {**os.environ, "PYTHONPATH": str(Path(__file__).parents[1]), "OPENCV_FOR_THREADS_NUM": "1"}
+    ended = subprocess.run(
+        [sys.executable, "-c", script], cwd=tmp_path, env=environment, capture_output=True, text=True, check=False
+    )
+    assert ended.returncode == 0, ended.stderr
