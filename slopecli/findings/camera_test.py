@@ -132,9 +132,9 @@ def suspicion(
     cameras = test.sightings.cameras
     if found.name == "k1":
         k1 = found.freed["k1"]
-        lens = check_lens(
-            LensMisfit(-k1.value, float(k1.score.sigma[3]), found.noise_px, k1.score.noise_px), cameras[0]
-        )
+        reach = float(np.quantile(np.linalg.norm(joined.matches.x1, axis=1), 0.95))
+        misfit = LensMisfit(-k1.value, float(k1.score.sigma[3]), found.noise_px, k1.score.noise_px, reach)
+        lens = check_lens(misfit, cameras[0])
         if lens:
             return [*others, *lens]
     name = found.name if found.name != "k1" else ""
