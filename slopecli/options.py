@@ -53,6 +53,8 @@ class Options:
     direction_prior: tuple[float, ...] | None = None  # of the motion, in camera-1 axes: x, y, z; 1-sigma, deg
     pose: Pose | None = None  # known motion, m: only planes are solved, unless it has a sigma
     pose_sigma_deg: float | None = None  # 1-sigma of its rotation and of its direction; None: they are exact
+    focal_sigma_percent: float | None = None  # 1-sigma of the focal length; None: 3 of a field of view, else 0
+    free_focal: bool = False  # solve with the focal length that the images prefer
     baseline_m: float | None = None
     altitude_m: float | None = None
     tolerance_deg: float = 15.0  # the steepest slope that landers are designed for (paper, section I)

@@ -10,7 +10,7 @@ from slopecli.findings.checks import check_pair
 from slopecli.findings.facts import PairFacts
 from slopecli.findings.pair_checks import refuse_identical, refuse_mirrored, refuse_unmatched
 from slopecli.geometry.statistics import median
-from slopecli.look.changes import find_changes
+from slopecli.look.changes import Change, find_changes
 from slopecli.look.features import FeatureMemory
 from slopecli.look.scene_from_images import find_scene
 from slopecli.options import Options
@@ -19,8 +19,10 @@ from slopecli.patches.given import RAYS, Given, join_rows
 from slopecli.patches.join import join_patches
 from slopecli.patches.windows.window_finder import wanted_windows
 from slopecli.report.build import build_report
-from slopecli.solving import solve_rows, solve_scene
+from slopecli.solving import Answer, solve_rows, solve_scene
 from slopecli.types import Camera, Image, ImageInfo, Report
+
+AGAIN = 0.02  # change of the focal length from which on images are matched again with it
 
 OnStage = Callable[[str, float], None]  # called with the name of a stage and its processor time, s
 
@@ -48,15 +50,40 @@ def estimate(
     NoAnswer : the pair has no solution (no overlap, texture or parallax, pure rotation), with reason and remedy.
     """
     clock = _Clock(on_stage)
-    windows = wanted_windows(options, image1.width, image1.height)
-    images, cameras, greys = (image1, image2), (camera1, camera2), (image1.grey, image2.grey)
+    images, cameras = (image1, image2), (camera1, camera2)
     refuse_identical(*images)
+    answer, changes = _answer(images, cameras, cameras, options, memory, clock)
+    if options.free_focal and abs(answer.cameras[0].focal_px / camera1.focal_px - 1.0) > AGAIN:
+        answer, changes = _answer(images, answer.cameras, cameras, options, memory, clock)
+
+    # slopes, verdicts and findings
+    report = build_report(
+        images, answer.cameras, options, answer.joined, answer.solution, answer.diagnostics, changes, answer.test
+    )
+    clock.tick("report")
+    return report
+
+
+def _answer(
+    images: tuple[Image, Image],
+    cameras: tuple[Camera, Camera],
+    given: tuple[Camera, Camera],
+    options: Options,
+    memory: FeatureMemory | None,
+    clock: _Clock,
+) -> tuple[Answer, list[Change]]:
+    """The answer for a pair, and what changed between its images; given: the cameras, if another focal length is used.
+
+    Images are matched under the cameras, so this is done again where the focal length turns out to be another.
+    """
+    windows = wanted_windows(options, images[0].width, images[0].height)
+    greys = images[0].grey, images[1].grey
 
     # matches of the whole images, sparse and then dense: the scene, and the motions that may explain it
     scene, motions = find_scene(
         *greys, *cameras, options, windows, check_sparse=refuse_unmatched, memory=memory, on_lap=clock.lap
     )
-    diagnostics = check_pair(PairFacts(images, scene, motions[0].scale * camera2.focal_px, options))
+    diagnostics = check_pair(PairFacts(images, scene, motions[0].scale * cameras[1].focal_px, options))
     changes = find_changes(scene)
     clock.tick("overview")
 
@@ -65,15 +92,9 @@ def estimate(
     clock.tick(options.planes)
 
     # joint solution: one motion for all patches, and one scaled normal for each; and what it says of the cameras
-    answer = solve_scene(join_patches(found, scene), scene, motions, diagnostics, options)
+    answer = solve_scene(join_patches(found, scene), scene, motions, diagnostics, options, given)
     clock.tick("solve")
-
-    # slopes, verdicts and findings
-    report = build_report(
-        images, answer.cameras, options, answer.joined, answer.solution, answer.diagnostics, changes, answer.test
-    )
-    clock.tick("report")
-    return report
+    return answer, changes
 
 
 def solve(given: Given, cameras: tuple[Camera, Camera] | None, options: Options, noise: float | None = None) -> Report:
@@ -98,7 +119,7 @@ def solve(given: Given, cameras: tuple[Camera, Camera] | None, options: Options,
     answer = solve_rows(joined, both, sigma_rad, options)
     image1, image2 = (ImageInfo(given.path, c.width or None, c.height or None, given.sha256) for c in both)
     report = build_report(
-        (image1, image2), both, options, answer.joined, answer.solution, answer.diagnostics, test=answer.test
+        (image1, image2), answer.cameras, options, answer.joined, answer.solution, answer.diagnostics, test=answer.test
     )
     return replace(report, options={**report.options, "noise": noise})
 

@@ -7,19 +7,24 @@ from functools import partial
 
 import numpy as np
 
-from slopecli.findings.camera_test import Cameras, CameraTest, examine_cameras, suspicion
+from slopecli.errors import DegenerateConfiguration
+from slopecli.findings.camera_test import Again, Cameras, CameraTest, examine_cameras, suspicion
+from slopecli.findings.focal_use import focal_note, focal_use, prior_sigma, refocused
 from slopecli.findings.given_checks import refuse_unrelated, review
 from slopecli.findings.known_motion import contradiction, motion_prior
 from slopecli.findings.solution_checks import POOR_FIT_PX, merged_groups
 from slopecli.geometry.motion import MotionEstimate
-from slopecli.geometry.solver.intrinsics import Settled
+from slopecli.geometry.solver.intrinsics import Settled, score_camera, with_focal_sigma
 from slopecli.geometry.statistics import median
 from slopecli.look.scene import Scene
 from slopecli.options import Options
-from slopecli.patches.given import settling_rows, solve_given
+from slopecli.patches.given import RAYS, settling_rows, solve_given
 from slopecli.patches.join import Joined, merge_patches, solve_jointly
 from slopecli.patches.settling import set_aside_unsettled
+from slopecli.patches.sightings import every_sighting, seen_by, sightings_of
 from slopecli.types import Diagnostic, Solution
+
+AGREES = 3.0  # sigmas, those of the focal length given and of the images together, within which the two agree
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,15 +42,69 @@ class Answer:
 
 
 def solve_scene(
-    joined: Joined, scene: Scene, motions: list[MotionEstimate], known: list[Diagnostic], options: Options
+    joined: Joined,
+    scene: Scene,
+    motions: list[MotionEstimate],
+    known: list[Diagnostic],
+    options: Options,
+    given: Cameras,
 ) -> Answer:
-    """Solve the patches of a scene jointly; known: diagnostics so far."""
+    """Solve the patches of a scene jointly.
+
+    known : diagnostics so far.  given : cameras of the user, if those of the scene have another focal length.
+    """
     cameras = scene.camera1, scene.camera2
     joined, solution, against_prior = _solve_settled(joined, scene, motions, options)
-    test = examine_cameras(joined, solution, cameras, scene)
-    notes = suspicion(test, joined, solution, options, partial(_solve_scene_again, scene, options), known)
-    joined, solution, merged = _merge_coplanar(joined, solution, options)
-    return Answer(joined, solution, cameras, [*notes, *against_prior, *merged], test)
+    answer = Answer(
+        joined, solution, cameras, known, examine_cameras(joined, solution, cameras, scene, free=options.free_focal)
+    )
+    answer = _with_focal(answer, given, options, partial(_solve_scene_again, scene, options))
+    joined, solution, merged = _merge_coplanar(answer.joined, answer.solution, options)
+    diagnostics = [*answer.diagnostics, *against_prior, *merged]
+    return replace(answer, joined=joined, solution=solution, diagnostics=diagnostics)
+
+
+def _with_focal(answer: Answer, given: Cameras, options: Options, again: Again) -> Answer:
+    """The answer with the focal length that is to be used and its uncertainty, and with a suspicion of the camera.
+
+    given : cameras of the user.  again : solves the same matches as seen by other cameras.
+    """
+    joined, solution, cameras, test = answer.joined, answer.solution, answer.cameras, answer.test
+    if cameras[1] is RAYS:
+        return answer
+    known = prior_sigma(given, options)
+    use = focal_use(test, known, options.free_focal)
+    freed = options.free_focal and test.focal_factor is not None
+    if freed or abs(test.step) < AGREES * np.hypot(test.sigma, known):
+        test, notes = replace(test, suspect=False), answer.diagnostics
+    else:
+        notes = suspicion(test, joined, solution, options, again, answer.diagnostics)
+    if use.step:
+        cameras = refocused(cameras, use.step)
+        joined = seen_by(joined, cameras)
+        solution = again(joined, cameras, test.start or Settled.of(solution))
+    if use.sigma:
+        solution = _uncertain(solution, joined, cameras, use.sigma, options)
+    notes = [*notes, *focal_note(given, cameras, use.sigma, options)]
+    step = test.step + float(np.log(answer.cameras[0].focal_px / given[0].focal_px))
+    return Answer(joined, solution, cameras, notes, replace(test, step=step))
+
+
+def _uncertain(solution: Solution, joined: Joined, cameras: Cameras, sigma: float, options: Options) -> Solution:
+    """The solution and its second root with the uncertainty of the focal length in their covariances."""
+    prior, kept = motion_prior(options), sightings_of(joined, solution, cameras)
+
+    def widened(root: Solution) -> Solution:
+        try:
+            score = score_camera(kept, Settled.of(root), prior)
+        except DegenerateConfiguration:  # three points of a plane that were kept lie on one line
+            score = score_camera(every_sighting(joined, cameras, 1.0, None), Settled.of(root), prior)
+        return with_focal_sigma(root, score, sigma)
+
+    other = solution.ambiguity.alternative
+    if other is not None:
+        solution = replace(solution, ambiguity=replace(solution.ambiguity, alternative=widened(other)))
+    return widened(solution)
 
 
 def _solve_settled(
@@ -108,11 +167,11 @@ def solve_rows(joined: Joined, cameras: Cameras, noise: float | None, options: O
     # whether the rows of each patch are on one plane
     refuse_unrelated(solved.solution, joined, cameras[1])
     joined, notes = review(solved, joined, noise, *cameras)
-    test = examine_cameras(joined, solved.solution, cameras)
-    again = partial(_solve_rows_again, options)
-    diagnostics = suspicion(test, joined, solved.solution, options, again, diagnostics)
-    joined, solution, merged = _merge_coplanar(joined, solved.solution, options)
-    return Answer(joined, solution, cameras, [*diagnostics, *notes, *merged], test)
+    test = examine_cameras(joined, solved.solution, cameras, free=options.free_focal)
+    answer = Answer(joined, solved.solution, cameras, diagnostics, test)
+    answer = _with_focal(answer, cameras, options, partial(_solve_rows_again, options))
+    joined, solution, merged = _merge_coplanar(answer.joined, answer.solution, options)
+    return replace(answer, joined=joined, solution=solution, diagnostics=[*answer.diagnostics, *notes, *merged])
 
 
 def _solve_rows_again(options: Options, joined: Joined, cameras: Cameras, start: Settled) -> Solution:

@@ -72,8 +72,7 @@ class Image:
 @dataclass(frozen=True, eq=False)
 class Ambiguity:
     """Whether a second root is left. delta_chi2: how much worse it fits, None without one; delta_chi2_prior: the part
-    of it that is due to the prior, None without. joined: both roots lie in one broad minimum.
-    """
+    of it that is due to the prior, None without. joined: both roots lie in one broad minimum."""
 
     status: Literal["none", "resolved", "unresolved"] = "none"
     delta_chi2: float | None = None
@@ -98,6 +97,7 @@ class Solution:
     inlier : (n,) which correspondences were kept.  rms : of their residuals in image 2, normalised coordinates.
     chi2 : weighted sum of squares at the optimum.
     noise_gain : factor on standard errors for errors that neighbouring correspondences share.
+    focal_shift : (3m + 5,) change of all normals and the motion by 1-sigma of the focal length; in the covariances.
     """
 
     R: FloatArray
@@ -119,6 +119,7 @@ class Solution:
     prior_chi2: float | None = None
     joint_normals: FloatArray | None = None
     noise_gain: float = 1.0
+    focal_shift: FloatArray | None = None
 
     @property
     def direction_covariance(self) -> FloatArray:
@@ -131,15 +132,17 @@ class Solution:
             return self.normal_covariance[i]
         if self.joint_normals is not None:
             return self.joint_normals[3 * i : 3 * i + 3, 3 * j : 3 * j + 3]
-        return self.normal_gain[i] @ self.motion_covariance @ self.normal_gain[j].T
+        if self.focal_shift is None:
+            return self.normal_gain[i] @ self.motion_covariance @ self.normal_gain[j].T
+        normals, motion = self.focal_shift[:-5].reshape(-1, 3), np.outer(self.focal_shift[-5:], self.focal_shift[-5:])
+        own = self.normal_gain[i] @ (self.motion_covariance - motion) @ self.normal_gain[j].T
+        return own + np.outer(normals[i], normals[j])
 
 
 @dataclass(frozen=True, eq=False)
 class Slopes:
-    """Per plane: slope (0..pi), its 1-sigma, aspect (downhill azimuth, NaN when undefined) and its 1-sigma, rad.
-
-    tilt_covariance (m, 2, 2) of the normal, rad^2: along the slope (row 0) and across it (row 1).
-    """
+    """Per plane: slope (0..pi), its 1-sigma, aspect (downhill azimuth, NaN when undefined) and its 1-sigma, rad;
+    tilt_covariance (m, 2, 2) of the normal, rad^2: along the slope (row 0) and across it (row 1)."""
 
     slope_rad: FloatArray
     sigma_rad: FloatArray
@@ -150,11 +153,8 @@ class Slopes:
 
 @dataclass(frozen=True, eq=False)
 class Segmentation:
-    """How image 1 was divided into regions, (h, w) of a working image, for pictures of the steps.
-
-    gradient: grey levels per px; threshold: of it, below which a pixel is inside a surface; components: connected
-    regions below it, 1 the largest, 0 for none; merged: the same after those on one plane were merged, 1..k.
-    """
+    """Regions of image 1, (h, w) of a working image: gradient, grey levels per px; components, connected regions below
+    its threshold, 1 the largest, 0 for none; merged: the same after those on one plane were merged, 1..k."""
 
     gradient: NDArray[np.float32]
     threshold: float

@@ -118,11 +118,11 @@ def test_rays_and_few_rows_tell_none() -> None:
 
 
 @cache
-def sample_with(focal_px: float | None) -> Report:
+def sample_with(focal_px: float | None, **options: object) -> Report:
     images = (load_image(SAMPLE / "image1.png"), load_image(SAMPLE / "image2.png"))
     camera = load_camera(SAMPLE / "camera.json")
     camera = camera if focal_px is None else replace(camera, fx=focal_px, fy=focal_px)
-    return estimate(*images, camera, camera, Options())
+    return estimate(*images, camera, camera, Options(**options))  # type: ignore[arg-type]
 
 
 def test_the_sample_is_right_and_said_to_be() -> None:
@@ -136,3 +136,70 @@ def test_the_sample_with_a_focal_length_of_400_px_is_suspect() -> None:
     assert [d.code for d in report.diagnostics if d.code.startswith("suspect")] == ["suspect-camera"]
     assert 400.0 * (report.fit.focal_factor or 0.0) == pytest.approx(692.8, rel=0.05)
     assert all(plane.verdict != "safe" for plane in report.planes)
+
+
+# ---- a free focal length, and an uncertain one ----
+
+
+@pytest.mark.parametrize("camera", [PINHOLE, LENS], ids=["pinhole", "distorted"])
+def test_a_free_focal_length_gives_the_right_slopes(camera: Camera) -> None:
+    scene = scene_of(6, camera=camera, noise_px=0.0)
+    right = report_of(scene, camera)
+    freed = report_of(scene, changed(camera, "f", np.log(0.7)), free_focal=True)
+    assert freed.cameras[0].fx == pytest.approx(camera.fx, rel=1e-6)
+    assert freed.cameras[0].source.endswith("focal length by the images")
+    assert [p.slope_deg for p in freed.planes] == pytest.approx([p.slope_deg for p in right.planes], abs=1e-4)
+    (note,) = (d for d in freed.diagnostics if d.code == "focal-length")
+    assert note.value == pytest.approx(1 / 0.7, rel=1e-6)
+    assert freed.fit.focal_factor == pytest.approx(1 / 0.7, rel=1e-6)
+    assert "suspect-camera" not in {d.code for d in freed.diagnostics}
+
+
+def test_a_focal_length_that_is_not_told_is_not_freed() -> None:
+    scene = scene_of(4, slopes_deg=[0.0] * 9, height_spread=0.0)
+    report = report_of(scene, PINHOLE, free_focal=True)
+    assert report.cameras[0].fx == PINHOLE.fx
+    (note,) = (d for d in report.diagnostics if d.code == "focal-length")
+    assert "do not tell" in note.message
+
+
+def test_a_field_of_view_is_known_to_three_percent() -> None:
+    scene = scene_of(4, slopes_deg=[12.0] * 9, height_spread=0.0, noise_px=0.05)
+    exact, rounded = replace(PINHOLE, source="given"), replace(PINHOLE, source="field of view")
+    sigmas = [[p.slope_sigma_deg for p in report_of(scene, camera).planes] for camera in (exact, rounded)]
+    told = [p.slope_sigma_deg for p in report_of(scene, rounded, focal_sigma_percent=0.0).planes]
+    assert told == sigmas[0]
+    assert (np.array(sigmas[1]) > np.array(sigmas[0])).all()
+
+
+def test_one_plane_carries_all_of_an_uncertain_focal_length() -> None:
+    scene = scene_of(7, slopes_deg=[20.0] * 9, height_spread=0.0, noise_px=0.02, trajectory_deg=90.0)
+    sigma_deg = report_of(scene, PINHOLE, focal_sigma_percent=3.0).planes[4].slope_sigma_deg
+    step = 0.03
+    slopes = [report_of(scene, changed(PINHOLE, "f", side * step)).planes[4].slope_deg for side in (1, -1)]
+    assert sigma_deg == pytest.approx(abs(slopes[0] - slopes[1]) / 2, rel=0.15)
+
+
+def test_two_sigmas_cover_when_focal_lengths_are_off_by_three_percent() -> None:
+    within = []
+    for seed in seeds(150, 12):
+        rng = np.random.default_rng(1000 + seed)
+        trajectory = float(rng.choice([0.0, 45.0, 90.0]))
+        flat = {"slopes_deg": [15.0] * 9, "height_spread": 0.0} if seed % 2 else {}
+        scene = scene_of(seed, trajectory_deg=trajectory, noise_px=0.1, **flat)
+        false = changed(PINHOLE, "f", 0.03 * rng.standard_normal())
+        report = report_of(scene, false, focal_sigma_percent=3.0)
+        if report.ambiguity.status == "unresolved":
+            continue
+        for plane in report.planes:
+            true = -scene.normals[plane.id] / np.linalg.norm(scene.normals[plane.id])
+            slope = np.degrees(np.arccos(np.clip(-true[2], -1.0, 1.0)))
+            within.append(abs(plane.slope_deg - slope) < 2.0 * plane.slope_sigma_deg)
+    assert np.mean(within) >= 0.93
+
+
+def test_the_sample_with_a_focal_length_of_400_px_is_right_with_it_free() -> None:
+    report = sample_with(400.0, free_focal=True)
+    right = sample_with(None)
+    assert report.cameras[0].fx == pytest.approx(692.8, rel=0.01)
+    assert [p.slope_deg for p in report.planes] == pytest.approx([p.slope_deg for p in right.planes], abs=0.2)

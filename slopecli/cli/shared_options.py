@@ -162,6 +162,15 @@ solving_options = (
     Option(PRIOR, "--direction-prior", "D,SIGMA", kinds.DIRECTION_PRIOR, _DIRECTION_HELP),
     Option(PRIOR, "--pose pose_file", "FILE", PATH, 'Known motion, JSON: "R" (3x3), "T" (metres).'),
     Option(PRIOR, "--pose-sigma pose_sigma_deg", "DEG", inside(0, 90), "1-sigma of the pose", shown="exact"),
+    _option(
+        PRIOR,
+        "--focal-sigma focal_sigma_percent",
+        "PERCENT",
+        Between(0, 30),
+        "1-sigma of the focal length",
+        shown="3 for --fov, else 0",
+    ),
+    Flag(PRIOR, "--free-focal", "Solve with the focal length that the images prefer"),
     _option(DECISION, "--tolerance tolerance_deg", "DEG", inside(0, 90), "The steepest slope that is safe"),
     _option(DECISION, "--confidence", "P", inside(0.5, 1), "Probability needed for a verdict"),
     _option(

@@ -55,6 +55,10 @@ def solve(ctx: click.Context, matches: str, **parameters: Any) -> None:
     refuse(
         ctx,
         (given(ctx, "camera2") and not given(ctx, *CAMERA_FLAGS), "--camera2 is without --camera; give both."),
+        (
+            given(ctx, "free_focal", "focal_sigma_percent") and not given(ctx, *CAMERA_FLAGS),
+            "--free-focal and --focal-sigma are of a camera; give --camera, --intrinsics or --fov.",
+        ),
         (fov_alone, "--fov and --size belong together, for example --fov 60 --size 1024x768; give both."),
     )
     talk = ctx.ensure_object(Talk)

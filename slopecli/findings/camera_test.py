@@ -68,13 +68,15 @@ class CameraTest:
         return float(np.exp(self.step)) * self.sigma if self.sigma < TELLING else None
 
 
-def examine_cameras(joined: Joined, solution: Solution, cameras: Cameras, scene: Scene | None = None) -> CameraTest:
+def examine_cameras(
+    joined: Joined, solution: Solution, cameras: Cameras, scene: Scene | None = None, *, free: bool = False
+) -> CameraTest:
     """Test the cameras by the residuals of the joint solution; about 5 ms, and half a second where these ask for more.
 
-    scene : of the matches, None for a user's own correspondences.
+    scene : of the matches, None for a user's own correspondences.  free : free the focal length in any case.
     """
-    free = 2 * int(solution.inlier.sum()) - 5 - 3 * len(solution.scaled_normals)
-    if cameras[1] is RAYS or free < FEW_FREE:
+    spare = 2 * int(solution.inlier.sum()) - 5 - 3 * len(solution.scaled_normals)
+    if cameras[1] is RAYS or spare < FEW_FREE:
         return CameraTest()
     sightings, start = sightings_of(joined, solution, cameras), Settled.of(solution)
     try:
@@ -82,7 +84,7 @@ def examine_cameras(joined: Joined, solution: Solution, cameras: Cameras, scene:
     except DegenerateConfiguration:  # what the solution kept is too little for a plane
         return CameraTest()
     step, sigma = float(score.step[0]), float(score.sigma[0])  # too large a sigma under a wrong camera
-    if abs(step) < max(ASKED * sigma, ASKED_SHARE) or sigma > 3 * TELLING:
+    if not free and (abs(step) < max(ASKED * sigma, ASKED_SHARE) or sigma > 1.0):
         return CameraTest(step, _sigma(score), False, score, sightings)
     freed = free_focal(every_sighting(joined, cameras, solution.noise_gain, scene), start)
     if freed is None:

@@ -222,6 +222,13 @@ _ROWS: dict[Severity, dict[str, tuple[Any, ...]]] = {
             "by how much the sigma went down",
         ),
         "unexplained": ("Where planes are sought in all of the image: how much lies on none.", "", "share of image 1"),
+        "focal-length": (
+            "Which focal length the slopes were computed with, and its 1-sigma, where it is not the one given: "
+            "`--free-focal`, or `--focal-sigma` where the images tell it better. Or that `--free-focal` found the "
+            "images to tell none, and the one given was used.",
+            "",
+            "focal length used over the one given",
+        ),
         "image-note": (
             "How a file was read: a rotation mark left alone, 16 bits mapped to 8.",
             "",

@@ -67,12 +67,16 @@ def joint_covariance(solution: Solution, tilt_sigma_rad: FloatArray | None = Non
     tilt_sigma_rad : (m,) 1-sigma of tilt to add to each plane, beyond what residuals show.
     """
     m, C = len(solution.scaled_normals), solution.motion_covariance
-    gain = solution.normal_gain.reshape(3 * m, 5)
+    gain, shift = solution.normal_gain.reshape(3 * m, 5), solution.focal_shift
+    if shift is not None:
+        C = C - np.outer(shift[-5:], shift[-5:])
     joint = np.empty((parameter_count(m), parameter_count(m)))
     joint[: 3 * m, : 3 * m] = gain @ C @ gain.T
     joint[: 3 * m, 3 * m :] = gain @ C
     joint[3 * m :, : 3 * m] = joint[: 3 * m, 3 * m :].T
     joint[3 * m :, 3 * m :] = C
+    if shift is not None:
+        joint += np.outer(shift, shift)
     N = solution.scaled_normals
     across = np.linalg.norm(N, axis=1)[:, None, None] ** 2 * np.eye(3) - N[:, :, None] * N[:, None, :]
     tilt = np.zeros(m) if tilt_sigma_rad is None else tilt_sigma_rad

@@ -22,6 +22,7 @@ from slopecli.geometry.camera import pixels_from_rays, rays_from_pixels
 from slopecli.geometry.epipolar import homogeneous, skew, tangent_basis
 from slopecli.geometry.solver.observations import FINEST_RESIDUAL, Observations, observe, predict
 from slopecli.geometry.solver.one_thread import one_blas_thread
+from slopecli.geometry.solver.priors import MotionPrior
 from slopecli.geometry.statistics import median
 from slopecli.types import BoolArray, Camera, CameraModel, FloatArray, IntArray, Solution
 
@@ -137,8 +138,10 @@ class _Rows(NamedTuple):
 
 
 @one_blas_thread()
-def score_camera(sightings: Sightings, settled: Settled) -> CameraScore:
+def score_camera(sightings: Sightings, settled: Settled, prior: MotionPrior | None = None) -> CameraScore:
     """Score the cameras of sightings at a solution of them; the points that it left out count for nothing here.
+
+    prior : on the motion, which then follows the focal length less; the step is that of the images alone.
 
     Raises
     ------
@@ -166,7 +169,8 @@ def score_camera(sightings: Sightings, settled: Settled) -> CameraScore:
 
     place = sightings.uv1[seen.order]
     sigma = _sigma(g, r, step, information, seen, place, sightings)
-    motion = -moved[:, 0]
+    held = G[:5, :5] if prior is None else G[:5, :5] + _held(prior, settled)
+    motion = -np.linalg.solve(_lifted(held), G[:5, 5])
     normals = -response[:, :, 5] - response[:, :, :5] @ motion
     unit = max(settled.noise, FINEST_RESIDUAL) * sightings.cameras[1].focal_px / np.sqrt(median(sightings.weight))
     across = r[along.shape[1] :]
@@ -260,6 +264,24 @@ def _free_rows(
     rows[9] = distance
     rows[5] += distance  # in pixels, as those of the patches
     return rows
+
+
+def _held(prior: MotionPrior, settled: Settled) -> FloatArray:
+    """(5, 5) information of a prior on the motion (w, T along its tangent)."""
+    P = np.zeros((6, 5))
+    P[:3, :3], P[3:, 3:] = np.eye(3), tangent_basis(settled.T)
+    return np.asarray(P.T @ prior.terms(settled.R[None], settled.T[None], 1.0)[0, :6, :6] @ P)
+
+
+def with_focal_sigma(solution: Solution, score: CameraScore, sigma: float) -> Solution:
+    """The solution, its covariances larger by what a 1-sigma of the focal length's logarithm does to it."""
+    motion, normals = sigma * score.motion, sigma * score.normals
+    return replace(
+        solution,
+        normal_covariance=solution.normal_covariance + normals[:, :, None] * normals[:, None, :],
+        motion_covariance=solution.motion_covariance + np.outer(motion, motion),
+        focal_shift=np.concatenate([normals.ravel(), motion]),
+    )
 
 
 def _lifted(information: FloatArray) -> FloatArray:

@@ -1,0 +1,80 @@
+"""Which focal length the slopes are computed with: that given, or one that the images prefer, and its 1-sigma."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+
+from slopecli.findings.camera_test import Cameras, CameraTest
+from slopecli.findings.wording import finding
+from slopecli.geometry.solver.intrinsics import changed
+from slopecli.options import Options
+from slopecli.types import Camera, Diagnostic
+
+FIELD_OF_VIEW = "field of view"  # source of a camera that is known to no better than `FIELD_OF_VIEW_PERCENT`
+FIELD_OF_VIEW_PERCENT = 3.0  # 1-sigma of its focal length: data sheets round, and sensors are cropped
+FREED_BELOW = 0.015  # 1-sigma of the logarithm from which on the images are taken to know it better than the prior
+FLOOR_PX = 0.01  # systematic residual that a wrong focal length could explain; lens models and interpolation leave 0.02
+
+
+class FocalUse(NamedTuple):
+    """step : logarithm of the focal length used over that of the cameras.  sigma : its 1-sigma, 0 if it is exact."""
+
+    step: float = 0.0
+    sigma: float = 0.0
+
+
+def prior_sigma(cameras: Cameras, options: Options) -> float:
+    """1-sigma of the logarithm of the focal length as given; 0 if it is exact."""
+    if options.focal_sigma_percent is not None:
+        return options.focal_sigma_percent / 100.0
+    return FIELD_OF_VIEW_PERCENT / 100.0 if any(camera.source.startswith(FIELD_OF_VIEW) for camera in cameras) else 0.0
+
+
+def focal_use(test: CameraTest, prior: float, free: bool) -> FocalUse:
+    """The focal length to use.
+
+    prior : 1-sigma of the one given.  free : whether the images alone decide, where they tell it.
+    """
+    told = test.focal_factor is not None and test.score is not None
+    floor = FLOOR_PX / max(float(test.score.px[0]), 1e-9) if test.score is not None else np.inf
+    own = float(np.hypot(test.sigma, floor))
+    if free and told:
+        return FocalUse(test.step, own)
+    if not prior or not told:
+        return FocalUse(0.0, prior)
+    both = 1.0 / np.sqrt(1.0 / prior**2 + 1.0 / own**2)
+    if both >= FREED_BELOW:
+        return FocalUse(0.0, prior)
+    return FocalUse(test.step * (both / own) ** 2, float(both))
+
+
+def refocused(cameras: Cameras, step: float) -> Cameras:
+    """The cameras with the focal length used; their source says that it is not the one given."""
+    if step == 0.0:
+        return cameras
+    first, second = (changed(camera, "f", step) for camera in cameras)
+    return _freed(first), _freed(second)
+
+
+def _freed(camera: Camera) -> Camera:
+    note = ", focal length by the images"
+    return camera if camera.source.endswith(note) else replace(camera, source=camera.source + note)
+
+
+def focal_note(given: Cameras, used: Cameras, sigma: float, options: Options) -> list[Diagnostic]:
+    """Say which focal length was used, if it is not the one given, or was to be freed and could not be."""
+    if used[0] is given[0]:
+        if not options.free_focal:
+            return []
+        message = "the images do not tell the focal length, so the one given was used: --free-focal had no effect"
+        return [finding("focal-length", message, 1.0)]
+    before, after = given[0].focal_px, used[0].focal_px
+    why = "that the images prefer (--free-focal)" if options.free_focal else "that images and --focal-sigma agree on"
+    message = (
+        f"slopes were computed with a focal length of {after:.5g} ± {after * sigma:.2g} px, {why}: "
+        f"{after / before:.4g} times the {before:.5g} px given; their sigmas include its own"
+    )
+    return [finding("focal-length", message, after / before)]
