@@ -129,6 +129,7 @@ FISHEYE = {"K": MATRIX, "D": [[0.05], [-0.02], [0.01], [-0.002]], "image_size": 
         {"type": "opencv_fisheye"},
         {"projection": "equidistant"},
         {"info": {"lens": {"model": "fisheye"}}},
+        {"D": {"rows": 1, "cols": 4, "data": [0.05, -0.02, 0.01, -0.002], "model": "fisheye"}},
         {"camera_model": "pinhole", "distortion_type": "fisheye"},
     ],
     ids=json.dumps,
@@ -156,6 +157,8 @@ def test_fisheye_marks_are_read(tmp_path: Path, mark: dict) -> None:
         {"model": "radtan", "is_fisheye": True},
         {"model": "fisheye", "is_fisheye": False},
         {"lens": {"kind": "fish-eye"}},
+        {"Fisheye_Lens_Used_Here": "perhaps"},
+        {"camera_lens": "anything"},
     ],
     ids=json.dumps,
 )

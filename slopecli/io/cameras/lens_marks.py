@@ -12,7 +12,8 @@ from slopecli.types import CameraModel
 
 OF = "camera|cam|lens|distortion|dist|distort|projection|proj|intrinsics?|calibration|calib|undistortion"
 NAMED = re.compile(
-    rf"(?:{OF})?(?:{OF})?(?:model|modeltype|modelname|type)|lens|lenses|projection|optics|distortionname"
+    rf"(?:{OF})?(?:{OF})?(?:model|modeltype|modelname|type)|(?:cam|camera)?lens|lenses|lens(?:mode|kind)|"
+    "(?:lens)?projection|optics|distortionname"
 )
 SWITCH = re.compile("(?:is|use|has|using|with)?(?:fisheye|fisheyed)(?:model|lens|camera|cam|flag|mode|distortion)?")
 # words that tell of a lens other than a radial-tangential one, wherever they stand
@@ -49,7 +50,7 @@ def _marks(tree: Tree, level: int = 0) -> Iterator[tuple[str, CameraModel | Lite
     for key, value in tree.items():
         plain = plain_key(key)
         if isinstance(value, Mapping) and not SWITCH.fullmatch(plain):
-            if level < 3 and "data" not in value:
+            if level < 3:
                 yield from _marks(value, level + 1)
         elif SWITCH.fullmatch(plain):
             yield str(key), _switched(str(key), value)
@@ -92,8 +93,14 @@ def _refuse_suspect(key: str, plain: str, value: Any) -> None:
     """Refuse what may be a mark of another lens under a name that is not read."""
     if PROSE.fullmatch(plain) or value is None or value is False:
         return
+    if (
+        isinstance(value, str)
+        and "fisheye" in plain
+        and value.strip().lower() in ("", "0", "false", "no", "none", "off")
+    ):
+        return
     says = isinstance(value, str) and re.search(SUSPECT, value, re.IGNORECASE)
-    if says or (isinstance(value, bool | int | float) and value and re.search(SUSPECT, plain)):
+    if says or (isinstance(value, bool | int | float | str) and value and re.search(SUSPECT, plain)):
         raise InputError(f"{key!r} = {_shown(value)} is not understood; name the lens as model, for example fisheye")
 
 
