@@ -20,6 +20,8 @@ from slopecli.types import FloatArray, Solution
 
 CLEARLY = 2.0  # times the noise: more is no chance, whatever the number of matches
 MOST_TRIED, MOST_ROUNDS = 8, 3  # patches left out in turn, and how often: each costs a solution
+MOST_NOISE = 0.05  # normalised: patches that leave room for more tell nothing of each other
+HELPED = 0.9  # of the noise: what leaving out one patch of several bad ones must bring
 ENOUGH_MATCHES = 8  # of a patch, from which on its own homography tells their noise
 BEHIND = "its matches put it behind a camera, or at infinity, and the joint solution does not settle with it"
 AGAINST = "its matches contradict the motion that the others agree on: mismatches, or something that moved"
@@ -44,7 +46,8 @@ def set_aside_unsettled(joined: Joined, solution: Solution, solve: Solve, most_n
     solution : of `joined`.  solve : gives that of a smaller problem.
     """
     most = (len(joined.patches) - 1) // 2
-    if most == 0 or (solution.converged and solution.noise <= most_noise):
+    hopeless = most_noise > MOST_NOISE
+    if most == 0 or hopeless or (solution.converged and solution.noise <= most_noise):
         return joined
 
     def tried(rest: Joined) -> _Trial:
@@ -60,11 +63,12 @@ def set_aside_unsettled(joined: Joined, solution: Solution, solve: Solve, most_n
     best = _Trial(False, solution.noise, joined, solution)
     for _ in range(min(most, MOST_ROUNDS)):
         trials = [tried(_without(best.rest, [k], AGAINST)) for k in _suspects(best.rest, best.solution)]
+        before = best.noise
         best, *others = sorted(trials, key=lambda one: (not one.settled, one.noise))
         if best.settled:
             alike = any(one.settled and one.noise < CLEARLY * best.noise for one in others)
             return joined if alike else best.rest
-        if not np.isfinite(best.noise):
+        if not best.noise < HELPED * before:  # not this patch, then, or not it alone
             break
     return joined
 

@@ -18,6 +18,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from slopecli.errors import DegenerateConfiguration
 from slopecli.geometry.camera import pixels_from_rays, rays_from_pixels
 from slopecli.geometry.epipolar import homogeneous, skew, tangent_basis
 from slopecli.geometry.solver.observations import FINEST_RESIDUAL, Observations, observe, predict
@@ -150,6 +151,8 @@ def score_camera(sightings: Sightings, settled: Settled, prior: MotionPrior | No
     x1, x2 = sightings.rays()
     d1, d2 = (_by_parameters(camera, x) for camera, x in zip(sightings.cameras, (x1, x2), strict=True))
     seen = observe(x1, x2, sightings.patch, sightings.weight)
+    if seen.n_patches != len(settled.scaled_normals):
+        raise DegenerateConfiguration("no point of the last patch was kept; nothing to test the cameras with")
     rows = _rows(seen, settled, d1[:, :, seen.order], d2[:, :, seen.order])
 
     # normals eliminated: V_i, and its response to the other columns
