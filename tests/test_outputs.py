@@ -5,6 +5,9 @@ from __future__ import annotations
 import errno
 import json
 import os
+import signal
+from contextlib import suppress
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -21,7 +24,7 @@ from report_factory import (
 )
 
 from slopecli.errors import InputError
-from slopecli.io import check_directory, write_outputs
+from slopecli.io import check_directory, temporary_folder, write_outputs
 from slopecli.products import (
     OUTPUT_NAMES,
     PRODUCTS,
@@ -242,3 +245,110 @@ def test_name_that_no_file_system_takes(tmp_path: Path) -> None:
 def test_check_changes_nothing(tmp_path: Path) -> None:
     check_directory(tmp_path / "new" / "folder")
     assert not list(tmp_path.iterdir())
+
+
+# ---- writers that are killed ----
+
+
+class Killed(BaseException):
+    """Stands for SIGKILL: nothing is done any more."""
+
+
+def kill_at(monkeypatch: pytest.MonkeyPatch, step: int) -> None:
+    """Let the writer die in the `step`th call that changes something on the disk, which then does not happen."""
+    count = 0
+    for name in ("rename", "replace", "unlink", "fsync", "mkdir", "rmdir"):
+
+        def dying(*args: Any, _real: Any = getattr(os, name), **kwargs: Any) -> Any:
+            nonlocal count
+            count += 1
+            if count >= step:
+                raise Killed
+            return _real(*args, **kwargs)
+
+        monkeypatch.setattr(os, name, dying)
+
+
+@pytest.mark.parametrize("step", range(1, 36))
+def test_after_a_kill_the_result_is_there_only_with_all_of_its_files(earlier: Path, step: int) -> None:
+    with pytest.MonkeyPatch.context() as patch:
+        kill_at(patch, step)
+        with suppress(Killed):
+            write_outputs(REPORT, IMAGE, earlier)
+    there = {name: content for name, content in contents_of_files(earlier).items() if name in OUTPUT_NAMES}
+    if "slopes.json" in there:
+        are_old = {content.startswith(b"earlier") for content in there.values()}
+        assert len(are_old) == 1, sorted(there)
+        assert set(there) == (set(OUTPUT_NAMES) if are_old == {True} else ALL)
+    write_outputs(REPORT, IMAGE, earlier)  # the next run
+    assert set(contents(earlier)) == ALL | {"notes.txt"}
+
+
+def contents_of_files(folder: Path) -> dict[str, bytes]:
+    return {path.name: path.read_bytes() for path in folder.iterdir() if path.is_file()}
+
+
+def test_what_another_process_is_about_to_write_stays(tmp_path: Path) -> None:
+    (tmp_path / ".slopemap-killed").mkdir()
+    (tmp_path / ".slopemap-killed" / "slopes.json").write_text("half")
+    with temporary_folder(tmp_path) as other:
+        assert [path.name for path in tmp_path.iterdir()] == [other.name]
+        write_outputs(REPORT, IMAGE, tmp_path)
+        assert other.is_dir()
+    assert set(contents(tmp_path)) == ALL
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_signal_waits_until_all_files_have_their_names(
+    earlier: Path, monkeypatch: pytest.MonkeyPatch, number: int
+) -> None:
+    real = os.rename
+
+    def disturbed(*arguments: Any) -> None:
+        signal.raise_signal(number)
+        real(*arguments)
+
+    def handler(*_: object) -> None:
+        raise Killed
+
+    before = signal.signal(number, handler)
+    try:
+        monkeypatch.setattr(os, "rename", disturbed)
+        with pytest.raises(Killed):
+            write_outputs(REPORT, IMAGE, earlier)
+        assert signal.getsignal(number) is handler
+    finally:
+        signal.signal(number, before)
+    assert set(contents(earlier)) == ALL | {"notes.txt"}
+
+
+# ---- inputs ----
+
+
+def input_is(path: Path) -> Any:
+    return make_report(images=(replace(REPORT.images[0], path=str(path)), REPORT.images[1]))
+
+
+def test_an_input_is_not_replaced_however_it_is_spelled(tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    out.mkdir()
+    picture = out / "overlay.png"
+    picture.write_bytes(b"mine")
+    (tmp_path / "link").symlink_to(out)
+    (tmp_path / "soft.png").symlink_to(picture)
+    os.link(picture, tmp_path / "hard.png")
+    for path in (picture, out / ".." / "out" / "overlay.png", *(tmp_path / name for name in ("soft.png", "hard.png"))):
+        with pytest.raises(InputError) as error:
+            write_outputs(input_is(path), IMAGE, tmp_path / "link")
+        assert "is an input" in one_line(error)
+        assert contents(out) == {"overlay.png": b"mine"}
+    write_outputs(input_is(tmp_path / "none.png"), IMAGE, out)
+
+
+def test_inputs_that_are_not_among_the_names_do_no_harm(tmp_path: Path) -> None:
+    (tmp_path / "image.png").write_bytes(b"mine")
+    inputs = [str(tmp_path / "image.png"), "-", None, "", "nowhere#1", "a\0b", "x" * 5000]
+    check_directory(tmp_path, inputs=inputs)
+    (tmp_path / "slopes.json").write_text("a camera")
+    with pytest.raises(InputError, match="is an input"):
+        check_directory(tmp_path, inputs=[*inputs, f"{tmp_path / 'slopes.json'}#left"])

@@ -18,8 +18,9 @@ from slopecli.batch.worker import Limits, Worker
 from slopecli.errors import DiskFull, InputError, SlopemapError
 from slopecli.io.files import DISK_FULL, remove_temporary, write_atomically
 from slopecli.io.lock import locked
-from slopecli.io.outputs import check_directory
+from slopecli.io.outputs import RECORD, check_directory, replaced_input
 from slopecli.options import Options
+from slopecli.products import OUTPUT_NAMES
 
 CHUNK = 8  # jobs in a call on a cluster: neighbours share images, but a lost worker costs a chunk
 PER_CORE = 2  # chunks submitted per core, so that no worker waits for the next
@@ -69,6 +70,7 @@ def run(
     if len({pair.name for pair in pairs}) < len(pairs):
         raise InputError("two pairs have the same name; every pair needs a folder of its own")
     folder = Path(directory).absolute()
+    _check_inputs(folder, pairs)
     work = [Job(pair, options, keep, str(folder / pair.name), os.getcwd()) for pair in pairs]
     results = _Results(work, on_progress)
     limits = Limits(timeout_s, memory_gb)
@@ -80,6 +82,19 @@ def run(
         else:
             _run_here(work, jobs, limits, lock, results)
     return results.outcomes
+
+
+def _check_inputs(folder: Path, pairs: Sequence[Pair]) -> None:
+    """Raise InputError if an image or a camera file is one of the files that the batch writes."""
+    used = (pair for pair in pairs if os.path.isdir(folder / pair.name))
+    outputs = [*(folder / name for name in FILES)]
+    outputs += [folder / pair.name / name for pair in used for name in (*OUTPUT_NAMES, RECORD)]
+    inputs: dict[str | None, None] = {}
+    for pair in pairs:
+        cameras = (choice.file for choice in (pair.camera1, pair.camera2) if choice is not None)
+        inputs |= dict.fromkeys((pair.image1, pair.image2, *cameras))
+    if taken := replaced_input(outputs, inputs):
+        raise InputError(f"{taken} is an input, and would be replaced by a result; choose another folder with -o")
 
 
 @contextmanager

@@ -129,7 +129,7 @@ def _find_pairs(folder: str, parameters: dict[str, Any]) -> FoundPairs:
 
     output, cameras = parameters["output"], None
     if output and not parameters["dry_run"]:
-        check_directory(output, FILES)
+        check_directory(output, FILES, [parameters[name] for name in ("pairing", "camera", "camera2", "pose_file")])
     if any(parameters[flag] for flag in CAMERA_FLAGS):
         first = camera_choice(parameters)
         cameras = first, CameraChoice(file=parameters["camera2"]) if parameters["camera2"] else first

@@ -89,7 +89,8 @@ def _answer_pair(ctx: click.Context, image1: str, image2: str, parameters: dict[
     if output:
         from slopecli.io.outputs import check_directory
 
-        check_directory(output)
+        files = (parameters[name] for name in ("camera", "camera2", "pose_file"))
+        check_directory(output, inputs=(image1, image2, *files))
     with talk.timed("load"):
         from slopecli.io.images import load_image
 

@@ -87,7 +87,7 @@ def plan(ctx: click.Context, **parameters: Any) -> None:
     if parameters["output"]:
         from slopecli.io.outputs import PLAN_NAMES, check_directory
 
-        check_directory(parameters["output"], PLAN_NAMES)
+        check_directory(parameters["output"], PLAN_NAMES, [parameters["camera"]])
     with talk.timed("plan"):
         from slopecli.plan import make_plan
         from slopecli.windows import check_windows, grid_windows

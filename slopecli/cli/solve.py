@@ -65,7 +65,8 @@ def solve(ctx: click.Context, matches: str, **parameters: Any) -> None:
     if parameters["output"]:
         from slopecli.io.outputs import check_directory
 
-        check_directory(parameters["output"])
+        files = (parameters[name] for name in ("camera", "camera2", "pose_file"))
+        check_directory(parameters["output"], inputs=(matches, *files))
     with talk.timed("load"):
         correspondences = read_correspondences(matches)
     two_noises = correspondences.sigma is not None and parameters["noise"] is not None

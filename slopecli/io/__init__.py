@@ -6,12 +6,13 @@ __getattr__, __dir__ = lazy_names(
     __name__,
     {
         "correspondences": "read_correspondences",
-        "files": "remove_temporary write_atomically",
+        "files": "read_file remove_temporary write_atomically",
         "images": "MAX_PIXELS load_image",
         "lock": "locked",
         "outputs": "check_directory load_schema write_outputs",
         "pair_sources": "natural_key",
         "poses": "load_pose",
         "study_files": "FIGURES STUDY_NAMES TIMED",
+        "temporary": "temporary_folder",
     },
 )

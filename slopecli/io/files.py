@@ -6,7 +6,10 @@ import csv
 import errno
 import os
 import re
+import select
 import shutil
+import signal
+import threading
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from io import StringIO
@@ -16,6 +19,8 @@ from pathlib import Path
 from slopecli.errors import InputError
 
 TEMPORARY = ".slopemap-"  # prefix of the names of unfinished files and folders
+NO_WAITING = getattr(os, "O_NONBLOCK", 0)
+PIPE_PATIENCE_S = 5.0  # until the first byte of a pipe must come; more would look like a hang
 DISK_FULL = (errno.ENOSPC, errno.EDQUOT)
 
 
@@ -41,14 +46,33 @@ def read_file(
         if not place.exists():
             raise InputError(f"{path}: no such {kind}; check the path")
         if pipe and place.is_fifo():
-            with place.open("rb") as file:
-                return file.read(max_bytes + 1)
+            return _read_pipe(path, place, max_bytes)
         if not place.is_file():
             raise InputError(f"{path}: is not a regular file; save it to disk first")
-        if place.stat().st_size > max_bytes:
-            sizes = f"{place.stat().st_size / 1e6:.0f} MB, at most {max_bytes / 1e6:.0f} MB are read"
+        size = place.stat().st_size
+        data = b"" if size > max_bytes else _read_regular(place, max_bytes + 1)
+        size = max(size, len(data))
+        if size > max_bytes:  # or a file of the system that has no end, and says that it has no bytes
+            sizes = f"{size / 1e6:.0f} MB, at most {max_bytes / 1e6:.0f} MB are read"
             raise InputError(f"{path}: is too large for a {kind} ({sizes}); give a smaller one")
-        return place.read_bytes()
+        return data
+
+
+def _read_regular(place: Path, n: int) -> bytes:
+    """At most n bytes of a file; does not wait if it has become a pipe meanwhile."""
+    with open(place, "rb", opener=lambda name, flags: os.open(name, flags | NO_WAITING)) as file:
+        return file.read(n)
+
+
+def _read_pipe(path: str | PathLike[str], place: Path, max_bytes: int) -> bytes:
+    """All bytes of a pipe, at most max_bytes + 1. Raises InputError if nobody writes to one that has a name."""
+    has_name = os.path.exists(os.path.realpath(place))  # those of the shell, /dev/fd/63, have none, and have a writer
+    descriptor = os.open(place, os.O_RDONLY | NO_WAITING)  # opening it otherwise waits for a writer
+    with open(descriptor, "rb") as file:
+        if not select.select([descriptor], [], [], PIPE_PATIENCE_S if has_name else None)[0]:
+            raise InputError(f"{path}: is a pipe to which nothing is written; write to it, or give a file")
+        os.set_blocking(descriptor, True)
+        return file.read(max_bytes + 1)
 
 
 def csv_rows(
@@ -121,15 +145,40 @@ def write_atomically(path: Path, content: bytes) -> None:
     sync_folder(path.parent)
 
 
+def unfinished(folder: Path) -> list[os.DirEntry[str]]:
+    """The unfinished files and folders in a folder, of processes that run or were killed; [] if it cannot be read."""
+    try:
+        return [entry for entry in os.scandir(folder) if entry.name.startswith(TEMPORARY)]
+    except OSError:  # no such folder, or not readable: writing to it will report that
+        return []
+
+
 def remove_temporary(folder: Path) -> None:
     """Remove the unfinished files of killed processes from a folder; errors are ignored, as such files do no harm."""
-    try:
-        left = [entry for entry in os.scandir(folder) if entry.name.startswith(TEMPORARY)]
-    except OSError:  # no such folder, or not readable: writing to it will report that
-        return
-    for entry in left:
+    for entry in unfinished(folder):
         with suppress(OSError):
             if entry.is_dir(follow_symlinks=False):
                 shutil.rmtree(entry.path)
             else:
                 os.unlink(entry.path)
+
+
+@contextmanager
+def signals_held_back() -> Iterator[None]:
+    """Let SIGINT, SIGTERM and SIGHUP wait until the end of the body, so that it is done whole or not begun.
+
+    Python handles signals in its main thread only; in others this does nothing.
+    """
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    waiting: list[int] = []
+    numbers = [getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name)]
+    before = {number: signal.signal(number, lambda number, _: waiting.append(number)) for number in numbers}
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, signal.SIG_DFL if handler is None else handler)
+        for number in waiting:
+            signal.raise_signal(number)

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import json
 import os
-import tempfile
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import fields
 from hashlib import sha256
@@ -15,7 +14,8 @@ from typing import TYPE_CHECKING, Any
 
 from slopecli import __version__
 from slopecli.errors import DiskFull, InputError
-from slopecli.io.files import DISK_FULL, TEMPORARY, read_file, sync_folder, write_through
+from slopecli.io.files import DISK_FULL, read_file, signals_held_back, sync_folder, write_through
+from slopecli.io.temporary import temporary_folder
 from slopecli.products import BY_DEFAULT, OUTPUT_NAMES, encode_products
 from slopecli.products.slopes_json import SCHEMA_VERSION, to_json
 from slopecli.types import Image, Report
@@ -33,8 +33,9 @@ def write_outputs(
     """Write the files of a report to a folder: what `encode_products` gives, stored by `store_outputs`.
 
     `image` is image 1, `keep` the user's choices among `slopecli.products.CHOICES`. Returns the paths of the files
-    written, slopes.json first; raises as `store_outputs`.
+    written, slopes.json first; raises as `store_outputs`, and InputError if one of them would replace an image.
     """
+    check_directory(directory, inputs=[one.path for one in report.images])
     return store_outputs(encode_products(report, image, keep), directory)
 
 
@@ -42,8 +43,9 @@ def store_outputs(contents: dict[str, bytes], directory: str | Path, names: Sequ
     """Write the files of an answer to a folder, made if missing: all of them or none.
 
     Everything is stored beside before the first file appears under its name. After a failure the folder is as it was.
-    Files of an earlier run that are not among `contents` are removed, as they would not belong to this result. Returns
-    the paths in the order given.
+    If the process is killed, the last of `names` is there only if all others are: it is the first to go and the last to
+    come. Files of an earlier run that are not among `contents` are removed, as they would not belong to this result.
+    Returns the paths in the order given.
 
     Parameters
     ----------
@@ -64,9 +66,16 @@ def store_outputs(contents: dict[str, bytes], directory: str | Path, names: Sequ
     return [folder / name for name in contents]
 
 
-def check_directory(directory: str | Path, names: Sequence[str] = OUTPUT_NAMES) -> None:
-    """Raise InputError if files of these names could not be written to a folder. Makes and changes nothing."""
+def check_directory(
+    directory: str | Path, names: Sequence[str] = OUTPUT_NAMES, inputs: Iterable[str | None] = ()
+) -> None:
+    """Raise InputError if files of these names could not be written to a folder, or would replace one of the inputs.
+
+    Makes and changes nothing. Inputs are paths, or None and "-" for none; FILE#NAME stands for FILE.
+    """
     folder = Path(directory)
+    if taken := replaced_input([folder / name for name in names], inputs):
+        raise InputError(_complaint(folder, f"{taken} is an input, and a file of that name is to be written"))
     blocked = [name for name in names if os.path.isdir(folder / name)]
     if blocked:
         raise InputError(
@@ -79,6 +88,25 @@ def check_directory(directory: str | Path, names: Sequence[str] = OUTPUT_NAMES) 
         raise InputError(_complaint(folder, f"no permission to write in {nearest}"))
 
 
+def replaced_input(outputs: Iterable[Path], inputs: Iterable[str | None]) -> str | None:
+    """The first of the inputs that is the same file as one of the outputs, also through links or in other spelling."""
+    written = {file for path in outputs if (file := _identity(path))}
+    for given in inputs:
+        ways = {given, given.rpartition("#")[0]} if given else set()
+        if given and any(_identity(way) in written for way in ways if way):
+            return given
+    return None
+
+
+def _identity(path: str | Path) -> tuple[int, int] | None:
+    """Device and number of a file, None if there is none or the file system has no such numbers."""
+    try:
+        state = os.stat(path)
+    except (OSError, ValueError):
+        return None
+    return (state.st_dev, state.st_ino) if state.st_ino else None
+
+
 def _complaint(folder: Path, reason: str) -> str:
     return f"cannot write results to {folder}: {reason}; choose another folder with -o"
 
@@ -87,11 +115,11 @@ def _store(contents: dict[str, bytes], folder: Path, names: Sequence[str]) -> No
     missing = [place for place in (folder, *folder.parents) if not place.exists()]
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        # inside the folder, so that the files need not cross file systems to get their names
-        with tempfile.TemporaryDirectory(prefix=TEMPORARY, dir=folder) as beside:
+        with temporary_folder(folder) as beside:
             for name, content in contents.items():
-                write_through(Path(beside, name), content)
-            _exchange(folder, Path(beside), [name for name in names if name in contents], names)
+                write_through(beside / name, content)
+            with signals_held_back():
+                _exchange(folder, beside, [name for name in names if name in contents], names)
     except BaseException:
         for place in missing:
             with suppress(OSError):
@@ -100,10 +128,13 @@ def _store(contents: dict[str, bytes], folder: Path, names: Sequence[str]) -> No
 
 
 def _exchange(folder: Path, beside: Path, new: Sequence[str], names: Sequence[str]) -> None:
-    """Move the old files of these names out and the new ones in; puts everything back if a move fails."""
+    """Move the old files of these names out, the last name first, and the new ones in, the last name last.
+
+    Puts everything back if a move fails.
+    """
     old = beside / "old"
     old.mkdir()
-    moves = [(folder / name, old / name) for name in names if os.path.lexists(folder / name)]
+    moves = [(folder / name, old / name) for name in reversed(names) if os.path.lexists(folder / name)]
     moves += [(beside / name, folder / name) for name in new]
     done: list[tuple[Path, Path]] = []
     try:
@@ -147,8 +178,7 @@ def store_pair(folder: Path, contents: Mapping[str, bytes], record: bytes) -> No
     OSError : a file could not be written. Until all are on the disk, the folder is unchanged.
     """
     folder.mkdir(parents=True, exist_ok=True)
-    with tempfile.TemporaryDirectory(prefix=TEMPORARY, dir=folder) as temporary:
-        beside = Path(temporary)
+    with temporary_folder(folder) as beside:
         for name, content in (*contents.items(), (RECORD, record)):
             write_through(beside / name, content)
         if os.path.lexists(folder / RECORD):
