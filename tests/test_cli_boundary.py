@@ -3,7 +3,12 @@
 from __future__ import annotations
 
 import re
+import errno
+import os
+import subprocess
+import sys
 from collections.abc import Callable
+from pathlib import Path
 
 import click
 import pytest
@@ -32,6 +37,9 @@ def raises(error: BaseException) -> click.Command:
         (DegenerateConfiguration("3 points on one line"), 3, "3 points on one line"),
         (KeyboardInterrupt(), 130, "interrupted"),
         (MemoryError(), 1, "not enough memory"),
+        (RuntimeError("can't start new thread"), 1, "not enough memory"),
+        (ImportError("libx.so: failed to map segment from shared object"), 1, "not enough memory"),
+        (OSError(errno.EBADF, "it is closed"), 1, "cannot write to stdout: it is closed"),
         (ZeroDivisionError("by zero"), 1, "unexpected ZeroDivisionError: by zero"),
         (InputError("two\nlines"), 1, "two lines"),
     ],
@@ -84,3 +92,48 @@ def test_names_on_the_command_line_come_back_as_text(arguments: tuple[str, ...])
     assert done.returncode in (1, 2)
     assert not re.search(r"[\x00-\x09\x0b-\x1f\x7f-\x9f\u202e]", done.stderr)
     assert r"\x1b" in done.stderr
+
+
+def in_a_shell(command: str, cwd: Path) -> subprocess.CompletedProcess[str]:
+    text = command.replace("slopemap", f"'{sys.executable}' -m slopecli")
+    return subprocess.run(["bash", "-c", text], cwd=cwd, capture_output=True, text=True, check=False)
+
+
+@pytest.mark.skipif(os.name != "posix", reason="POSIX only")
+@pytest.mark.parametrize(
+    ("command", "line"),
+    [
+        ("slopemap solve - <&-", "-: stdin is closed"),
+        ("mkdir gone; cd gone; rmdir ../gone; slopemap solve a.csv -o .", "the working folder no longer exists"),
+        ("echo x > m.csv; slopemap solve m.csv >&- <&-", "m.csv: has no column"),
+        ("slopemap plan --fov 60 --size 800x800 --trajectory 45 --height 9 --baseline 2 >&-", "cannot write to stdout"),
+    ],
+)
+def test_streams_and_folders_that_are_gone(command: str, line: str, tmp_path: Path) -> None:
+    done = in_a_shell(command, tmp_path)
+    assert done.returncode == 1
+    (said,) = done.stderr.splitlines()
+    assert said.startswith(f"slopemap: error: {line}")
+
+
+INTERRUPTED_WHILE_LOADING = """
+import signal, sys
+class Loader:
+    def find_spec(self, name, *_):
+        if name == "slopecli.cli.app":
+            try:
+                signal.raise_signal(signal.SIGINT)
+            except KeyboardInterrupt:
+                raise ImportError("multiarray failed to import") from None
+sys.meta_path.insert(0, Loader())
+sys.argv = ["slopemap", "--help"]
+from slopecli.cli import main
+main()
+"""
+
+
+def test_ctrl_c_while_libraries_are_loaded(tmp_path: Path) -> None:
+    done = subprocess.run(
+        [sys.executable, "-c", INTERRUPTED_WHILE_LOADING], cwd=tmp_path, capture_output=True, text=True, check=False
+    )
+    assert (done.returncode, done.stdout, done.stderr) == (130, "", "slopemap: error: interrupted\n")

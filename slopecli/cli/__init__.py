@@ -21,13 +21,32 @@ __getattr__, __dir__ = lazy_names(
 
 def main() -> None:
     """Run the `slopemap` command on sys.argv and end the process with its exit status."""
-    import gc
     import sys
 
-    gc.set_threshold(500_000)  # few searches for garbage: together with the freeze below 5-10 % of an estimate
-
-    from slopecli.cli.app import run, slopemap
-
-    status = run(slopemap, sys.argv[1:])
-    gc.freeze()  # none at exit
+    try:
+        status = _main(sys.argv[1:])
+    except KeyboardInterrupt:  # before or after the command itself
+        if sys.stderr is not None:
+            sys.stderr.write("slopemap: error: interrupted\n")
+        status = 130
     sys.exit(status)
+
+
+def _main(arguments: list[str]) -> int:
+    from slopecli.cli.interruption import stop_watching, was_interrupted, watch_interrupts
+
+    watch_interrupts()
+    import gc
+
+    gc.set_threshold(500_000)  # few searches for garbage: together with the freeze below 5-10 % of an estimate
+    try:
+        from slopecli.cli.app import run, slopemap
+
+        status = run(slopemap, arguments)
+    except Exception:
+        if was_interrupted():  # while a module was loaded, which made another error of it
+            raise KeyboardInterrupt from None
+        raise
+    stop_watching()
+    gc.freeze()  # none at exit
+    return status

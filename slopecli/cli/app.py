@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import errno
 import os
+import re
 import sys
 from collections import UserDict
 from collections.abc import Sequence
@@ -14,6 +15,7 @@ from typing import Any
 import click
 
 from slopecli import __version__
+from slopecli.cli.interruption import was_interrupted
 from slopecli.cli.talk import Talk, drop_stdout, tell
 from slopecli.errors import SlopemapError
 
@@ -28,7 +30,11 @@ Exit status:
   130  interrupted"""
 UNEXPECTED = 1
 INTERRUPTED = 130
-DISK_TROUBLE = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO)
+CANNOT_PRINT = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO, errno.EBADF)
+NO_MEMORY = re.compile(
+    "[Cc]annot allocate memory|[Ii]nsufficient memory|failed to map segment|can't start new thread|bad_alloc"
+)
+NO_MEMORY_LINE = "not enough memory for images of this size; try smaller images or fewer windows"
 
 
 class _Commands(UserDict[str, Any]):
@@ -66,21 +72,40 @@ def run(command: click.Command, arguments: Sequence[str]) -> int:
     except (click.Abort, KeyboardInterrupt):
         return _end("interrupted", INTERRUPTED)
     except MemoryError:
-        return _end("not enough memory for images of this size; try smaller images or fewer windows", UNEXPECTED)
+        return _end(NO_MEMORY_LINE, UNEXPECTED)
     except Exception as error:
-        if isinstance(error, OSError) and error.errno in DISK_TROUBLE:
+        if was_interrupted():  # while an extension module was loaded, which made another error of it
+            return _end("interrupted", INTERRUPTED)
+        if NO_MEMORY.search(str(error)):  # of OpenCV, of the loader of libraries, of threads
+            return _end(NO_MEMORY_LINE, UNEXPECTED)
+        if isinstance(error, FileNotFoundError) and _folder_is_gone():
+            return _end("the working folder no longer exists; change to another one", UNEXPECTED)
+        if isinstance(error, OSError) and error.errno in CANNOT_PRINT:
             drop_stdout()  # files of -o answer for themselves, so what could not be written is stdout
             return _end(f"cannot write to stdout: {error.strerror}; free some space or write elsewhere", UNEXPECTED)
         return _unexpected(error, talk)
 
 
 def _prepare_process() -> None:
+    for number in range(3):  # a closed stream's number would be given to the next file, which then gets the talk
+        try:
+            os.fstat(number)
+        except OSError:
+            os.open(os.devnull, os.O_RDWR)
     # a pool of BLAS threads costs more than it gives on 3x3 systems, and must be declined before numpy is loaded
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     # a terminal that cannot show a character of a file name or a degree sign shall not end the run
     for stream in (sys.stdout, sys.stderr):
         if hasattr(stream, "reconfigure"):
             stream.reconfigure(errors="backslashreplace")
+
+
+def _folder_is_gone() -> bool:
+    try:
+        os.getcwd()
+    except OSError:
+        return True
+    return False
 
 
 def _end(message: str, exit_code: int) -> int:

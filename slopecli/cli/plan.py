@@ -15,7 +15,7 @@ from slopecli.cli.parameter_types import PATH, POSITIVE, UP, VECTOR, Between
 from slopecli.cli.report_table import diagnostic_line
 from slopecli.cli.shared_options import Flag, Option
 from slopecli.cli.table import Table, print_table
-from slopecli.cli.talk import Talk, print_result
+from slopecli.cli.talk import Talk, check_stdout, print_result
 from slopecli.plan.plan_options import PlanOptions
 
 if TYPE_CHECKING:
@@ -142,6 +142,8 @@ def _deliver(found: Plan, parameters: dict[str, Any], talk: Talk) -> None:
     from slopecli.io.outputs import plan_to_json, write_plan
 
     written = write_plan(found, parameters["output"]) if parameters["output"] else []
+    if not written:
+        check_stdout()
     if parameters["as_json"]:
         print_result(plan_to_json(found))
     else:

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
 from slopecli.cli.table import Table, print_table
-from slopecli.cli.talk import Talk, print_result
+from slopecli.cli.talk import Talk, check_stdout, print_result
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -21,6 +21,8 @@ FOUND_HEADER = ("id", "what", "image", "slope", "95 % interval", "aspect", "verd
 
 def print_report(report: Report, written: list[Path], talk: Talk, *, as_json: bool) -> None:
     """Print the report on stdout, as a table or as JSON; notes and the files written on stderr."""
+    if not written:
+        check_stdout()
     if as_json:
         from slopecli.products.slopes_json import report_to_json
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import os
 import sys
 import time
@@ -53,6 +54,12 @@ def print_result(text: str) -> None:
         drop_stdout()
 
 
+def check_stdout() -> None:
+    """Raise OSError if stdout is closed, where the answer goes nowhere else."""
+    if sys.stdout is None:
+        raise OSError(errno.EBADF, "it is closed")
+
+
 def tell(text: str) -> None:
     """Print a line on stderr, names in it made `visible`; the work goes on if nothing reads it any more."""
     with stderr_may_be_gone():
@@ -73,7 +80,9 @@ def drop_stdout() -> None:
     _drop(sys.stdout)
 
 
-def _drop(stream: TextIO) -> None:
+def _drop(stream: TextIO | None) -> None:
+    if stream is None:
+        return
     with suppress(OSError):  # a stream in memory has no file
         nowhere = os.open(os.devnull, os.O_WRONLY)
         os.dup2(nowhere, stream.fileno())

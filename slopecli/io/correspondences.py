@@ -45,6 +45,8 @@ def read_correspondences(path: str | PathLike[str]) -> Given:
 
 def _read(path: str | PathLike[str]) -> bytes:
     if str(path) == "-":
+        if sys.stdin is None:
+            raise InputError("-: stdin is closed; give a file, or pipe the correspondences in")
         with readable(path):
             data = sys.stdin.buffer.read(MAX_BYTES + 1)
     else:
