@@ -70,11 +70,10 @@ def run(
     if len({pair.name for pair in pairs}) < len(pairs):
         raise InputError("two pairs have the same name; every pair needs a folder of its own")
     folder = Path(directory).absolute()
-    _check_inputs(folder, pairs)
     work = [Job(pair, options, keep, str(folder / pair.name), os.getcwd()) for pair in pairs]
     results = _Results(work, on_progress)
     limits = Limits(timeout_s, memory_gb)
-    with _locked(folder) as lock, _summarised(folder, pairs, results):
+    with _locked(folder, pairs) as lock, _summarised(folder, pairs, results):
         if executor is not None:
             _run_elsewhere(work, executor, limits, ship, results)
         elif cluster is not None:
@@ -98,9 +97,10 @@ def _check_inputs(folder: Path, pairs: Sequence[Pair]) -> None:
 
 
 @contextmanager
-def _locked(folder: Path) -> Iterator[int]:
-    """Make the output folder and lock it; gives the file descriptor of the lock."""
+def _locked(folder: Path, pairs: Sequence[Pair]) -> Iterator[int]:
+    """Make the output folder, if no input is in the way, and lock it; gives the file descriptor of the lock."""
     check_directory(folder, FILES)
+    _check_inputs(folder, pairs)
     with ExitStack() as stack:
         try:
             folder.mkdir(parents=True, exist_ok=True)
