@@ -25,7 +25,6 @@ FLOORS = (
     "patches",
     "planes",
     "measure",
-    "level",
     "findings",
     "solving",
     "report",

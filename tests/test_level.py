@@ -10,7 +10,7 @@ import pytest
 from report_factory import make_camera, make_image, make_region_report, normal_of, with_level_plane
 from solution_factory import make_report_of, make_solution
 
-from slopecli.level import SUPPORTED, LevelOdds, Seen, odds_of_camera, odds_of_plane
+from slopecli.findings import SUPPORTED, LevelOdds, Seen, odds_of_camera, odds_of_plane
 from slopecli.look import Evidence, Segments, find_segments
 from slopecli.options import Options
 from slopecli.products import draw_overlay, report_to_json

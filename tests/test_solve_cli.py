@@ -321,8 +321,17 @@ def test_a_field_of_view_is_a_camera(tmp_path: Path, ask: Ask) -> None:
     scene = scene_of(noise_px=0.3)
     matches = write_rows(tmp_path / "m.csv", scene)
     camera = json.loads(ask(matches, "--camera", camera_file(tmp_path / "c.json", scene), "--json")[1])
-    fov = json.loads(ask(matches, "--fov", "60", "--size", "1024x1024", "--json")[1])
+    guessed = ("--fov", "60", "--size", "1024x1024", "--json")
+    fov = json.loads(ask(matches, *guessed, "--focal-sigma", "0")[1])
     assert [p["slope_deg"] for p in fov["planes"]] == pytest.approx([p["slope_deg"] for p in camera["planes"]])
+    unsure = json.loads(ask(matches, *guessed)[1])[
+        "planes"
+    ]  # the rows tell the focal length better than the 3 % it is given
+    assert all(
+        abs(p["slope_deg"] - q["slope_deg"]) < 2 * p["slope_sigma_deg"]
+        for p, q in zip(unsure, camera["planes"], strict=True)
+    )
+    assert all(p["slope_sigma_deg"] > q["slope_sigma_deg"] for p, q in zip(unsure, camera["planes"], strict=True))
     assert fov["images"][0]["width"] == 1024
     for alone in (("--fov", "60"), ("--size", "1024x1024"), ("--fov", "60", "--size", "9x9", "--camera", "x.json")):
         assert ask(matches, *alone)[0] == 2

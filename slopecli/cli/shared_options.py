@@ -110,7 +110,8 @@ def _product_flag(choice: str) -> Flag:
     products = [product for product in PRODUCTS if product.choice == choice]
     does = "Leave out" if products[0].by_default else "Also write"
     of = {"": "", "found": " (of planes found)", "segmentation": " (of regions)"}[products[0].requires]
-    return Flag(OUTPUT, products[0].flag, f"{does} {', '.join(product.file for product in products)}{of}")
+    what = products[0].file if len(products) == 1 else f"{len(products)} pictures of the steps"
+    return Flag(OUTPUT, products[0].flag, f"{does} {what}{of}")
 
 
 file_options = tuple(map(_product_flag, sorted(CHOICES, key=lambda choice: choice not in BY_DEFAULT)))
@@ -135,9 +136,7 @@ region_options = (
         Between(0, 100, min_open=True),
         "Smallest plane found, % of image 1",
     ),
-    _option(
-        PLANES, "--gradient-threshold", "GREY/PX", POSITIVE, "Largest gradient inside a region", shown="60 % below"
-    ),
+    _option(PLANES, "--gradient-threshold", "GREY", POSITIVE, "Largest per px inside a region", shown="60 % below"),
     _option(PLANES, "--merge-px", "PX", POSITIVE, "Merge regions whose planes agree to this"),
 )
 
@@ -168,9 +167,9 @@ solving_options = (
         "PERCENT",
         Between(0, 30),
         "1-sigma of the focal length",
-        shown="3 for --fov, else 0",
+        shown="3 with --fov",
     ),
-    Flag(PRIOR, "--free-focal", "Solve with the focal length that the images prefer"),
+    Flag(PRIOR, "--free-focal", "Solve for the focal length, too"),
     _option(DECISION, "--tolerance tolerance_deg", "DEG", inside(0, 90), "The steepest slope that is safe"),
     _option(DECISION, "--confidence", "P", inside(0.5, 1), "Probability needed for a verdict"),
     _option(

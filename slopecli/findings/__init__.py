@@ -9,6 +9,7 @@ __getattr__, __dir__ = lazy_names(
         "checks": "check_answer check_pair",
         "codes": "CODES",
         "facts": "AnswerFacts PairFacts epipole1_px",
+        "level_evidence": "LevelOdds SUPPORTED Seen odds_of_camera odds_of_plane",
         "known_motion": "motion_prior rotation_of_quaternion",
         "pair_checks": "check_lens refuse_identical refuse_mirrored refuse_unmatched",
         "parallax": "check_parallax parallax_px",

@@ -9,11 +9,11 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from slopecli.findings.level_evidence import LevelOdds
 from slopecli.findings.wording import Separation
 from slopecli.geometry.camera import pixels_from_rays
 from slopecli.geometry.epipolar import focus_of_expansion, homogeneous
 from slopecli.geometry.statistics import median
-from slopecli.level import LevelOdds
 from slopecli.look.changes import Change
 from slopecli.look.scene import Scene
 from slopecli.options import Options

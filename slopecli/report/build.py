@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from slopecli.findings.camera_test import CameraTest
 from slopecli.findings.checks import check_answer
 from slopecli.findings.facts import AnswerFacts
-from slopecli.level import level_odds
+from slopecli.findings.level_evidence import level_odds
 from slopecli.look.changes import Change
 from slopecli.measure import measure
 from slopecli.options import Options

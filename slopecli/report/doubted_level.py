@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from slopecli.level import LevelOdds
+from slopecli.findings.level_evidence import LevelOdds
 from slopecli.measure import Measured, measure
 from slopecli.options import Options
 from slopecli.patches.join import Joined

@@ -132,16 +132,21 @@ def _pairs(tree: Tree) -> Iterator[Stated]:
             inner = {"width": value["x"], "height": value["y"]} if {"x", "y"} <= set(value) else value
             yield from (one._replace(key=str(key)) for one in _sides(inner))
             continue
-        if isinstance(value, str):
-            value = re.findall(r"\d+", value) if re.fullmatch(r"\D*\d+\D+\d+\D*", value) else value
-        vague = plain in ("size", "res", "resolution", "dim", "dims", "shape")  # also bytes, dots per inch, "1080p"
-        if vague and not isinstance(value, list | tuple | Mapping):
-            continue
-        sides = numbers(value, str(key))
-        if len(sides) == 3 and sides[2] in (1, 3, 4):  # channels
-            sides = sides[:2]
-        if len(sides) != 2:
-            raise InputError(f"{key} has {len(sides)} numbers, needed width and height")
-        size = size_of(*sides)
+        size = _pair(str(key), plain, value)
         if size is not None:
             yield Stated(*size, "shape" in plain or "hw" in plain, str(key))
+
+
+def _pair(key: str, plain: str, value: Any) -> tuple[int, int] | None:
+    """The two sides in a value, a list or a text; None if it is something else. InputError if they are not two."""
+    if isinstance(value, str):
+        value = re.findall(r"\d+", value) if re.fullmatch(r"\D*\d+\D+\d+\D*", value) else value
+    vague = plain in ("size", "res", "resolution", "dim", "dims", "shape")  # also bytes, dots per inch, "1080p"
+    if vague and not isinstance(value, list | tuple | Mapping):
+        return None
+    sides = numbers(value, key)
+    if len(sides) == 3 and sides[2] in (1, 3, 4):  # channels
+        sides = sides[:2]
+    if len(sides) != 2:
+        raise InputError(f"{key} has {len(sides)} numbers, needed width and height")
+    return size_of(*sides)
