@@ -18,6 +18,7 @@ from slopecli.options import Options
 from slopecli.patches.join import Joined
 from slopecli.types import FloatArray, Slopes, Solution, Up, Verdict
 
+MOST_VAGUE = 1.0 / 3.0  # 1-sigma of a scaled normal over its length: beyond, it may be zero, and face any way
 BORROWED_SIGMA_DEG = 5.0  # 1-sigma of the slope of a window whose plane comes from matches around it, at least
 
 
@@ -134,13 +135,22 @@ def signed_distance(normal: FloatArray, x1: FloatArray) -> float:
     return (1 if ahead else -1) / float(np.linalg.norm(normal))
 
 
+def tells_tilt(solution: Solution, k: int) -> bool:
+    """Whether a sigma holds for the tilt of plane k: the solution converged, and the plane is not near infinity.
+
+    A scaled normal that is zero within its sigma, as at infinity, has a direction whose errors are not Gaussian.
+    """
+    largest = float(np.linalg.eigvalsh(solution.normal_covariance[k])[-1])
+    return solution.converged and largest <= (MOST_VAGUE * float(np.linalg.norm(solution.scaled_normals[k]))) ** 2
+
+
 def judge(
     p_safe: float, p_other: float | None, seen_as_plane: bool, confidence: float, guessed: bool = False
 ) -> Verdict:
     """Verdict on one plane: safe only if both roots are safe and the window's own matches confirm the plane.
 
     p_safe : P(slope < tolerance); p_other : the same in the second root, None if there is none.
-    guessed : its orientation is borrowed and not known, which is no evidence for or against it.
+    guessed : its orientation is borrowed and not known, or its sigma does not hold: no evidence for or against it.
     """
     worst, best = (p_safe, p_safe) if p_other is None else (min(p_safe, p_other), max(p_safe, p_other))
     if guessed:

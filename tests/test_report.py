@@ -400,7 +400,12 @@ def test_no_plane_of_a_solution_that_did_not_converge_is_more_than_poor() -> Non
     assert [plane.status for plane in report.planes] == ["poor", "poor"]
     assert report.planes[0].reason == "the joint solution did not converge"
     assert report.planes[1].reason == f"{BORROWED['reason']}; the joint solution did not converge"
-    assert "safe" not in verdicts(report)
+    assert verdicts(report) == ["undecided", "undecided"]
+
+
+def test_a_plane_that_may_be_at_infinity_is_undecided() -> None:
+    assert verdicts(make_report_of(make_solution([88], sigma_deg=10.0))) == ["unsafe"]
+    assert verdicts(make_report_of(make_solution([88], sigma_deg=24.5))) == ["undecided"]
 
 
 def test_a_window_most_of_whose_matches_are_left_out_is_poor() -> None:

@@ -11,7 +11,7 @@ from slopecli.findings.plane_checks import NON_PLANAR, ROUGH
 from slopecli.findings.wording import beside
 from slopecli.geometry.homography import apply_homography, homography_in_pixels, homography_of_plane
 from slopecli.geometry.slope import surface_normals
-from slopecli.measure import Measured, judge, signed_distance
+from slopecli.measure import Measured, judge, signed_distance, tells_tilt
 from slopecli.options import MOST_SIGMA_DEG, Options
 from slopecli.patches.given import MOST_LEFT_OUT
 from slopecli.patches.join import Joined
@@ -49,7 +49,8 @@ def _plane(
         reasons.append(f"sigma {beside(sigma, limit)}° is above --max-sigma {limit:g}°")
     p_safe, p_second = float(root.p_safe[k]), None if second is None else float(second.p_safe[k])
     both_known = known and (second is None or np.degrees(second.slopes.sigma_rad[k]) <= limit)
-    guessed = patch.origin == "borrowed" and not both_known  # its orientation alone is no evidence against a window
+    # a borrowed orientation alone is no evidence against a window
+    guessed = (patch.origin == "borrowed" and not both_known) or not tells_tilt(solution, k)
     verdict = None if is_level else judge(p_safe, p_second, both_known and not reasons, options.confidence, guessed)
     H = homography_of_plane(solution.R, solution.T, solution.scaled_normals[k])
     matches = joined.matches.take(kept)
