@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Iterator
 
 import numpy as np
@@ -121,11 +122,13 @@ def test_flat_ground_is_not_told_apart_by_chance(free: int) -> None:
 @pytest.mark.parametrize(("points", "mismatches"), [(10, 0.1), (10, 0.2), (30, 0.3)])
 @pytest.mark.parametrize("solver", ["mle", "ha", "lh"])
 def test_mismatches_and_plain_solvers_hide_no_second_answer(solver: str, points: int, mismatches: float) -> None:
-    """200 scenes of flat ground. With ten points a patch some scenes are beyond help: at most 1 % may be missed."""
+    """Scenes of flat ground. With ten points a patch some are beyond help: 1 % may be missed, and 3 % must not.
+
+    In `make test-all` as many of 2000 scenes are drawn as the decision needs.
+    """
     rng = np.random.default_rng(5)
-    scenes = seeds(200, 20)
-    missed = 0
-    for _ in scenes:
+
+    def is_missed() -> bool:
         scene = make_scene(
             rng,
             trajectory_deg=rng.uniform(20, 70),
@@ -136,8 +139,14 @@ def test_mismatches_and_plain_solvers_hide_no_second_answer(solver: str, points:
         )
         solution = solve_planes(scene.x1, scene.x2, scene.patch, solver)  # type: ignore[arg-type]
         off = np.degrees(np.median(normal_angle(solution.scaled_normals, scene.normals)))
-        missed += off > 5 and solution.ambiguity.status != "unresolved"
-    assert missed <= (max(1, len(scenes) // 100) if points == 10 else 0)
+        return bool(off > 5 and solution.ambiguity.status != "unresolved")
+
+    scenes = seeds(2000, 20)
+    missed = (is_missed() for _ in scenes)
+    if points == 10 and len(scenes) == 2000:
+        assert_rare(missed, at_most=0.01, too_often=0.03)
+    else:
+        assert sum(itertools.islice(missed, 200)) <= (1 if points == 10 else 0)
 
 
 def test_scenes_that_can_be_told_apart_are_told_apart_among_mismatches() -> None:
