@@ -75,7 +75,8 @@ def _with_focal(answer: Answer, given: Cameras, options: Options, again: Again) 
     known = prior_sigma(given, options)
     use = focal_use(test, known, options.free_focal)
     freed = options.free_focal and test.focal_factor is not None
-    if freed or abs(test.step) < AGREES * np.hypot(test.sigma, known):
+    focal_agrees = freed or abs(test.step) < AGREES * np.hypot(test.sigma, known)
+    if focal_agrees and not test.centre:
         test, notes = replace(test, suspect=False), answer.diagnostics
     else:
         notes = suspicion(test, joined, solution, options, again, answer.diagnostics)

@@ -203,3 +203,15 @@ def test_the_sample_with_a_focal_length_of_400_px_is_right_with_it_free() -> Non
     right = sample_with(None)
     assert report.cameras[0].fx == pytest.approx(692.8, rel=0.01)
     assert [p.slope_deg for p in report.planes] == pytest.approx([p.slope_deg for p in right.planes], abs=0.2)
+
+
+@pytest.mark.parametrize(("name", "share"), [("cx", 0.08), ("cy", 0.08)])
+def test_a_wrong_principal_point_is_named_and_nothing_is_safe(name: str, share: float) -> None:
+    sample = Path(__file__).resolve().parent.parent / "sample_data" / "descent"
+    images, camera = [load_image(sample / f"image{k}.png") for k in (1, 2)], load_camera(sample / "camera.json")
+    wrong = replace(camera, **{name: getattr(camera, name) + share * camera.width})
+    for free in {False, name == "cx"}:  # a free focal length must not hide it
+        report = estimate(*images, wrong, wrong, Options(free_focal=free))
+        (warning,) = (d for d in report.diagnostics if d.code == "suspect-camera")
+        assert f"principal point with {name} = " in warning.message
+        assert not [plane.id for plane in report.planes if plane.verdict == "safe"]

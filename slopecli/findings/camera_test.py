@@ -35,6 +35,8 @@ Again = Callable[[Joined, Cameras, Settled], Solution]  # solves matches again, 
 ASKED, ASKED_SHARE = 1.5, 0.02  # sigmas and size of the step from which on the focal length is freed
 CONTRADICTED = 5.0  # sigmas of a freed focal length
 LEAST_WRONG = 0.035  # share by which it must be off: photographs of right cameras ask for up to 3 %
+CENTRE_SHARE = 0.03  # of the focal length: step of the principal point from which on it is freed
+CENTRE_BETTER = 1.15  # ratio of noises from which on another principal point is believed; right cameras reach 1.09
 TELLING = 0.1  # 1-sigma of its logarithm beyond which the images do not tell it
 CLEARLY = 1.05  # ratio of noises from which on one parameter explains the matches better than another
 FEW_FREE = 30  # degrees of freedom: with fewer, sigmas are guesses
@@ -45,7 +47,7 @@ class CameraTest:
     """What the images say of the focal length.
 
     step, sigma : logarithm of the focal length they prefer over that given, and its 1-sigma, infinite where they do not
-    tell it.  suspect : whether they contradict the one given.
+    tell it.  suspect : whether they contradict the one given.  centre : whether they contradict the principal point.
     score, sightings : what it was computed from; None where there is nothing to compute it from.
     start : the solution under the focal length preferred, None if it was not freed.
     """
@@ -56,6 +58,7 @@ class CameraTest:
     score: CameraScore | None = None
     sightings: Sightings | None = None
     start: Settled | None = None
+    centre: bool = False
 
     @property
     def focal_factor(self) -> float | None:
@@ -83,15 +86,30 @@ def examine_cameras(
         score = score_camera(sightings, start)
     except DegenerateConfiguration:  # what the solution kept is too little for a plane
         return CameraTest()
+    centre = _centre_is_wrong(sightings, start, score)
     step, sigma = float(score.step[0]), float(score.sigma[0])  # too large a sigma under a wrong camera
     if not free and (abs(step) < max(ASKED * sigma, ASKED_SHARE) or sigma > 1.0):
-        return CameraTest(step, _sigma(score), False, score, sightings)
+        return CameraTest(step, _sigma(score), False, score, sightings, centre=centre)
     freed = free_focal(every_sighting(joined, cameras, solution.noise_gain, scene), start)
     if freed is None:
-        return CameraTest(score=score, sightings=sightings)
+        return CameraTest(score=score, sightings=sightings, centre=centre)
     step, sigma = freed.value, _sigma(freed.score)
     wrong = abs(np.expm1(step)) > LEAST_WRONG and sigma < TELLING and abs(step) > CONTRADICTED * sigma
-    return CameraTest(step, sigma, wrong, score, sightings, freed.settled)
+    return CameraTest(step, sigma, wrong, score, sightings, freed.settled, centre)
+
+
+def _centre_is_wrong(sightings: Sightings, start: Settled, score: CameraScore) -> bool:
+    """Whether another principal point explains the matches, and clearly better than another focal length does."""
+    asked = [k for k in (1, 2) if abs(score.step[k]) > max(CONTRADICTED * score.sigma[k], CENTRE_SHARE)]
+    noises = []
+    for k in asked:
+        freed = free_parameter(sightings, start, PARAMETERS[k])
+        if freed is not None and abs(freed.value) > CONTRADICTED * freed.score.sigma[k] < CONTRADICTED * TELLING:
+            noises.append(freed.score.noise_px)
+    if not noises or CENTRE_BETTER * min(noises) > score.noise_px:
+        return False
+    focal = free_parameter(sightings, start, "f")
+    return focal is None or focal.score.noise_px > CLEARLY * min(noises)
 
 
 def _sigma(score: CameraScore) -> float:
@@ -122,11 +140,13 @@ def suspicion(
 
     known : diagnostics so far.  again : solves the same matches as seen by other cameras.
     """
-    if not test.suspect or test.sightings is None or test.score is None or test.start is None:
+    if not (test.suspect or test.centre) or test.sightings is None or test.score is None:
         return known
     found = _explained(test.sightings, Settled.of(solution), test)
     if found is None:
-        return known
+        message = "the images contradict the camera, and it cannot be told in which of its numbers"
+        remedy = "check that the camera file belongs to these images, uncropped and not zoomed"
+        return [*known, finding("suspect-camera", message, test.focal_factor, remedy)]
     others = [one for one in known if one.code != "suspect-distortion"]
     lens = [one for one in known if one.code == "suspect-distortion"]
     if lens and found.name in ("", "k1"):
@@ -140,26 +160,29 @@ def suspicion(
         if lens:
             return [*others, *lens]
     name = found.name if found.name != "k1" else ""
+    if not name and "f" not in found.freed:
+        name = "cx" if "cx" in found.freed else "cy"
     off = _slopes_off(found.freed[name or "f"], name or "f", joined, solution, cameras, options, again)
     message, remedy = _words(name, found, cameras, off)
     return [*others, finding("suspect-camera", message, test.focal_factor, remedy)]
 
 
 def _explained(sightings: Sightings, start: Settled, test: CameraTest) -> _Explained | None:
-    """Free each parameter alone, and name that with the least noise if no other comes near; None if f cannot be freed.
+    """Free each parameter alone, and name that with the least noise if no other comes near; None if none can be freed.
 
     All are compared on the same matches. The focal length stated is that of `test`, of all matches.
     """
     tried = {name: free_parameter(sightings, start, name) for name in PARAMETERS}
     freed = {name: one for name, one in tried.items() if one is not None}
-    if "f" not in freed or test.score is None or test.start is None:
+    if not freed or test.score is None or ("f" not in freed and not test.centre):
         return None
     best, *others = sorted(freed, key=lambda name: freed[name].score.noise_px)
     noise, before = freed[best].score.noise_px, test.score.noise_px
     clear = all(freed[other].score.noise_px > CLEARLY * noise for other in others) and CLEARLY * noise < before
-    focal = freed["f"]
-    sigmas = np.append(test.sigma, focal.score.sigma[1:])
-    freed["f"] = Freed(test.step, test.start, focal.cost, focal.score._replace(sigma=sigmas))
+    focal = freed.get("f")
+    if focal is not None and test.start is not None:
+        sigmas = np.append(test.sigma, focal.score.sigma[1:])
+        freed["f"] = Freed(test.step, test.start, focal.cost, focal.score._replace(sigma=sigmas))
     return _Explained(best if clear else "", freed, before)
 
 
