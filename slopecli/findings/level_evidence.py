@@ -88,8 +88,9 @@ def level_odds(
     sure = [one for one in planes if one.id in area and one.status == "ok" and (one.slope_sigma_deg or 0.0) < 5.0]
     kept, solution = joined.matches.take(root.solution.inlier), root.solution
     points = gather_evidence(kept, np.zeros(len(kept)), solution.R, solution.T, camera1.focal_px)
-    if not len(points):
-        return None
+    up = np.array(root.up.vector_cam1)
+    if not len(points):  # no evidence either way: enough for the default, not for a plane that is taken as level
+        return None if root.level is None else LevelOdds(0.0, SUPPORTED, _upright(up), ())
     seen = Seen(
         normals=np.array([one.normal_cam1 for one in sure]).reshape(-1, 3),
         distance=np.array([one.distance for one in sure]),
@@ -97,7 +98,6 @@ def level_odds(
         points=points,
         segments=None if grey is None else find_segments(grey, camera1),
     )
-    up = np.array(root.up.vector_cam1)
     if root.level is None:
         return odds_of_camera(up, seen)
     return odds_of_plane(up, 1.0 / float(np.linalg.norm(solution.scaled_normals[root.level])), seen)
@@ -105,12 +105,16 @@ def level_odds(
 
 def odds_of_plane(up: FloatArray, distance: float, seen: Seen) -> LevelOdds:
     """How probable it is that a plane is level.  up : its unit normal (3,).  distance : from camera 1."""
-    nearest = IMAGE_UP if abs(up[1]) < 0.9 else np.array([0.0, 0.0, -1.0])
-    upright = unit_vector(nearest - (nearest @ up) * up)
-    edges, upright = _edges_on_plane(up, upright, seen.segments)
+    edges, upright = _edges_on_plane(up, _upright(up), seen.segments)
     floor, upright_floor = _floor(upright, up, seen)
     clues = [_attitude(up), _below(up, distance, seen), edges, floor, _faces(up, upright, seen, 15.0)]
     return _sum(clues, 0.0, SUPPORTED, upright if upright_floor is None else upright_floor)
+
+
+def _upright(up: FloatArray) -> FloatArray:
+    """Unit vector (3,) at right angles to a direction, as near to the image's own up as that allows."""
+    nearest = IMAGE_UP if abs(up[1]) < 0.9 else np.array([0.0, 0.0, -1.0])
+    return unit_vector(nearest - (nearest @ up) * up)
 
 
 def odds_of_camera(up: FloatArray, seen: Seen) -> LevelOdds:
