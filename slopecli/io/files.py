@@ -15,6 +15,7 @@ from contextlib import contextmanager, suppress
 from io import StringIO
 from os import PathLike
 from pathlib import Path
+from typing import BinaryIO
 
 from slopecli.errors import InputError
 
@@ -61,7 +62,15 @@ def read_file(
 def _read_regular(place: Path, n: int) -> bytes:
     """At most n bytes of a file; does not wait if it has become a pipe meanwhile."""
     with open(place, "rb", opener=lambda name, flags: os.open(name, flags | NO_WAITING)) as file:
-        return file.read(n)
+        return _at_most(file, n)
+
+
+def _at_most(file: BinaryIO, n: int) -> bytes:
+    """At most n bytes of a file, in parts: `file.read(n)` reserves n bytes however few there are."""
+    content = bytearray()
+    while len(content) < n and (part := file.read(min(n - len(content), 1 << 22))):
+        content += part
+    return bytes(content)
 
 
 def _read_pipe(path: str | PathLike[str], place: Path, max_bytes: int) -> bytes:
@@ -72,7 +81,7 @@ def _read_pipe(path: str | PathLike[str], place: Path, max_bytes: int) -> bytes:
         if not select.select([descriptor], [], [], PIPE_PATIENCE_S if has_name else None)[0]:
             raise InputError(f"{path}: is a pipe to which nothing is written; write to it, or give a file")
         os.set_blocking(descriptor, True)
-        return file.read(max_bytes + 1)
+        return _at_most(file, max_bytes + 1)
 
 
 def csv_rows(
