@@ -356,3 +356,20 @@ def test_pixels_without_a_camera_are_not_taken_for_rays(tmp_path: Path, ask: Ask
     assert "are pixels and no rays" in err
     assert "--camera" in err
     assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize("mark", [";", "\t", " ", "   "])
+def test_columns_may_be_separated_otherwise(tmp_path: Path, ask: Ask, mark: str) -> None:
+    path = write_rows(tmp_path / "m.csv", scene_of(), rays=True)
+    wanted = ask(str(path), "--json")[1]
+    path.write_text(path.read_text(encoding="utf-8").replace(",", mark), encoding="utf-8")
+    assert json.loads(ask(str(path), "--json")[1])["planes"] == json.loads(wanted)["planes"]
+
+
+def test_rows_without_a_match_written_as_zeros_are_named(tmp_path: Path, ask: Ask) -> None:
+    scene = scene_of()
+    columns = {name: np.where(np.arange(len(scene.uv1)) % 2, 0.0, scene.uv1[:, 0]) for name in ("x1", "y1", "x2", "y2")}
+    status, _, err = ask(str(write_rows(tmp_path / "m.csv", scene, **columns)), "--intrinsics", "500,500,0,0")
+    assert status == 1
+    assert "rows have the point (0, 0) in image 1" in err
+    assert "leave out rows without a match" in err

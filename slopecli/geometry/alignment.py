@@ -59,7 +59,7 @@ def align_homographies(
 
 
 def _align(observations: Observations, tolerance: float = 1e-4, max_sweeps: int = 100) -> list[Alignment]:
-    base = int(np.argmax(observations.count))  # step 1: largest in scene
+    base = int(observations.largest_first()[0])  # step 1: largest in scene
     x1, x2 = _points(observations, base)
     H1 = fit_homography(x1, x2)
     roots = decompose_homography(H1, x1)  # step 2

@@ -25,6 +25,7 @@ SIGMAS = 1e-6, 1e6  # px or mrad
 def read_correspondences(path: str | PathLike[str]) -> Given:
     """Read a CSV file with a header, or stdin for "-". Columns may be in any order; others are ignored.
 
+    Cells are separated by commas, semicolons, tabs or spaces, whichever of them the header has first in this list.
     Without the column patch all rows belong to patch 1; an empty cell or -1 means no patch.
 
     Raises
@@ -32,7 +33,7 @@ def read_correspondences(path: str | PathLike[str]) -> Given:
     InputError : the file cannot be read, lacks a column, or has a row that is not numbers; the row is named.
     """
     data = _read(path)
-    rows = csv_rows(path, data, WANTED)
+    rows = csv_rows(path, data, WANTED, ",;\t ")
     columns = _columns(path, next(rows, (0, []))[1])
     values = [_values(path, f"row {n} (line {line})", cells, columns) for n, (line, cells) in enumerate(rows, 1)]
     if not values:

@@ -99,7 +99,10 @@ def csv_rows(
             raise csv.Error("it has a zero byte")
         first = re.search(r"\S.*", text)
         delimiter = next((mark for mark in delimiters if first and mark in first[0]), delimiters[0])
-        for cells in (reader := csv.reader(StringIO(text, newline=""), delimiter=delimiter, strict=True)):
+        spaced = delimiter == " "  # several spaces are one delimiter
+        lines = (row.strip() for row in text.splitlines()) if spaced else StringIO(text, newline="")
+        reader = csv.reader(lines, delimiter=delimiter, skipinitialspace=spaced, strict=True)
+        for cells in reader:
             line, cells = reader.line_num, [cell.strip() for cell in cells]
             if any(cells):
                 yield line, cells

@@ -25,6 +25,7 @@ WIDEST_RAY = 5.0  # tangent of the angle to the axis
 RAYS = Camera(0, 0, 1.0, 1.0, 0.0, 0.0, source="rays")  # stands for no camera: its pixels are rays
 ROUNDING = 1e-7  # normalised coordinates: rows that agree better are exact
 FEWEST = 3  # points that make a plane
+MOST_ALIKE = 0.25  # share of the rows that may have one point in an image; features give few of them twice
 MOST_LEFT_OUT = 0.25  # share of a patch's rows off its plane beyond which it is not one plane
 
 
@@ -59,8 +60,10 @@ class Hull(Footprint):
 def join_rows(given: Given, cameras: tuple[Camera, Camera]) -> Joined:
     """The rows as patches with their matches; rows of a patch that makes no plane constrain the motion only.
 
-    InputError : pixels where rays are needed, a pixel without a ray, or no patch of three points off a line.
+    InputError : a point given again and again, pixels where rays are needed, a pixel without a ray, or no patch of
+        three points off a line.
     """
+    _check_distinct(given)
     typical = min(median(np.abs(xy).max(axis=1)) for xy in (given.xy1, given.xy2))
     if cameras[0] is RAYS and typical > WIDEST_RAY:  # half of them would be beyond 79 degrees off the axis
         raise InputError(
@@ -80,6 +83,20 @@ def join_rows(given: Given, cameras: tuple[Camera, Camera]) -> Joined:
         )
     outside = ~np.isin(given.patch, answered)
     return Joined.of(patches, matches.take(outside), weight[outside])
+
+
+def _check_distinct(given: Given) -> None:
+    """Raise InputError where more than a quarter of the rows, and four, have one and the same point in an image."""
+    for image, xy in ((1, given.xy1), (2, given.xy2)):
+        # a number for each place: equal for equal points, and hardly ever for others
+        _, first, count = np.unique(xy @ np.array([1.0, 0.7853981]), return_index=True, return_counts=True)
+        most = int(count.argmax())
+        if count[most] > max(MOST_ALIKE * len(xy), FEWEST):
+            u, v = xy[first[most]]
+            raise InputError(
+                f"{given.path}: {count[most]} of {len(xy)} rows have the point ({u:g}, {v:g}) in image {image}; "
+                "give each correspondence once, and leave out rows without a match"
+            )
 
 
 def _rays(camera: Camera, xy: FloatArray) -> FloatArray:

@@ -8,12 +8,13 @@ from typing import NamedTuple
 
 import numpy as np
 
+from slopecli.geometry.epipolar import rotation_angle
 from slopecli.geometry.solver.mismatches import LEAST_FREEDOM, Kept, consensus, gate_squared, inliers, is_beyond_chance
 from slopecli.geometry.solver.observations import Observations, Prediction, QuadraticForm, linearise, predict
 from slopecli.geometry.solver.priors import MotionPrior
 from slopecli.geometry.solver.refinement import Refined, State, System, levenberg_marquardt, optimal_normals
 from slopecli.geometry.solver.relief import Relief, estimate_relief
-from slopecli.geometry.solver.starts import scattered_motions, starting_states
+from slopecli.geometry.solver.starts import FEW_FREEDOM, hopeless, starting_states
 from slopecli.types import BoolArray, FloatArray
 
 Motion = tuple[FloatArray, FloatArray]  # R (3, 3) and T (3,)
@@ -77,8 +78,6 @@ def maximum_likelihood(
 
     The best is visible (all points in front of both cameras) if any is; the others always are.
     """
-    if observations.freedom() < MANY_FREEDOM:
-        initial = initial + scattered_motions(observations)
     fit = _refit(observations, _starts(observations, initial))
     if robust:
         fit = _without_mismatches(fit, initial, relief)
@@ -105,9 +104,12 @@ def _refit(
     """Least squares on the points from given states, under the weights of their relief."""
     W = np.stack([r.W for r in relief]) if relief else None
     form = partial(_form, observations, W=W, prior=prior)
-    # a root of few points may still win after it had ten times the chi-square of the best, so it is waited for longer
-    grace = 40 if observations.freedom() < MANY_FREEDOM else 4
-    refined = levenberg_marquardt(state, form, max(observations.freedom(), 1), grace=grace)
+    few = observations.freedom() < FEW_FREEDOM
+    # a root of few points may still win after it had ten times the chi-square of the best, so all are waited for; they
+    # converge to rounding, so that the answer does not depend on the turn of the images or on the order of points
+    refined = levenberg_marquardt(
+        state, form, max(observations.freedom(), 1), tolerance=1e-16 if few else 1e-3, grace=100 if few else 4
+    )
     cost = refined.system.chi2
     if relief:
         cost = cost + np.array([r.noise**2 * r.log_determinant for r in relief])
@@ -126,14 +128,49 @@ def ranked(
     cost : (s,) by which they are compared.
     """
     prediction = predict(observations, *refined.state)
+    behind = np.sign(prediction.inverse_depth) @ (observations.weight > 0.0) < 0.0
+    if prior is None and behind.any():
+        refined = _negated(refined, behind)
+        prediction = predict(observations, *refined.state)
     visible = (prediction.visible() | (observations.weight == 0.0)).all(axis=1)  # at every point with weight
-    best, *others = sorted(range(len(cost)), key=lambda i: (not visible[i], cost[i]))
-    kept = refined.state.distinct([best, *(i for i in others if visible[i] and refined.converged[i])])
+    order = sorted(range(len(cost)), key=lambda i: (not visible[i], cost[i]))
+    best, *others = _equal_by_rotation(order, cost, visible, refined.state.R, observations)
+    roots = visible & refined.converged
+    if prior is None:
+        roots &= refined.system.chi2 <= hopeless(refined.system.chi2[best], observations.residual_count())
+    kept = refined.state.distinct([best, *(i for i in others if roots[i])])
     system = System(*(a[kept] for a in refined.system))
     converged = refined.converged[kept] & visible[kept]
     relief = tuple(relief[i] for i in kept) if relief else ()
     state, prediction = refined.state.pick(kept), prediction.pick(kept)
     return Fit(observations, state, system, prediction, cost[kept], converged, refined.iterations, relief, prior)
+
+
+def _negated(refined: Refined, which: BoolArray) -> Refined:
+    """Motions (s,) with T and normals negated, which predicts the same points on the other side of the camera."""
+    state, system = refined.state, refined.system
+    sign = np.where(which, -1.0, 1.0)
+    motion = np.ones((len(sign), 7))
+    motion[:, 3:6] = sign[:, None]
+    system = system._replace(
+        response=system.response * (sign[:, None] * motion)[:, None, None, :],
+        reduced=system.reduced * motion[:, :, None] * motion[:, None, :],
+    )
+    state = State(state.R, state.T * sign[:, None], state.N * sign[:, None, None])
+    return refined._replace(state=state, system=system)
+
+
+def _equal_by_rotation(
+    order: list[int], cost: FloatArray, visible: BoolArray, R: FloatArray, observations: Observations
+) -> list[int]:
+    """The order of roots, those in front that fit as well as the best by increasing angle of rotation R.
+
+    The two roots of a single plane fit equally well, and rounding must not choose between them.
+    """
+    best = order[0]
+    equal = 1e-6 * abs(cost[best]) / max(observations.freedom(), 1) + 1e-29 * observations.residual_count()
+    ties = [i for i in order if visible[i] == visible[best] and cost[i] <= cost[best] + equal]
+    return sorted(ties, key=lambda i: float(rotation_angle(R[i]))) + order[len(ties) :]
 
 
 def _without_mismatches(fit: Fit, initial: list[Motion], each_patch: bool) -> Fit:
@@ -186,10 +223,9 @@ class _Settled(NamedTuple):
 
 
 def _starts(observations: Observations, initial: list[Motion]) -> State:
-    """The best three starts, and one more for each of `initial`: two may be visible roots, the others are a reserve."""
-    # chi-squares of few points are so small that a start seems hopeless long before it has converged
-    steps = 15 if observations.freedom() < MANY_FREEDOM else 2
-    return starting_states(observations, initial, steps).pick(slice(3 + len(initial)))
+    """All starts of few points, else the best three (two may be visible roots) and one for each of `initial`."""
+    most = None if observations.freedom() < FEW_FREEDOM else 3 + len(initial)
+    return starting_states(observations, initial).pick(slice(most))
 
 
 def _settled(full: Observations, kept: Kept, states: State, each_patch: bool) -> _Settled:

@@ -157,8 +157,10 @@ def consensus(observations: Observations) -> BoolArray:
 def _patch_consensus(p: FloatArray, x2: FloatArray) -> BoolArray:
     """p : (3, n), x2 : (2, n) of one patch, n >= 6."""
     n = p.shape[1]
+    # samples are numbered by invariants of a turn of the images, not by the order of rows
+    by_radius = np.lexsort(((x2 * x2).sum(axis=0), (p * p).sum(axis=0)))
     # with 40 % outliers, one of 64 samples is clean with probability 0.9999
-    samples = np.random.default_rng(0).random((64, n)).argpartition(4, axis=1)[:, :4]
+    samples = by_radius[np.random.default_rng(0).random((64, n)).argpartition(4, axis=1)[:, :4]]
     H = four_point_homographies(p[:2].T[samples], x2.T[samples])
     y = H @ p
     with np.errstate(all="ignore"):

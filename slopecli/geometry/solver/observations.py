@@ -73,6 +73,10 @@ class Observations:
         """Where the points of each patch are."""
         return [slice(first, first + count) for first, count in zip(self.first, self.count, strict=True)]
 
+    def largest_first(self) -> IntArray:
+        """(m,) patches by number of points, those of equal number by their distance from the optical axis."""
+        return np.lexsort((-self.sum_patches(self.products[0] + self.products[3]), -self.count))
+
     def all_points(self) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Points of image 1 (3, k + n) and image 2 (2, k + n) and weights (k + n,), those on no patch first."""
         p, x2 = np.concatenate([self.free1, self.p], axis=1), np.concatenate([self.free2, self.x2], axis=1)

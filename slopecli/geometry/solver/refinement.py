@@ -161,6 +161,15 @@ def step(state: State, system: System, damping: FloatArray) -> tuple[State, Floa
     return State(_turned(R, motion[:, :3, 0]), longer / length, (N - dN) * length[:, None]), predicted
 
 
+def _realigned(state: State, system: System) -> State:
+    """One Gauss-Newton step of rotation and normals, each T held fixed."""
+    U, b = system.reduced[:, :3, :3], system.reduced[:, :3, 6:]
+    lift = 1e-13 * np.einsum("sii->s", U)[:, None, None] + np.finfo(float).tiny
+    turn = -np.linalg.solve(U + lift * np.eye(3), b)
+    dN = (system.response[..., :3] @ turn[:, None])[..., 0] + system.response[..., 6]
+    return State(_turned(state.R, turn[:, :, 0]), state.T, state.N - dN)
+
+
 def _turned(R: FloatArray, w: FloatArray) -> FloatArray:
     """Cayley's map of w times R: a rotation to rounding, equal to exp([w]x) R to third order in w."""
     half = 0.5 * w
@@ -211,17 +220,30 @@ def levenberg_marquardt(
         worthwhile = predicted > dof * rounding
         settled = settled | ~worthwhile | (predicted <= tolerance * floor)
         if _finished(settled, damping, system.chi2, iteration > grace):
-            # a step this small needs no check and does not change the system
-            return Refined(_accept(settled & worthwhile, trial, state), system, iteration, settled)
-        # with a narrow field of view, rotation, baseline and normals trade off along a curved valley; solving the
-        # normals again after every step follows it. Most starts converge before the third step
-        if iteration > 2:
-            trial = optimal_normals(trial.R, trial.T, linearise(trial))[0]
+            # a step this small needs no check and changes the system no further
+            last = settled & worthwhile
+            chi2 = np.maximum(system.chi2 - np.where(last, predicted, 0.0), 0.0)
+            return Refined(_accept(last, trial, state), system._replace(chi2=chi2), iteration, settled)
         trial_system = normal_equations(trial, linearise(trial))
+        # with a narrow field of view, rotation, baseline and normals trade off along a curved valley. It is followed by
+        # solving rotation and normals again for the new T; most starts converge before the third step
+        if iteration > 2:
+            trial, trial_system = _better(_realigned(trial, trial_system), trial, trial_system, linearise)
         better = (trial_system.chi2 <= system.chi2 + 1e-6 * tolerance * floor) & worthwhile
-        damping = np.where(better, np.maximum(0.1 * damping, 1e-12), np.clip(10.0 * damping, 1e-6, 1e7))
+        # a decrease that rounding of the residuals hides
+        settled = settled | (~better & (predicted <= 1e-15 * np.sqrt(np.maximum(system.chi2, 0.0))))
+        damping = np.where(better, np.maximum(0.2 * damping, 1e-14), np.clip(5.0 * damping, 1e-9, 1e7))
         state, system = _accept(better, trial, state), _accept(better, trial_system, system)
     return Refined(state, system, max_iterations, settled)
+
+
+def _better(
+    new: State, old: State, system: System, linearise: Callable[[State], QuadraticForm]
+) -> tuple[State, System]:
+    """Of two states per start the one of less chi-square, with its system; `system` is that of the old ones."""
+    other = normal_equations(new, linearise(new))
+    less = other.chi2 < system.chi2
+    return _accept(less, new, old), _accept(less, other, system)
 
 
 def _finished(settled: BoolArray, damping: FloatArray, chi2: FloatArray, late: bool) -> bool:

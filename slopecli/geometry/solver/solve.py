@@ -155,7 +155,10 @@ def _rotation_only(observations: Observations) -> tuple[FloatArray, float]:
 
 
 def _check_baseline(observations: Observations) -> None:
-    """Raise NoAnswer if a rotation explains the points to rounding."""
+    """Raise NoAnswer if a rotation explains the points to rounding, DegenerateConfiguration if they coincide."""
+    seen = observations.all_points()[1]
+    if (np.ptp(seen, axis=1) <= 1e-12 * np.abs(seen).max(axis=1)).all():
+        raise DegenerateConfiguration("all correspondences coincide in image 2, so they fix no plane; check x2")
     R, cost = _rotation_only(observations)
     if cost <= observations.residual_count() * EXACT_RESIDUAL**2:
         raise _pure_rotation(R, "exactly")
