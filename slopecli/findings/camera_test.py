@@ -37,6 +37,8 @@ CONTRADICTED = 5.0  # sigmas of a freed focal length
 LEAST_WRONG = 0.035  # share by which it must be off: photographs of right cameras ask for up to 3 %
 CENTRE_SHARE = 0.03  # of the focal length: step of the principal point from which on it is freed
 CENTRE_BETTER = 1.15  # ratio of noises from which on another principal point is believed; right cameras reach 1.09
+UNTOLD = "the images contradict the camera, and it cannot be told in which of its numbers"
+CHECK_FILE = "check that the camera file belongs to these images, uncropped and not zoomed"
 TELLING = 0.1  # 1-sigma of its logarithm beyond which the images do not tell it
 CLEARLY = 1.05  # ratio of noises from which on one parameter explains the matches better than another
 FEW_FREE = 30  # degrees of freedom: with fewer, sigmas are guesses
@@ -128,6 +130,12 @@ class _Explained(NamedTuple):
     noise_px: float
 
     @property
+    def told(self) -> str:
+        """What the message names: not a lens term, and where the focal length cannot be freed a parameter that can."""
+        name = self.name if self.name != "k1" else ""
+        return name if name or "f" in self.freed else next(one for one in ("cx", "cy", "k1") if one in self.freed)
+
+    @property
     def explains(self) -> bool:
         """Whether any reduces the noise."""
         return CLEARLY * min(one.score.noise_px for one in self.freed.values()) < self.noise_px
@@ -144,27 +152,25 @@ def suspicion(
         return known
     found = _explained(test.sightings, Settled.of(solution), test)
     if found is None:
-        message = "the images contradict the camera, and it cannot be told in which of its numbers"
-        remedy = "check that the camera file belongs to these images, uncropped and not zoomed"
-        return [*known, finding("suspect-camera", message, test.focal_factor, remedy)]
+        return [*known, finding("suspect-camera", UNTOLD, test.focal_factor, CHECK_FILE)]
     others = [one for one in known if one.code != "suspect-distortion"]
     lens = [one for one in known if one.code == "suspect-distortion"]
     if lens and found.name in ("", "k1"):
         return known
     cameras = test.sightings.cameras
-    if found.name == "k1":
-        k1 = found.freed["k1"]
-        reach = float(np.quantile(np.linalg.norm(joined.matches.x1, axis=1), 0.95))
-        misfit = LensMisfit(-k1.value, float(k1.score.sigma[3]), found.noise_px, k1.score.noise_px, reach)
-        lens = check_lens(misfit, cameras[0])
-        if lens:
-            return [*others, *lens]
-    name = found.name if found.name != "k1" else ""
-    if not name and "f" not in found.freed:
-        name = "cx" if "cx" in found.freed else "cy"
+    if found.name == "k1" and (lens := _lens(found, joined, cameras[0])):
+        return [*others, *lens]
+    name = found.told
     off = _slopes_off(found.freed[name or "f"], name or "f", joined, solution, cameras, options, again)
     message, remedy = _words(name, found, cameras, off)
     return [*others, finding("suspect-camera", message, test.focal_factor, remedy)]
+
+
+def _lens(found: _Explained, joined: Joined, camera: Camera) -> list[Diagnostic]:
+    """The diagnostic of a lens whose k1 explains the matches; none where it is no clear misfit."""
+    k1 = found.freed["k1"]
+    reach = float(np.quantile(np.linalg.norm(joined.matches.x1, axis=1), 0.95))
+    return check_lens(LensMisfit(-k1.value, float(k1.score.sigma[3]), found.noise_px, k1.score.noise_px, reach), camera)
 
 
 def _explained(sightings: Sightings, start: Settled, test: CameraTest) -> _Explained | None:
@@ -223,11 +229,10 @@ def _words(name: str, found: _Explained, cameras: Cameras, off: float | None) ->
         numbers = ",".join(f"{v:.6g}" for v in (right.fx, right.fy, right.cx, right.cy))
         give = f"or give it (--intrinsics {numbers})" if not camera.distortion else "or correct fx and fy in the file"
         return f"the images fit {what}, and {given} was given: {better}{wrong}", f"{solve}, {give}"
-    check = "check that the camera file belongs to these images, uncropped and not zoomed"
     if found.explains:
         message = f"the images contradict the camera; {what} instead of {given} fits better, and so would another "
         message += f"principal point or lens: {better}{wrong}"
-        return message, f"{check}; {solve}"
+        return message, f"{CHECK_FILE}; {solve}"
     message = f"the images contradict the camera, and none of its numbers explains it ({what} would fit best): a "
     message += "rolling shutter or things that moved do the same"
-    return f"{message}{wrong}", f"{check}; hold the camera still, or use one with a global shutter"
+    return f"{message}{wrong}", f"{CHECK_FILE}; hold the camera still, or use one with a global shutter"

@@ -60,8 +60,14 @@ def set_aside_unsettled(joined: Joined, solution: Solution, solve: Solve, most_n
     behind = _behind(joined, solution)
     if 0 < len(behind) <= most and (trial := tried(_without(joined, behind, BEHIND))).settled:
         return trial.rest
-    best = _Trial(False, solution.noise, joined, solution)
-    for _ in range(min(most, MOST_ROUNDS)):
+    return _one_by_one(_Trial(False, solution.noise, joined, solution), min(most, MOST_ROUNDS), tried)
+
+
+def _one_by_one(best: _Trial, rounds: int, tried: Callable[[Joined], _Trial]) -> Joined:
+    """The problem with patches left out one after the other until it settles; unchanged if it does not, or none can be
+    blamed."""
+    joined = best.rest
+    for _ in range(rounds):
         trials = [tried(_without(best.rest, [k], AGAINST)) for k in _suspects(best.rest, best.solution)]
         before = best.noise
         best, *others = sorted(trials, key=lambda one: (not one.settled, one.noise))

@@ -17,7 +17,7 @@ from slopecli.patches.given import MOST_LEFT_OUT
 from slopecli.patches.join import Joined
 from slopecli.patches.patch import Patch
 from slopecli.report.units import residual_in_unit
-from slopecli.types import Camera, Plane, Rejected, Solution
+from slopecli.types import Camera, Plane, Rejected, Solution, Verdict
 
 LEAST_MATCHED = 0.5  # share of a window that must be matched to tell its slope
 TAKEN_AS_LEVEL = "taken-as-level"  # first reason of the plane that defines what is level: it has no verdict
@@ -47,11 +47,7 @@ def _plane(
     reasons = _reasons(k, patch, solution, float(kept.sum() / max(member.sum(), 1)))
     if not known:
         reasons.append(f"sigma {beside(sigma, limit)}° is above --max-sigma {limit:g}°")
-    p_safe, p_second = float(root.p_safe[k]), None if second is None else float(second.p_safe[k])
-    both_known = known and (second is None or np.degrees(second.slopes.sigma_rad[k]) <= limit)
-    # a borrowed orientation alone is no evidence against a window
-    guessed = (patch.origin == "borrowed" and not both_known) or not tells_tilt(solution, k)
-    verdict = None if is_level else judge(p_safe, p_second, both_known and not reasons, options.confidence, guessed)
+    verdict, p_safe = (None, None) if is_level else _judged(k, root, second, patch, known, not reasons, options)
     H = homography_of_plane(solution.R, solution.T, solution.scaled_normals[k])
     matches = joined.matches.take(kept)
     squares = (apply_homography(H, matches.x1) - matches.x2) ** 2
@@ -72,13 +68,25 @@ def _plane(
         roughness=float(solution.relief[k]) if estimated else float("nan"),
         homography_px=homography_in_pixels(H, cameras[0].K, cameras[1].K),
         verdict=verdict,
-        p_safe=None if is_level else p_safe if p_second is None else min(p_safe, p_second),
+        p_safe=p_safe,
         status="poor" if reasons else "ok",
         reason="; ".join([*([TAKEN_AS_LEVEL] if is_level else []), *reasons]) or None,
         slope_known=known,
         noun=patch.finder.noun,
         found=patch.finder.found,
     )
+
+
+def _judged(
+    k: int, root: Measured, second: Measured | None, patch: Patch, known: bool, is_ok: bool, options: Options
+) -> tuple[Verdict, float]:
+    """Verdict on a plane, smaller P(safe) of the two roots.  known, is_ok : its slope in the first root, its status."""
+    p_safe, p_second = float(root.p_safe[k]), None if second is None else float(second.p_safe[k])
+    both_known = known and (second is None or np.degrees(second.slopes.sigma_rad[k]) <= options.max_sigma_deg)
+    # a borrowed orientation alone is no evidence against a window
+    guessed = (patch.origin == "borrowed" and not both_known) or not tells_tilt(root.solution, k)
+    verdict = judge(p_safe, p_second, both_known and is_ok, options.confidence, guessed)
+    return verdict, p_safe if p_second is None else min(p_safe, p_second)
 
 
 def _reasons(k: int, patch: Patch, solution: Solution, inlier_share: float) -> list[str]:
