@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import cache, partial
 
 import numpy as np
 
@@ -76,10 +76,9 @@ def _with_focal(answer: Answer, given: Cameras, options: Options, again: Again) 
     use = focal_use(test, known, options.free_focal)
     freed = options.free_focal and test.focal_factor is not None
     focal_agrees = freed or abs(test.step) < AGREES * np.hypot(test.sigma, known)
-    if focal_agrees and not test.centre:
-        test, notes = replace(test, suspect=False), answer.diagnostics
-    else:
-        notes = suspicion(test, joined, solution, options, again, answer.diagnostics)
+    notes = answer.diagnostics
+    if test.centre or not focal_agrees:
+        notes = suspicion(test, joined, solution, options, again, notes)
     if use.step:
         cameras = refocused(cameras, use.step)
         joined = seen_by(joined, cameras)
@@ -113,6 +112,7 @@ def _solve_settled(
 ) -> tuple[Joined, Solution, list[Diagnostic]]:
     """The joint solution of all patches but those that keep it from settling, see `set_aside_unsettled`."""
 
+    @cache  # the last of those tried is the answer
     def solve_patches(some: Joined) -> tuple[Solution, list[Diagnostic]]:
         return _solve_with_prior(some, scene, motions, options)
 

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import cache, partial
 from typing import NamedTuple
 
 import numpy as np
@@ -51,6 +52,7 @@ class CameraTest:
     step, sigma : logarithm of the focal length they prefer over that given, and its 1-sigma, infinite where they do not
     tell it.  suspect : whether they contradict the one given.  centre : whether they contradict the principal point.
     score, sightings : what it was computed from; None where there is nothing to compute it from.
+    alone : frees one of `PARAMETERS` alone, and remembers the result.
     start : the solution under the focal length preferred, None if it was not freed.
     """
 
@@ -61,6 +63,7 @@ class CameraTest:
     sightings: Sightings | None = None
     start: Settled | None = None
     centre: bool = False
+    alone: Callable[[str], Freed | None] = lambda parameter: None
 
     @property
     def focal_factor(self) -> float | None:
@@ -88,29 +91,30 @@ def examine_cameras(
         score = score_camera(sightings, start)
     except DegenerateConfiguration:  # what the solution kept is too little for a plane
         return CameraTest()
-    centre = _centre_is_wrong(sightings, start, score)
+    alone = cache(partial(free_parameter, sightings, start))
+    test = CameraTest(score=score, sightings=sightings, centre=_centre_is_wrong(alone, score), alone=alone)
     step, sigma = float(score.step[0]), float(score.sigma[0])  # too large a sigma under a wrong camera
     if not free and (abs(step) < max(ASKED * sigma, ASKED_SHARE) or sigma > 1.0):
-        return CameraTest(step, _sigma(score), False, score, sightings, centre=centre)
+        return replace(test, step=step, sigma=_sigma(score))
     freed = free_focal(every_sighting(joined, cameras, solution.noise_gain, scene), start)
     if freed is None:
-        return CameraTest(score=score, sightings=sightings, centre=centre)
+        return test
     step, sigma = freed.value, _sigma(freed.score)
     wrong = abs(np.expm1(step)) > LEAST_WRONG and sigma < TELLING and abs(step) > CONTRADICTED * sigma
-    return CameraTest(step, sigma, wrong, score, sightings, freed.settled, centre)
+    return replace(test, step=step, sigma=sigma, suspect=wrong, start=freed.settled)
 
 
-def _centre_is_wrong(sightings: Sightings, start: Settled, score: CameraScore) -> bool:
+def _centre_is_wrong(alone: Callable[[str], Freed | None], score: CameraScore) -> bool:
     """Whether another principal point explains the matches, and clearly better than another focal length does."""
     asked = [k for k in (1, 2) if abs(score.step[k]) > max(CONTRADICTED * score.sigma[k], CENTRE_SHARE)]
     noises = []
     for k in asked:
-        freed = free_parameter(sightings, start, PARAMETERS[k])
+        freed = alone(PARAMETERS[k])
         if freed is not None and abs(freed.value) > CONTRADICTED * freed.score.sigma[k] < CONTRADICTED * TELLING:
             noises.append(freed.score.noise_px)
     if not noises or CENTRE_BETTER * min(noises) > score.noise_px:
         return False
-    focal = free_parameter(sightings, start, "f")
+    focal = alone("f")
     return focal is None or focal.score.noise_px > CLEARLY * min(noises)
 
 
@@ -150,7 +154,7 @@ def suspicion(
     """
     if not (test.suspect or test.centre) or test.sightings is None or test.score is None:
         return known
-    found = _explained(test.sightings, Settled.of(solution), test)
+    found = _explained(test)
     if found is None:
         return [*known, finding("suspect-camera", UNTOLD, test.focal_factor, CHECK_FILE)]
     others = [one for one in known if one.code != "suspect-distortion"]
@@ -173,13 +177,12 @@ def _lens(found: _Explained, joined: Joined, camera: Camera) -> list[Diagnostic]
     return check_lens(LensMisfit(-k1.value, float(k1.score.sigma[3]), found.noise_px, k1.score.noise_px, reach), camera)
 
 
-def _explained(sightings: Sightings, start: Settled, test: CameraTest) -> _Explained | None:
+def _explained(test: CameraTest) -> _Explained | None:
     """Free each parameter alone, and name that with the least noise if no other comes near; None if none can be freed.
 
     All are compared on the same matches. The focal length stated is that of `test`, of all matches.
     """
-    tried = {name: free_parameter(sightings, start, name) for name in PARAMETERS}
-    freed = {name: one for name, one in tried.items() if one is not None}
+    freed = {name: one for name in PARAMETERS if (one := test.alone(name)) is not None}
     if not freed or test.score is None or ("f" not in freed and not test.centre):
         return None
     best, *others = sorted(freed, key=lambda name: freed[name].score.noise_px)
