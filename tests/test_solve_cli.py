@@ -373,3 +373,11 @@ def test_rows_without_a_match_written_as_zeros_are_named(tmp_path: Path, ask: As
     assert status == 1
     assert "rows have the point (0, 0) in image 1" in err
     assert "leave out rows without a match" in err
+
+
+def test_rows_whose_points_are_on_one_line_in_image_2_end_in_one_line(tmp_path: Path, ask: Ask) -> None:
+    scene = scene_of()
+    path = write_rows(tmp_path / "m.csv", scene, y2=np.zeros(len(scene.uv1)))
+    status, out, err = ask(str(path), "--intrinsics", "800,800,511.5,511.5", "--noise", "0.3", "--json")
+    assert (status, out, len(err.splitlines())) == (3, "", 1)
+    assert "unexpected" not in err

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from slopecli.errors import DegenerateConfiguration
 from slopecli.geometry.epipolar import decompose_essential, fit_rotation
 from slopecli.geometry.homography import longuet_higgins
 from slopecli.geometry.solver.observations import Observations, QuadraticForm, isotropic, patch_moments
@@ -35,6 +36,8 @@ def starting_states(observations: Observations, initial: list[tuple[FloatArray, 
     form = _form(observations, weighted[:, sample], R, T)
     state, chi2 = _scored(observations, R, T, form, sample)
     dof = observations.residual_count()
+    if not np.isfinite(chi2).any():
+        raise DegenerateConfiguration("no motion maps the correspondences; check that their points are in two images")
     if few:
         keep = [i for i in range(len(chi2)) if np.isfinite(chi2[i])]
     else:
@@ -195,7 +198,10 @@ def _scored(
     form: QuadraticForm,
     sample: IntArray | slice = slice(None),
 ) -> tuple[State, FloatArray]:
-    """Motions with their best normals, T signed so that planes lie in front, and chi-square, inf where they do not."""
+    """Motions with their best normals, T signed so that planes lie in front, and chi-square, inf where they do not.
+
+    It is inf, too, for motions of a singular homography, which are no numbers.
+    """
     state, chi2 = optimal_normals(R, T, form)
     count = observations.count[sample]
     centres = observations.sum_patches(observations.p)[:, sample] / count
@@ -205,7 +211,7 @@ def _scored(
     depth_ratio = R[:, 2] @ centres - (R[:, 2] * T).sum(axis=1)[:, None] * inverse_depth
     in_front = ((inverse_depth > 0.0) & (depth_ratio > 0.0)) @ count
     possible = in_front >= 0.5 * count.sum()
-    return State(R, T, N), np.where(possible | ~possible.any(), chi2, np.inf)
+    return State(R, T, N), np.where((possible | ~possible.any()) & np.isfinite(chi2), chi2, np.inf)
 
 
 def _promising(chi2: FloatArray, n_homographies: int, n_closed: int, n_residuals: int) -> list[int]:
