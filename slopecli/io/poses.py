@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from slopecli.errors import InputError
+from slopecli.io.cameras.values import first_twice
 from slopecli.io.files import read_file
 from slopecli.options import Pose
 from slopecli.types import FloatArray
@@ -82,12 +83,9 @@ class _Twice(ValueError):
 
 
 def _once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
-    values: dict[str, Any] = {}
-    for name, value in pairs:
-        if name in values:
-            raise _Twice(repr(name)[:40])
-        values[name] = value
-    return values
+    if (twice := first_twice(name for name, _ in pairs)) is not None:
+        raise _Twice(repr(twice)[:40])
+    return dict(pairs)
 
 
 def _numbers(path: str | PathLike[str], values: dict[str, Any], names: tuple[str, ...], shape: tuple[int, ...]) -> Any:

@@ -9,7 +9,7 @@ from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 from slopecli.errors import InputError
-from slopecli.io.cameras.values import Tree
+from slopecli.io.cameras.values import Tree, refuse_twice
 from slopecli.io.cameras.yaml_documents import yaml_documents
 
 if TYPE_CHECKING:
@@ -94,17 +94,9 @@ def _decode(data: bytes) -> str:
     return text
 
 
-class _Twice(InputError):
-    """A name that an object has twice."""
-
-
 def _unique(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
-    found = dict(pairs)
-    if len(found) < len(pairs):
-        names = [name for name, _ in pairs]
-        twice = next(name for name in found if names.count(name) > 1)
-        raise _Twice(f"has {twice!r} twice; keep one of them")
-    return found
+    refuse_twice(name for name, _ in pairs)
+    return dict(pairs)
 
 
 def _integer(text: str) -> float:

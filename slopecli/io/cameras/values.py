@@ -5,13 +5,14 @@ from __future__ import annotations
 import math
 import re
 from collections import Counter
-from collections.abc import Collection, Iterable, Mapping, Sequence
-from typing import Any
+from collections.abc import Collection, Hashable, Iterable, Mapping, Sequence
+from typing import Any, TypeVar
 
 from slopecli.errors import InputError
 from slopecli.geometry.camera import share_with_rays
 from slopecli.types import Camera, CameraModel
 
+Name = TypeVar("Name", bound=Hashable)
 Size = tuple[int, int]  # width, height, px
 Tree = Mapping[str, Any]  # names and values of a JSON or YAML file
 Intrinsics = tuple[float, float, float, float]  # fx, fy, cx, cy, px
@@ -140,10 +141,14 @@ def refuse_unread_distortion(keys: Collection[Any], read: Collection[str], remed
             raise InputError(f"{key!r} is not understood; {remedy}")
 
 
+def first_twice(names: Iterable[Name]) -> Name | None:
+    """The first of the names that stands more than once, None if none does."""
+    return next((name for name, count in Counter(names).items() if count > 1), None)
+
+
 def refuse_twice(names: Iterable[str]) -> None:
     """Refuse names of which one stands twice."""
-    counts = Counter(names)
-    if twice := next((name for name, count in counts.items() if count > 1), None):
+    if (twice := first_twice(names)) is not None:
         raise InputError(f"has {twice!r} twice; keep one of them")
 
 

@@ -6,6 +6,7 @@ import re
 from typing import Any
 
 from slopecli.errors import InputError
+from slopecli.io.cameras.values import first_twice
 
 MAX_YAML_CHARACTERS = 4_000_000  # YAML is parsed at about 1 MB a second
 MAX_DEPTH = 40  # of nested lists and mappings; camera files have less than ten
@@ -102,8 +103,7 @@ def _children(node: Any) -> list[Any]:
         return []
     if node.id == "sequence":
         return list(node.value)
-    names = [(key.tag, key.value) for key, _ in node.value if isinstance(key.value, str)]
-    twice = next((name for name in names if names.count(name) > 1), None) if len(set(names)) < len(names) else None
+    twice = first_twice((key.tag, key.value) for key, _ in node.value if isinstance(key.value, str))
     if twice is not None:
         raise InputError(f"has {twice[1]!r} twice; keep one of them")
     return [part for pair in node.value for part in pair]
