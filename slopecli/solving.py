@@ -95,6 +95,7 @@ def _uncertain(solution: Solution, joined: Joined, cameras: Cameras, sigma: floa
     prior, kept = motion_prior(options), sightings_of(joined, solution, cameras)
 
     def widened(root: Solution) -> Solution:
+        """One root, with its covariances larger."""
         try:
             score = score_camera(kept, Settled.of(root), prior)
         except DegenerateConfiguration:  # three points of a plane that were kept lie on one line

@@ -20,7 +20,7 @@ from slopecli.look.matches import ON_PLANE_PX, Evidence, gather_evidence, scene_
 from slopecli.look.segments import Segments, find_segments
 from slopecli.measure import Measured
 from slopecli.patches.join import Joined
-from slopecli.types import Camera, FloatArray, Plane
+from slopecli.types import Camera, FloatArray, Plane, Solution
 
 IMAGE_UP = np.array([0.0, -1.0, 0.0])
 SUPPORTED = 3.0  # log odds, 20 to 1, from which on a plane that was taken as level is believed to be level
@@ -84,23 +84,28 @@ def level_odds(
     """
     if root.up.source == "given" or (root.level is None and grey is None):
         return None
+    seen = _seen(root.solution, joined, planes, camera1, grey)
+    up = np.array(root.up.vector_cam1)
+    if not len(seen.points):  # no evidence either way: enough for the default, not for a plane that is taken as level
+        return None if root.level is None else LevelOdds(0.0, SUPPORTED, _upright(up), ())
+    if root.level is None:
+        return odds_of_camera(up, seen)
+    return odds_of_plane(up, 1.0 / float(np.linalg.norm(root.solution.scaled_normals[root.level])), seen)
+
+
+def _seen(solution: Solution, joined: Joined, planes: Sequence[Plane], camera1: Camera, grey: Grey | None) -> Seen:
+    """The planes that are well known, the matches that were kept, and the edges; without matches, no edges."""
     area = {patch.id: float(patch.footprint.area_px) for patch in joined.patches if patch.origin == "own"}
     sure = [one for one in planes if one.id in area and one.status == "ok" and (one.slope_sigma_deg or 0.0) < 5.0]
-    kept, solution = joined.matches.take(root.solution.inlier), root.solution
+    kept = joined.matches.take(solution.inlier)
     points = gather_evidence(kept, np.zeros(len(kept)), solution.R, solution.T, camera1.focal_px)
-    up = np.array(root.up.vector_cam1)
-    if not len(points):  # no evidence either way: enough for the default, not for a plane that is taken as level
-        return None if root.level is None else LevelOdds(0.0, SUPPORTED, _upright(up), ())
-    seen = Seen(
+    return Seen(
         normals=np.array([one.normal_cam1 for one in sure]).reshape(-1, 3),
         distance=np.array([one.distance for one in sure]),
         area=np.array([area[one.id] for one in sure]),
         points=points,
-        segments=None if grey is None else find_segments(grey, camera1),
+        segments=None if grey is None or not len(points) else find_segments(grey, camera1),
     )
-    if root.level is None:
-        return odds_of_camera(up, seen)
-    return odds_of_plane(up, 1.0 / float(np.linalg.norm(solution.scaled_normals[root.level])), seen)
 
 
 def odds_of_plane(up: FloatArray, distance: float, seen: Seen) -> LevelOdds:

@@ -51,6 +51,7 @@ def set_aside_unsettled(joined: Joined, solution: Solution, solve: Solve, most_n
         return joined
 
     def tried(rest: Joined) -> _Trial:
+        """The solution of a smaller problem, and whether it settles."""
         try:
             found = solve(rest)
         except (SlopemapError, np.linalg.LinAlgError):
