@@ -287,18 +287,24 @@ def _outcome(result: Judged) -> str:
     return said if result.ambiguity == "none" else f"{said}; second motion {result.ambiguity}"
 
 
+def data_folder() -> Path | None:
+    """The folder that SLOPEMAP_DATA names; without it one line is printed, and None returned."""
+    data = os.environ.get("SLOPEMAP_DATA")
+    if not data:
+        print("SLOPEMAP_DATA is not set: there are no pairs with truth to run")
+    return Path(data) if data else None
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--only", default="", metavar="TEXT")
     parser.add_argument("--pairs", action="store_true")
     parser.add_argument("--into", type=Path, metavar="FILE")
     options = parser.parse_args()
-    data = os.environ.get("SLOPEMAP_DATA")
-    if not data:
-        print("SLOPEMAP_DATA is not set: there are no pairs with truth to run")
+    if (data := data_folder()) is None:
         return
     results = []
-    for pair in true_pairs(Path(data), options.only):
+    for pair in true_pairs(data, options.only):
         print(pair.name, file=sys.stderr)
         results.append(run_program(replace(pair, windows=[], normals=[]) if pair.expected else pair))
     tables = accuracy_tables(results, options.pairs)

@@ -13,15 +13,13 @@ from __future__ import annotations
 
 import argparse
 import math
-import os
 import sys
 import zlib
 from dataclasses import dataclass, replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
-from accuracy import TruePair, angle_deg, markdown, true_pairs
+from accuracy import TruePair, angle_deg, data_folder, markdown, true_pairs
 
 from slopecli import Camera, Options, estimate, load_image
 from slopecli.errors import SlopemapError
@@ -94,12 +92,10 @@ def main() -> None:
     parser.add_argument("--free-focal", action="store_true")
     parser.add_argument("--focal-sigma", type=float, metavar="PERCENT")
     chosen = parser.parse_args()
-    data = os.environ.get("SLOPEMAP_DATA")
-    if not data:
-        print("SLOPEMAP_DATA is not set: there are no pairs with truth to run")
+    if (data := data_folder()) is None:
         return
     options = Options(free_focal=chosen.free_focal, focal_sigma_percent=chosen.focal_sigma)
-    pairs = [pair for pair in true_pairs(Path(data), chosen.only) if not pair.expected and pair.windows]
+    pairs = [pair for pair in true_pairs(data, chosen.only) if not pair.expected and pair.windows]
     labels = [*chosen.factors.split(","), *(["random"] if chosen.focal_sigma else [])]
     rows, untold = [], set[str]()
     for label in labels:
