@@ -14,6 +14,7 @@ from typing import Any
 
 import pytest
 from batch_factory import make_job
+from killed_writer import Killed, kill_at
 
 from slopecli.batch import TRANSIENT, CameraChoice, Job, Keep, Outcome, Pair, failure, fingerprint_of, finished, store
 from slopecli.errors import DiskFull
@@ -185,25 +186,6 @@ def test_another_version_is_another_fingerprint(job: Job, monkeypatch: pytest.Mo
 
 
 # ---- writers that do not come to their end ----
-
-
-class Killed(BaseException):
-    """Stands for SIGKILL: nothing is done any more."""
-
-
-def kill_at(monkeypatch: pytest.MonkeyPatch, step: int) -> None:
-    """Let the writer die in the `step`th call that changes something on the disk, which then does not happen."""
-    count = 0
-    for name in ("replace", "unlink", "fsync", "mkdir", "rmdir"):
-
-        def dying(*args: Any, _real: Any = getattr(os, name), **kwargs: Any) -> Any:
-            nonlocal count
-            count += 1
-            if count >= step:
-                raise Killed
-            return _real(*args, **kwargs)
-
-        monkeypatch.setattr(os, name, dying)
 
 
 def is_whole(job: Job, name: str, files: tuple[str, ...]) -> bool:

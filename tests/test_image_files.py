@@ -280,8 +280,8 @@ def test_absurd_sizes_are_refused_before_memory_is_taken(tmp_path: Path, start: 
 
 
 def test_long_whitespace_in_a_header_takes_no_time(tmp_path: Path) -> None:
-    refusal(tmp_path, b"P5" + b" " * 5000 + b"x")
-    refusal(tmp_path, b"P7\n" + b"A\n" * 5000)
+    for start in (b"P5" + b" " * 5000 + b"x", b"P7\n" + b"A\n" * 5000):
+        assert "of a kind that cannot be read" in refusal(tmp_path, start)
 
 
 # ---- damage that decoders report ----

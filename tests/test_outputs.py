@@ -14,6 +14,7 @@ from typing import Any
 import cv2
 import numpy as np
 import pytest
+from killed_writer import Killed, kill_at
 from report_factory import (
     make_camera,
     make_image,
@@ -248,25 +249,6 @@ def test_check_changes_nothing(tmp_path: Path) -> None:
 
 
 # ---- writers that are killed ----
-
-
-class Killed(BaseException):
-    """Stands for SIGKILL: nothing is done any more."""
-
-
-def kill_at(monkeypatch: pytest.MonkeyPatch, step: int) -> None:
-    """Let the writer die in the `step`th call that changes something on the disk, which then does not happen."""
-    count = 0
-    for name in ("rename", "replace", "unlink", "fsync", "mkdir", "rmdir"):
-
-        def dying(*args: Any, _real: Any = getattr(os, name), **kwargs: Any) -> Any:
-            nonlocal count
-            count += 1
-            if count >= step:
-                raise Killed
-            return _real(*args, **kwargs)
-
-        monkeypatch.setattr(os, name, dying)
 
 
 @pytest.mark.parametrize("step", range(1, 36))
