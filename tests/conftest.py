@@ -6,6 +6,7 @@ of the others. The program declines those of OpenBLAS in any case. Tests in whic
 
 from __future__ import annotations
 
+import gc
 import os
 
 import campaign
@@ -19,24 +20,50 @@ LONGEST = [
     "coverage",
     "plane_sets",
     "batch_faults",
-    "data_sets",
-    "batch_cluster",
-    "honesty",
-    "batch_running",
     "batch_cli",
-    "batch_answer",
-    "sample_data",
-    "pipeline",
     "regions",
-    "study",
-    "figures",
-    "simulate_cli",
-    "segment_cli",
+    "pipeline",
+    "data_sets",
+    "camera_test",
+    "honesty",
     "cli",
     "plan",
-    "photometric",
+    "batch_answer",
+    "fuzz",
+    "batch_cluster",
+    "changes",
+    "window_matching",
+    "outputs",
+    "features",
+    "known_motion",
+    "simulate_cli",
+    "segment_cli",
+    "house",
+    "batch_running",
+    "plan_cli",
     "docs",
+    "slope",
+    "foerstner",
+    "lens_misfit",
+    "study",
+    "photometric",
+    "figures",
 ]
+
+
+def pytest_collection_finish() -> None:
+    """Leave what was collected, which lives to the end, out of every garbage collection: each takes half a second."""
+    gc.freeze()
+
+
+@pytest.fixture
+def _worker_here(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Answer the pairs of a batch in this process, where a process of their own is not what is tested."""
+    from fuzzing.checks import WorkerHere
+    from remembered import remembered
+
+    monkeypatch.setattr("slopecli.batch.running.Worker", WorkerHere)
+    monkeypatch.setattr("slopecli.batch.answer.estimate", remembered)
 
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:

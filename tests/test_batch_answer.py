@@ -13,6 +13,7 @@ import cv2
 import numpy as np
 import pytest
 from batch_factory import SIDE, make_images, make_job, make_pair, make_pairs, tree
+from remembered import remembered
 from report_factory import make_ambiguity, make_camera, make_report
 
 import slopecli.batch.answer as room
@@ -39,9 +40,10 @@ def pairs(images: list[Path]) -> list[Pair]:
 
 
 @pytest.fixture(autouse=True)
-def _no_memory() -> None:
-    """Every test begins as a fresh worker does."""
+def _no_memory(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Every test begins as a fresh worker does, but for answers that others have had."""
     room._memory.clear()
+    monkeypatch.setattr(room, "estimate", remembered)
 
 
 def without_record(folder: str) -> dict[str, bytes]:
@@ -62,7 +64,11 @@ def as_the_command_does(pair: Pair, folder: Path, options: Options, keep: frozen
     [
         (Options(), Keep()),
         (Options(grid=(2, 2), baseline_m=1.5), Keep(overlay=False, ply=False)),
-        (Options(planes="regions", up="dominant-plane"), Keep(glb=False, debug_images=True)),
+        pytest.param(
+            Options(planes="regions", up="dominant-plane"),
+            Keep(glb=False, debug_images=True),
+            marks=pytest.mark.slow,
+        ),
     ],
     ids=["windows", "few files", "regions"],
 )
@@ -130,6 +136,7 @@ def counted(monkeypatch: pytest.MonkeyPatch, place: Any, name: str) -> list[Any]
 def test_neighbours_share_what_was_decoded_and_found_and_nobody_can_tell(
     pairs: list[Pair], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    monkeypatch.setattr(room, "estimate", estimate)
     decoded = counted(monkeypatch, room, "decode_image")
     found = counted(monkeypatch, features, "detect_sift")
     together = [make_job(pair, tmp_path / "together") for pair in pairs]

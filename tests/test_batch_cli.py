@@ -104,6 +104,7 @@ def test_the_camera_found_and_the_outcome_are_said_on_stderr(answer: Run, flight
     assert "camera" not in done.stdout
 
 
+@pytest.mark.usefixtures("_worker_here")
 def test_a_second_run_keeps_everything_as_it_is(answer: Run, flight: Path) -> None:
     done, folder = answer
     before = {path: path.stat().st_mtime_ns for path in folder.glob("*/*")}
@@ -112,6 +113,7 @@ def test_a_second_run_keeps_everything_as_it_is(answer: Run, flight: Path) -> No
     assert {path: path.stat().st_mtime_ns for path in folder.glob("*/*")} == before
 
 
+@pytest.mark.usefixtures("_worker_here")
 def test_quiet_says_nothing_and_verbose_every_pair(answer: Run, flight: Path) -> None:
     arguments = ("batch", str(flight), "-o", str(answer[1]))
     assert slopemap(*arguments, "-q").stderr == ""
@@ -119,6 +121,7 @@ def test_quiet_says_nothing_and_verbose_every_pair(answer: Run, flight: Path) ->
     assert all(f"{name}: answered" in verbose.stderr for name in NAMES)
 
 
+@pytest.mark.usefixtures("_worker_here")
 def test_options_of_estimate_reach_every_pair(flight: Path, tmp_path: Path) -> None:
     options = ("--grid", "1x2", "--tolerance", "30", "--no-overlay", "--no-ply", "--jobs", "1")
     done = slopemap("batch", str(flight), "-o", str(tmp_path), "--pairing", "stride", "--stride", "3", *options)
@@ -130,6 +133,7 @@ def test_options_of_estimate_reach_every_pair(flight: Path, tmp_path: Path) -> N
     assert [outcome["name"] for outcome in lines_of(tmp_path)] == ["view_8-view_11", "view_9-view_12"]
 
 
+@pytest.mark.usefixtures("_worker_here")
 def test_segment_finds_regions_and_takes_the_largest_as_level(flight: Path, tmp_path: Path) -> None:
     (tmp_path / "pairs.csv").write_text("view_8.png,view_9.png\n")
     arguments = ("--pairing", str(tmp_path / "pairs.csv"), "--command", "segment", "-o", str(tmp_path / "out"))
@@ -144,7 +148,7 @@ def test_segment_finds_regions_and_takes_the_largest_as_level(flight: Path, tmp_
 @pytest.mark.skipif(os.name != "posix", reason="needs a shell of POSIX")
 @pytest.mark.parametrize("stderr", ["2>&-", pytest.param("2>/dev/full", marks=pytest.mark.slow)])
 def test_nobody_who_listens_does_not_end_the_work(stderr: str, answer: Run, flight: Path, tmp_path: Path) -> None:
-    command = [sys.executable, "-m", "slopecli", "batch", str(flight), "-v", "-o", str(tmp_path)]
+    command = [sys.executable, "-m", "slopecli", "batch", str(flight), "-v", "-o", str(tmp_path), "--jobs", "1"]
     done = subprocess.run(
         ["sh", "-c", f'"$@" {stderr}', "sh", *command], capture_output=True, encoding="utf-8", check=False
     )
@@ -155,6 +159,7 @@ def test_nobody_who_listens_does_not_end_the_work(stderr: str, answer: Run, flig
 # ---- pairs without an answer ----
 
 
+@pytest.mark.usefixtures("_worker_here")
 def test_bad_images_are_named_and_the_good_are_answered(tmp_path: Path) -> None:
     flight, output = make_flight(tmp_path / "images"), tmp_path / "out"
     (flight / "view_10.png").write_bytes((flight / "view_10.png").read_bytes()[:2000])
@@ -171,6 +176,7 @@ def test_bad_images_are_named_and_the_good_are_answered(tmp_path: Path) -> None:
     assert "Traceback" not in done.stderr
 
 
+@pytest.mark.usefixtures("_worker_here")
 def test_a_pair_that_the_scene_leaves_without_an_answer(flight: Path, tmp_path: Path) -> None:
     (tmp_path / "pairs.csv").write_text("view_8.png,view_10.png\nview_8.png,view_9.png\n")  # the first: same image
     done = slopemap("batch", str(flight), "--pairing", str(tmp_path / "pairs.csv"), "-o", str(tmp_path / "out"))
@@ -181,6 +187,7 @@ def test_a_pair_that_the_scene_leaves_without_an_answer(flight: Path, tmp_path: 
     assert "no answer" in done.stdout
 
 
+@pytest.mark.usefixtures("_worker_here")
 def test_a_pair_may_be_called_like_a_file_of_an_answer(tmp_path: Path) -> None:
     for name in ("image1.png", "image2.png"):
         (tmp_path / "in" / "overlay.png").mkdir(parents=True, exist_ok=True)
@@ -272,6 +279,7 @@ def test_an_unusable_input_ends_in_status_1_with_one_line(
 # ---- stopped on the way ----
 
 
+@pytest.mark.usefixtures("_worker_here")
 @pytest.mark.skipif(os.name != "posix", reason="needs signals of POSIX")
 def test_interrupted_it_keeps_what_is_done_and_goes_on(answer: Run, flight: Path, tmp_path: Path) -> None:
     output = tmp_path / "out"

@@ -11,63 +11,34 @@ import time
 from collections.abc import Iterator
 from concurrent.futures import BrokenExecutor, Future
 
-import numpy as np
 import pytest
+from worker_calls import (
+    PATIENCE_S,
+    add,
+    end_like,
+    fill_memory,
+    own_facts,
+    print_much,
+    raise_disk_full,
+    raise_what_cannot_be_pickled,
+    sleep_holding_on,
+)
 
 from slopecli.batch import Limits, Worker, WorkerCrashed, WorkerTimeout
-from slopecli.errors import DiskFull, InputError, NoAnswer
+from slopecli.errors import DiskFull, InputError
 
-PATIENCE_S = 60.0
 on_linux = pytest.mark.skipif(sys.platform != "linux", reason="memory can be limited on Linux only")
 
 
-# ---- what the worker calls: pickled by name, so at the top of this module ----
-
-
-def add(a: int, b: int = 1) -> int:
-    return a + b
-
-
-def end_like(sent: signal.Signals) -> None:
-    os.kill(os.getpid(), sent)
-    time.sleep(PATIENCE_S)
-
-
-def sleep_holding_on(seconds: float) -> None:
-    time.sleep(seconds)
-
-
-def fill_memory(n_bytes: int) -> int:
-    return int(np.ones(n_bytes, np.uint8).sum())
-
-
-def raise_disk_full() -> None:
-    raise DiskFull("disk full while writing")
-
-
-def raise_what_cannot_be_pickled() -> None:
-    raise NoAnswer("pure-rotation", "no parallax", "move")
-
-
-def print_much() -> str:
-    os.write(1, b"noise among the replies\n" * 100)
-    print("more noise")
-    return "said"
-
-
-def own_facts() -> dict[str, object]:
-    import cv2
-
-    return {
-        "pid": os.getpid(),
-        "threads": (os.environ["OPENBLAS_NUM_THREADS"], cv2.getNumThreads()),
-        "interrupt": signal.getsignal(signal.SIGINT) == signal.SIG_IGN,
-        "main": sys.modules["__main__"].__dict__.get("__file__"),
-    }
+@pytest.fixture
+def _bare(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Workers that do not load the pipeline first, which takes most of the time of their start."""
+    start = "import sys; from slopecli.batch import worker; worker._warm_up = int; worker.serve(int(sys.argv[1]))"
+    monkeypatch.setattr("slopecli.batch.worker.SERVE", start)
 
 
 @pytest.fixture
-def worker() -> Iterator[Worker]:
+def worker(_bare: None) -> Iterator[Worker]:
     one = Worker()
     yield one
     one.shutdown()
@@ -132,10 +103,11 @@ def test_a_worker_killed_between_calls_is_started_again(worker: Worker) -> None:
         pytest.fail("the worker did not come back")
 
 
+@pytest.mark.usefixtures("_bare")
 def test_a_call_that_takes_too_long_is_ended_and_the_next_is_not() -> None:
-    worker = Worker(Limits(timeout_s=2.0))
+    worker = Worker(Limits(timeout_s=1.0))
     slow, after = worker.submit(sleep_holding_on, PATIENCE_S), worker.submit(add, 1)
-    with pytest.raises(WorkerTimeout, match="2 s"):
+    with pytest.raises(WorkerTimeout, match="1 s"):
         slow.result(PATIENCE_S)
     assert after.result(PATIENCE_S) == 2
     worker.shutdown()
@@ -168,6 +140,7 @@ def test_too_little_memory_to_begin_with_is_said() -> None:
 
 
 @on_linux
+@pytest.mark.usefixtures("_bare")
 def test_limits_beyond_all_bounds_are_none() -> None:
     worker = Worker(Limits(timeout_s=1e300, memory_gb=1e300))
     assert worker.submit(add, 1).result(PATIENCE_S) == 2
@@ -180,6 +153,7 @@ def test_memory_is_limited_on_linux_only(monkeypatch: pytest.MonkeyPatch) -> Non
         Limits(memory_gb=1.0)
 
 
+@pytest.mark.usefixtures("_bare")
 def test_shutdown_at_once_ends_the_call_under_way() -> None:
     worker = Worker()
     worker.submit(add, 1).result(PATIENCE_S)
@@ -195,7 +169,7 @@ def test_shutdown_at_once_ends_the_call_under_way() -> None:
 PARENT = """
 import sys
 sys.path[:0] = {path!r}
-from test_batch_worker import own_facts, sleep_holding_on
+from worker_calls import own_facts, sleep_holding_on
 from slopecli.batch.worker import Worker
 worker = Worker()
 print(worker.submit(own_facts).result()["pid"], flush=True)
@@ -234,6 +208,7 @@ def is_zombie(pid: int) -> bool:
         return False
 
 
+@pytest.mark.usefixtures("_bare")
 def test_workers_of_several_threads_do_not_hold_each_other_open() -> None:
     workers, answers = [Worker() for _ in range(3)], []
     threads = [threading.Thread(target=lambda w: answers.append(w.submit(add, 1).result()), args=(w,)) for w in workers]
