@@ -12,6 +12,7 @@ import sys
 from collections.abc import Iterator
 from pathlib import Path
 
+import cv2
 import pytest
 from command import Done, in_a_process, slopemap
 
@@ -34,6 +35,16 @@ def answer(tmp_path_factory: pytest.TempPathFactory) -> tuple[Done, Path]:
     return done, folder
 
 
+@pytest.fixture(scope="module")
+def small(tmp_path_factory: pytest.TempPathFactory) -> list[str]:
+    """Arguments for the pair at a sixth of its size, for processes of which it does not matter what they answer."""
+    folder = tmp_path_factory.mktemp("small")
+    for name in ("image1.png", "image2.png"):
+        image = cv2.imread(str(DESCENT / name))
+        cv2.imwrite(str(folder / name), cv2.resize(image, (128, 128), interpolation=cv2.INTER_AREA))
+    return [str(folder / "image1.png"), str(folder / "image2.png"), *CAMERA]
+
+
 # ---- help ----
 
 
@@ -51,7 +62,7 @@ def test_help_answers_at_once(arguments: list[str]) -> None:
         after = os.times()  # of the processor, not of the clock: other work on the machine is not our slowness
         return after.children_user + after.children_system - before.children_user - before.children_system
 
-    assert min(seconds() for _ in range(7)) < 0.2
+    assert any(seconds() < 0.2 for _ in range(7))
 
 
 @pytest.mark.parametrize("command", commands.commands)
@@ -185,10 +196,10 @@ def test_json_on_stdout_is_slopes_json_and_stands_alone(answer: tuple[Done, Path
     assert not list(tmp_path.iterdir())
 
 
-def test_quiet_says_nothing_and_verbose_gives_times() -> None:
-    quiet = in_a_process("estimate", *PAIR, *CAMERA, "--json", "-q")
+def test_quiet_says_nothing_and_verbose_gives_times(small: list[str]) -> None:
+    quiet = in_a_process("estimate", *small, "--json", "-q")
     assert (quiet.returncode, quiet.stderr) == (0, "")
-    verbose = slopemap("estimate", *PAIR, *CAMERA, "--json", "-v")
+    verbose = slopemap("estimate", *small, "--json", "-v")
     assert verbose.stdout == quiet.stdout
     assert len(re.findall(r"^\w[\w ]* +\d+\.\d{3} s$", verbose.stderr, re.MULTILINE)) >= 3
 
@@ -234,9 +245,9 @@ def test_second_camera_is_for_image_2(tmp_path: Path) -> None:
     assert second["cx"] == pytest.approx(first["cx"] + 1)
 
 
-def test_a_reader_that_leaves_is_no_failure() -> None:
+def test_a_reader_that_leaves_is_no_failure(small: list[str]) -> None:
     process = subprocess.Popen(
-        [sys.executable, "-m", "slopecli", "estimate", *PAIR, *CAMERA, "--json"],
+        [sys.executable, "-m", "slopecli", "estimate", *small, "--json"],
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
     )
@@ -340,8 +351,9 @@ def test_what_may_not_be_read_is_an_unusable_input(kind: str, tmp_path: Path) ->
 
 
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs a device that is always full")
-@pytest.mark.parametrize("arguments", [("estimate", *PAIR, *CAMERA, "--json", "-q"), ("--help",)], ids=["json", "help"])
-def test_a_full_disk_under_stdout_is_no_fault_of_ours(arguments: tuple[str, ...]) -> None:
+@pytest.mark.parametrize("what", ["json", "help"])
+def test_a_full_disk_under_stdout_is_no_fault_of_ours(what: str, small: list[str]) -> None:
+    arguments = ["--help"] if what == "help" else ["estimate", *small, "--json", "-q"]
     with open("/dev/full", "w") as full:
         command = [sys.executable, "-m", "slopecli", *arguments]
         done = subprocess.run(command, stdout=full, stderr=subprocess.PIPE, text=True, check=False)
@@ -378,12 +390,12 @@ def test_an_earlier_answer_survives_a_failed_run(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("declined", [False, True], ids=["terminal", "NO_COLOR"])
-def test_colour_on_a_terminal_unless_declined(declined: bool, tmp_path: Path) -> None:
+def test_colour_on_a_terminal_unless_declined(declined: bool, small: list[str], tmp_path: Path) -> None:
     pty = pytest.importorskip("pty")
     reader, writer = pty.openpty()
     environment = {key: value for key, value in os.environ.items() if key != "NO_COLOR"} | {"TERM": "xterm"}
     done = subprocess.run(
-        [sys.executable, "-m", "slopecli", "estimate", *PAIR, *CAMERA, "-o", str(tmp_path), "-q"],
+        [sys.executable, "-m", "slopecli", "estimate", *small, "-o", str(tmp_path), "-q"],
         stdout=writer,
         env={**environment, "NO_COLOR": "1"} if declined else environment,
         check=False,
@@ -395,8 +407,8 @@ def test_colour_on_a_terminal_unless_declined(declined: bool, tmp_path: Path) ->
     assert [line.split()[0] for line in shown.splitlines()] == ["id", *map(str, range(1, 10))]
 
 
-def test_a_pipe_needs_no_library_for_terminals() -> None:
-    command = [sys.executable, "-X", "importtime", "-m", "slopecli", "estimate", *PAIR, *CAMERA, "--json"]
+def test_a_pipe_needs_no_library_for_terminals(small: list[str]) -> None:
+    command = [sys.executable, "-X", "importtime", "-m", "slopecli", "estimate", *small, "--json"]
     done = subprocess.run(command, capture_output=True, text=True, encoding="utf-8", check=True)
     assert "slopecli.pipeline\n" in done.stderr
     assert not re.search(r"\| +rich", done.stderr)

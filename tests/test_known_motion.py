@@ -166,8 +166,10 @@ def test_a_pose_of_a_sensor_has_a_sigma_and_is_not_thrown_out() -> None:
 
 
 def test_a_rotation_vector_and_its_quaternion_are_the_same_prior() -> None:
-    vector, _ = answer("--rotation-prior", "0,0,90,20")
-    quaternion, _ = answer("--rotation-prior", "0.7071067811865476,0,0,0.7071067811865476,20")
+    vector, _ = answer("--rotation-prior", "5,5,5,0.1")
+    half = np.radians(5.0 * np.sqrt(3.0)) / 2.0
+    part = float(np.sin(half) / np.sqrt(3.0))
+    quaternion, _ = answer("--rotation-prior", f"{float(np.cos(half))!r},{part!r},{part!r},{part!r},0.1")
     assert vector["options"]["rotation_prior"] == pytest.approx(quaternion["options"]["rotation_prior"], abs=1e-12)
 
 

@@ -110,12 +110,9 @@ def test_smaller_regions_are_reported_when_asked_for_and_larger_ones_only_when_n
     assert len(run(town(), min_region_percent=10.0).planes) == 2
 
 
-def test_a_merge_distance_of_many_pixels_does_not_merge_what_transfers_badly() -> None:
-    assert len(run(town(), merge_px=30.0).planes) == 3
-
-
-def test_a_threshold_that_is_given_is_used() -> None:
-    report = run(town(), gradient_threshold=0.6)
+def test_a_merge_distance_of_many_pixels_merges_nothing_that_transfers_badly_and_a_threshold_is_used() -> None:
+    report = run(town(), merge_px=30.0, gradient_threshold=0.6)
+    assert len(report.planes) == 3
     assert report.segmentation is not None
     assert report.segmentation.threshold == 0.6
 
@@ -187,6 +184,7 @@ def urban() -> Report:
     return estimate(*images, camera, camera, Options(planes="regions", up="dominant-plane"))
 
 
+@pytest.mark.slow
 def test_the_planes_of_the_urban_sample_are_found() -> None:
     truth = json.loads((URBAN / "truth.json").read_text(encoding="utf-8"))
     labels = load_image(URBAN / "labels.png").grey

@@ -17,8 +17,9 @@ import pytest
 from jsonschema import Draft202012Validator
 
 from slopecli.cli import run, slopemap
+from slopecli.geometry import homogeneous
 from slopecli.io import load_schema, read_correspondences
-from slopecli.study import Scene, make_scene
+from slopecli.study import Scene, make_scene, project
 
 Ask = Callable[..., tuple[int, str, str]]
 
@@ -236,10 +237,12 @@ def test_a_patch_that_makes_no_plane_is_named_among_those_refused(tmp_path: Path
     few, line = np.flatnonzero(patch == 2)[:2], patch == 5
     patch[patch == 2] = -1
     patch[few] = 70
-    x1 = scene.x1.copy()
+    x1, x2 = scene.x1.copy(), scene.x2.copy()
     x1[line, 1] = x1[line, 0]
+    x2[line] = project(scene.R, scene.T, x1[line], homogeneous(x1[line]) @ scene.normals[5])
     patch[line] = 80
-    status, out, err = ask(write_rows(tmp_path / "m.csv", scene, rays=True, patch=patch, y1=x1[:, 1]), "--json")
+    moved = {"y1": x1[:, 1], "x2": x2[:, 0], "y2": x2[:, 1]}
+    status, out, err = ask(write_rows(tmp_path / "m.csv", scene, rays=True, patch=patch, **moved), "--json")
     assert status == 0
     result = json.loads(out)
     assert [plane["id"] for plane in result["planes"]] == [0, 1, 3, 4, 6, 7, 8]
