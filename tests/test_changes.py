@@ -109,7 +109,7 @@ def with_thing(grey: Grey, corner: FloatArray, side: int) -> Grey:
     return out
 
 
-@pytest.mark.parametrize("side", [70, 100])
+@pytest.mark.parametrize("side", [pytest.param(70, marks=pytest.mark.slow), 100])
 def test_a_thing_that_moved_across_the_epipolar_lines_is_found(side: int) -> None:
     pair, corner = ground(), np.array([200.0, 130.0])
     grey1 = with_thing(pair.grey1, corner, side)

@@ -130,6 +130,7 @@ def test_pictures_are_small() -> None:
 # ---- docs/batch.md ----
 
 
+@pytest.mark.slow
 def test_batch_example_is_what_the_command_prints(tmp_path: Path) -> None:
     example = GENERATE["EXAMPLE"].search(BATCH)
     output = GENERATE["run_example"](example["command"], tmp_path)

@@ -88,7 +88,7 @@ def test_matches_on_a_plane_are_right_and_centred_to_hundredths_of_a_pixel(plane
     assert np.abs(right.mean(0)).max() < 0.01
 
 
-@pytest.mark.parametrize("effort", EFFORTS)
+@pytest.mark.parametrize("effort", [EFFORTS[0], *(pytest.param(more, marks=pytest.mark.slow) for more in EFFORTS[1:])])
 def test_matches_of_shrunken_images_are_not_shifted(effort: FeatureEffort) -> None:
     pair = render(
         turn(1, -2, 3), SIDEWAYS, [tilted(0.2, -0.1)], camera1=make_camera(1001, 777), coarseness=2.0, noise=1.0

@@ -17,7 +17,10 @@ def drawn(options: StudyOptions) -> dict[str, bytes]:
     return draw_figures(run_study(options), alignment_spread(options, camera_of(options)))
 
 
-@pytest.mark.parametrize("solvers", [("mle",), ("mle", "ha"), ("mle", "ha", "lh")])
+@pytest.mark.parametrize(
+    "solvers",
+    [("mle", "ha", "lh"), *(pytest.param(fewer, marks=pytest.mark.slow) for fewer in (("mle",), ("mle", "ha")))],
+)
 @pytest.mark.parametrize(
     "trajectories",
     [(45.0,), *(pytest.param(more, marks=pytest.mark.slow) for more in ((0.0, 45.0), (0.0, 45.0, 90.0)))],

@@ -163,6 +163,7 @@ def test_options_reach_the_answer(pair: tuple[str, ...], tmp_path: Path) -> None
     assert all(float(row[2]) >= 3.9 for row in rows_of(done))
 
 
+@pytest.mark.slow
 def test_ransac_finds_planes_among_the_matches(pair: tuple[str, ...], tmp_path: Path) -> None:
     done = slopemap(
         "estimate", *pair, "--planes", "ransac", "--up", "dominant-plane", "--min-region", "1", "-o", str(tmp_path)

@@ -156,7 +156,7 @@ def test_probability_below_is_sharp_without_noise() -> None:
     assert probability_below(isotropic([0.1, 0.3], 0.0), 0.2).tolist() == pytest.approx([1.0, 0.0])
 
 
-@pytest.mark.parametrize("ratio", [1.0, 3.0, 10.0])
+@pytest.mark.parametrize("ratio", [1.0, pytest.param(3.0, marks=pytest.mark.slow), 10.0])
 @pytest.mark.parametrize("slope_sigmas", [0.0, 0.3, 1.0, 2.0, 3.0, 6.0, 20.0])
 def test_interval_covers_at_small_slopes_too(slope_sigmas: float, ratio: float) -> None:
     """95 % intervals cover between 93 and 98 % at every slope, with errors up to ten times narrower one way."""
