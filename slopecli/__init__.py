@@ -23,17 +23,22 @@ if TYPE_CHECKING:
     from slopecli.errors import SlopemapError as SlopemapError
     from slopecli.geometry.slope import measure_slopes as measure_slopes
     from slopecli.geometry.solver.solve import solve_planes as solve_planes
+    from slopecli.ground.slope_map import SlopeMap as SlopeMap
     from slopecli.io.cameras.reading import camera_from_fov as camera_from_fov
     from slopecli.io.cameras.reading import camera_from_intrinsics as camera_from_intrinsics
     from slopecli.io.cameras.reading import load_camera as load_camera
     from slopecli.io.correspondences import read_correspondences as read_correspondences
     from slopecli.io.images import load_image as load_image
+    from slopecli.io.outputs import write_map as write_map
     from slopecli.io.outputs import write_outputs as write_outputs
     from slopecli.io.poses import load_pose as load_pose
+    from slopecli.options import Lander as Lander
+    from slopecli.options import MapOptions as MapOptions
     from slopecli.options import Options as Options
     from slopecli.options import Pose as Pose
     from slopecli.patches.uncalibrated.correspondence_labels import label_planes as label_planes
     from slopecli.pipeline import estimate as estimate
+    from slopecli.pipeline import slope_map as slope_map
     from slopecli.pipeline import solve as solve
     from slopecli.products.slopes_json import report_to_json as report_to_json
     from slopecli.types import Camera as Camera
@@ -46,11 +51,12 @@ else:
     _NAMES = {
         "errors": "DegenerateConfiguration InputError NoAnswer SlopemapError",
         "geometry": "measure_slopes solve_planes",
-        "io": "load_image load_pose read_correspondences write_outputs",
+        "ground": "SlopeMap",
+        "io": "load_image load_pose read_correspondences write_map write_outputs",
         "io.cameras": "camera_from_fov camera_from_intrinsics load_camera",
-        "options": "Options Pose",
+        "options": "Lander MapOptions Options Pose",
         "patches": "label_planes",
-        "pipeline": "estimate solve",
+        "pipeline": "estimate slope_map solve",
         "products": "report_to_json",
         "types": "Camera Image Plane Report Slopes Solution",
     }

@@ -16,7 +16,7 @@ from slopecli.geometry.statistics import median
 from slopecli.geometry.tilt_distribution import probability_below, slope_interval
 from slopecli.options import Options
 from slopecli.patches.join import Joined
-from slopecli.types import FloatArray, Slopes, Solution, Up, Verdict
+from slopecli.types import FloatArray, Report, Slopes, Solution, Up, Verdict
 
 MOST_VAGUE = 1.0 / 3.0  # 1-sigma of a scaled normal over its length: beyond, it may be zero, and face any way
 BORROWED_SIGMA_DEG = 5.0  # 1-sigma of the slope of a window whose plane comes from matches around it, at least
@@ -72,6 +72,17 @@ def measure(solution: Solution, joined: Joined, options: Options) -> Measured:
     level_id = None if level is None else joined.patches[level].id
     up = Up((float(vector[0]), float(vector[1]), float(vector[2])), source, options.up_sigma_deg, level_id)
     return Measured(solution, up, slopes, probability_below(slopes, float(np.radians(options.tolerance_deg))), level)
+
+
+def up_sigma_rad(report: Report, joined: Joined, solution: Solution) -> float:
+    """1-sigma of the direction taken as up about a horizontal axis: as given, and of the plane whose normal it is."""
+    sigma = math.radians(report.up.sigma_deg)
+    for k, patch in enumerate(joined.patches):
+        if patch.id == report.up.plane_id:
+            length = float(np.linalg.norm(solution.scaled_normals[k]))
+            own = float(np.sqrt(np.linalg.eigvalsh(solution.normal_covariance[k])[-1])) / length
+            sigma = math.hypot(sigma, own, patch.tilt_sigma_rad)
+    return sigma
 
 
 def dominant_plane(joined: Joined) -> int:

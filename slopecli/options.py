@@ -57,7 +57,35 @@ class Options:
     free_focal: bool = False  # solve with the focal length that the images prefer
     baseline_m: float | None = None
     altitude_m: float | None = None
+    scale_sigma_percent: float = 0.0  # 1-sigma of the length that the scale was given by
     tolerance_deg: float = 15.0  # the steepest slope that landers are designed for (paper, section I)
     confidence: float = 0.99
     max_sigma_deg: float = 10.0  # largest 1-sigma of a slope that is reported: "12 +- 24" would be read as 12
     seed: int = 0  # of the random draws in the search for motions and planes; the answer hardly depends on it
+
+
+@dataclass(frozen=True)
+class Lander:
+    """A vehicle on pads: how many, the diameter of the circle they stand on, and of a pad, in the unit of the scale."""
+
+    pads: int
+    diameter: float
+    pad: float = 0.0
+
+
+@dataclass(frozen=True)
+class MapOptions:
+    """Options of `slopemap map` besides those of the pair. Lengths are in the unit of the scale."""
+
+    footprint_px: float | None = (
+        None  # diameter of the disc whose plane a cell has; None: a sixteenth of the short side
+    )
+    footprint_m: float | None = None  # the same on the ground, m; needs a scale
+    spacing_px: int | None = None  # between cells; None: an eighth of the footprint
+    max_height: float | None = None  # of what stands above, or lies below, the plane of a safe footprint
+    sites: int = 5  # landing sites listed
+    site_radius: float | None = (
+        None  # of a wanted site, px, or in the unit of a known scale; None: as large as possible
+    )
+    classes_deg: tuple[float, ...] = (5.0, 10.0, 15.0, 20.0, 30.0)  # edges of the classes of slope that are drawn
+    lander: Lander | None = None

@@ -9,11 +9,15 @@ from dataclasses import replace
 from slopecli.findings.checks import check_pair
 from slopecli.findings.facts import PairFacts
 from slopecli.findings.pair_checks import refuse_identical, refuse_mirrored, refuse_unmatched
+from slopecli.findings.wording import forbid_safe
 from slopecli.geometry.statistics import median
+from slopecli.ground.slope_map import SlopeMap
 from slopecli.look.changes import Change, find_changes
 from slopecli.look.features import FeatureMemory
+from slopecli.look.scene import Scene
 from slopecli.look.scene_from_images import find_scene
-from slopecli.options import Options
+from slopecli.measure import up_sigma_rad
+from slopecli.options import MapOptions, Options
 from slopecli.patches import PLANE_FINDERS
 from slopecli.patches.given import RAYS, Given, join_rows
 from slopecli.patches.join import join_patches
@@ -49,19 +53,79 @@ def estimate(
     InputError : a window is not inside image 1.
     NoAnswer : the pair has no solution (no overlap, texture or parallax, pure rotation), with reason and remedy.
     """
+    return _estimated((image1, image2), (camera1, camera2), options, memory, _Clock(on_stage))[0]
+
+
+def slope_map(
+    image1: Image,
+    image2: Image,
+    camera1: Camera,
+    camera2: Camera,
+    options: Options,
+    wanted: MapOptions | None = None,
+    *,
+    memory: FeatureMemory | None = None,
+    on_stage: OnStage | None = None,
+) -> SlopeMap:
+    """Slope, its uncertainty and the probability of being safe all over image 1, and landing sites.
+
+    The windows of the options determine the motion, as in `estimate`; `SlopeMap.report` has their planes.
+
+    Parameters
+    ----------
+    image1, image2, memory, on_stage : as for `estimate`.  wanted : size of the footprints, limits, sites.
+
+    Raises
+    ------
+    InputError : a window is not inside image 1, or the pixels cannot serve the footprint or the limit of height.
+    NoAnswer : the pair has no solution, with reason and remedy.
+    """
+    from slopecli.ground.build_map import MapTask, build_map, sizes_of
+    from slopecli.ground.tilt_uncertainty import Root
+    from slopecli.look.dense_depth import MOST_PIXELS, dense_depth
+
     clock = _Clock(on_stage)
-    images, cameras = (image1, image2), (camera1, camera2)
+    report, answer, scene = _estimated((image1, image2), (camera1, camera2), options, memory, clock)
+    solution, (first, second) = answer.solution, answer.cameras
+    scene = replace(scene, camera1=first, camera2=second, R=solution.R, T=solution.T)
+    other = solution.ambiguity.alternative if solution.ambiguity.status == "unresolved" else None
+    roots = [Root.of(root, answer.focal_sigma) for root in (solution, other) if root is not None]
+    task = MapTask(
+        scene=scene,
+        report=report,
+        roots=roots,
+        up_sigma_rad=up_sigma_rad(report, answer.joined, solution),
+        forbidden=forbid_safe(report.diagnostics),
+        options=options,
+        wanted=wanted or MapOptions(),
+    )
+    cells = sizes_of(task, min(1.0, MOST_PIXELS / image1.grey.size) ** 0.5)
+    depth = dense_depth(scene)
+    clock.tick("dense")
+    result = build_map(depth, cells, task)
+    clock.tick("ground")
+    return result
+
+
+def _estimated(
+    images: tuple[Image, Image],
+    cameras: tuple[Camera, Camera],
+    options: Options,
+    memory: FeatureMemory | None,
+    clock: _Clock,
+) -> tuple[Report, Answer, Scene]:
+    """The report of a pair, with the answer and the scene that it comes from."""
     refuse_identical(*images)
-    answer, changes = _answer(images, cameras, cameras, options, memory, clock)
-    if options.free_focal and abs(answer.cameras[0].focal_px / camera1.focal_px - 1.0) > AGAIN:
-        answer, changes = _answer(images, answer.cameras, cameras, options, memory, clock)
+    answer, changes, scene = _answer(images, cameras, cameras, options, memory, clock)
+    if options.free_focal and abs(answer.cameras[0].focal_px / cameras[0].focal_px - 1.0) > AGAIN:
+        answer, changes, scene = _answer(images, answer.cameras, cameras, options, memory, clock)
 
     # slopes, verdicts and findings
     report = build_report(
         images, answer.cameras, options, answer.joined, answer.solution, answer.diagnostics, changes, answer.test
     )
     clock.tick("report")
-    return report
+    return report, answer, scene
 
 
 def _answer(
@@ -71,7 +135,7 @@ def _answer(
     options: Options,
     memory: FeatureMemory | None,
     clock: _Clock,
-) -> tuple[Answer, list[Change]]:
+) -> tuple[Answer, list[Change], Scene]:
     """The answer for a pair, and what changed between its images; given: the cameras, if another focal length is used.
 
     Images are matched under the cameras, so this is done again where the focal length turns out to be another.
@@ -94,7 +158,7 @@ def _answer(
     # joint solution: one motion for all patches, and one scaled normal for each; and what it says of the cameras
     answer = solve_scene(join_patches(found, scene), scene, motions, diagnostics, options, given)
     clock.tick("solve")
-    return answer, changes
+    return answer, changes, scene
 
 
 def solve(given: Given, cameras: tuple[Camera, Camera] | None, options: Options, noise: float | None = None) -> Report:

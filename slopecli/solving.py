@@ -32,6 +32,7 @@ class Answer:
     """A solution with what it was computed from and what a user should know of it.
 
     cameras : those it was solved with.  test : what the images say of the focal length.
+    focal_sigma : relative 1-sigma of the focal length that the covariances of the solution hold.
     """
 
     joined: Joined
@@ -39,6 +40,7 @@ class Answer:
     cameras: Cameras
     diagnostics: list[Diagnostic]
     test: CameraTest
+    focal_sigma: float = 0.0
 
 
 def solve_scene(
@@ -87,7 +89,7 @@ def _with_focal(answer: Answer, given: Cameras, options: Options, again: Again) 
         solution = _uncertain(solution, joined, cameras, use.sigma, options)
     notes = [*notes, *focal_note(given, cameras, use.sigma, options)]
     step = test.step + float(np.log(answer.cameras[0].focal_px / given[0].focal_px))
-    return Answer(joined, solution, cameras, notes, replace(test, step=step))
+    return Answer(joined, solution, cameras, notes, replace(test, step=step), use.sigma)
 
 
 def _uncertain(solution: Solution, joined: Joined, cameras: Cameras, sigma: float, options: Options) -> Solution:

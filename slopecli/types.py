@@ -189,6 +189,7 @@ class Up:
 class Scale:
     unit: Literal["baseline", "m"] = "baseline"
     source: Literal["none", "baseline", "altitude", "pose"] = "none"
+    sigma: float | None = None  # relative 1-sigma of lengths; None while they are in baselines
 
 
 @dataclass(frozen=True, eq=False)
@@ -320,8 +321,7 @@ class Diagnostic:
 class Report:
     """Everything the files and the table are made from. `labels` (h, w): plane id per pixel, 0 for none.
 
-    A window is the rectangle `polygon_px`; a plane from "ransac" or "region" is the pixels of its id in `labels`,
-    which may be in several pieces, with the outline of the largest as its polygon.
+    A window is the rectangle `polygon_px`; a plane that was found is the pixels of its id, perhaps in several pieces.
     """
 
     images: tuple[ImageInfo, ImageInfo]

@@ -22,6 +22,7 @@ FLOORS = (
     "errors face types options windows",
     "geometry",
     "look",
+    "ground",
     "patches",
     "planes",
     "measure",
@@ -38,7 +39,7 @@ FLOORS = (
 )
 FLOOR_OF = {room: floor for floor, rooms in enumerate(FLOORS) for room in rooms.split()}
 FILE_CALLS = {"open", "imread", "imwrite", "imreadmulti", "read_text", "read_bytes", "write_text", "write_bytes"}
-SLOW_TO_IMPORT = {"scipy", "skimage", "matplotlib", "trimesh", "rich", "distributed", "threadpoolctl"}
+SLOW_TO_IMPORT = {"scipy", "skimage", "tifffile", "matplotlib", "trimesh", "rich", "distributed", "threadpoolctl"}
 CALLERS = sorted(path for folder in ("tests", "benchmarks") for path in (ROOT / folder).rglob("*.py"))
 # rooms publish their public names; one of the same name as its module can be had from the module alone
 FROM_THE_MODULE = {"slopecli.batch.answer"}

@@ -19,7 +19,13 @@ from slopecli.cli.interruption import was_interrupted
 from slopecli.cli.talk import Talk, drop_stdout, tell
 from slopecli.errors import SlopemapError
 
-MODULE_OF = {"estimate": "pair", "segment": "pair", **{name: name for name in ("batch", "solve", "plan", "simulate")}}
+# where a command stands: module:name
+PLACE_OF = {
+    "estimate": "pair:estimate",
+    "map": "pair:slope_map",
+    "segment": "pair:segment",
+    **{name: f"{name}:{name}" for name in ("batch", "solve", "plan", "simulate")},
+}
 EPILOG = """\b
 Exit status:
   0    an answer was written
@@ -41,11 +47,12 @@ class _Commands(UserDict[str, Any]):
     """The commands by name; the module of one is loaded when the command is looked up."""
 
     def __getitem__(self, name: str) -> click.Command:
-        command: click.Command = getattr(import_module(f"slopecli.cli.{self.data[name]}"), name)
+        module, function = self.data[name].split(":")
+        command: click.Command = getattr(import_module(f"slopecli.cli.{module}"), function)
         return command
 
 
-@click.group(commands=_Commands(MODULE_OF), epilog=EPILOG, context_settings={"help_option_names": ["-h", "--help"]})
+@click.group(commands=_Commands(PLACE_OF), epilog=EPILOG, context_settings={"help_option_names": ["-h", "--help"]})
 @click.version_option(__version__, prog_name="slopemap", message="%(prog)s %(version)s")
 def slopemap() -> None:
     """How steep is the ground, and how sure are we?

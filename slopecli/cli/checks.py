@@ -9,7 +9,7 @@ from typing import Any
 import click
 from click.core import ParameterSource
 
-from slopecli.options import CameraChoice, Options
+from slopecli.options import CameraChoice, MapOptions, Options
 from slopecli.patches import FINDERS
 
 CAMERA_FLAGS, WINDOW_FLAGS = ("camera", "intrinsics", "fov"), ("grid", "windows")
@@ -45,9 +45,11 @@ def check_estimate(ctx: click.Context) -> None:
     at_most_one(ctx, ("pose_file", "rotation_prior"), ("pose_file", "direction_prior"))
     known = given(ctx, "rotation_prior", "direction_prior", "pose_file")
     sigma_alone = given(ctx, "pose_sigma_deg") and not given(ctx, "pose_file")
+    sigma_of_none = given(ctx, "scale_sigma_percent") and not given(ctx, "baseline_m", "altitude_m", "pose_file")
     other_solver = ctx.params["solver"] != "mle"
     refuse(
         ctx,
+        (sigma_of_none, "--scale-sigma is of a --baseline, --altitude or --pose; give both."),
         (sigma_alone, "--pose-sigma is of a --pose; give both."),
         (ctx.params["merge_coplanar"] and other_solver, "--merge-coplanar is for --solver mle; leave one out."),
         (known and other_solver, f"{known[0] if known else ''} is for --solver mle; leave one out."),
@@ -76,3 +78,8 @@ def options_from(parameters: dict[str, Any]) -> Options:
 
         parameters = {**parameters, "pose": load_pose(parameters["pose_file"])}
     return Options(**{field.name: parameters[field.name] for field in fields(Options) if field.name in parameters})
+
+
+def map_options_from(parameters: dict[str, Any]) -> MapOptions:
+    """The library's options of a map out of a command's parameters of the same names."""
+    return MapOptions(**{field.name: parameters[field.name] for field in fields(MapOptions)})

@@ -1,4 +1,4 @@
-"""`slopemap estimate` and `slopemap segment`: slopes of windows, or of planes found, from one pair of images."""
+"""`slopemap estimate`, `segment` and `map`: slopes of windows, of planes found, or everywhere, from one pair."""
 
 from __future__ import annotations
 
@@ -8,7 +8,18 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from slopecli.cli import shared_options as shared
-from slopecli.cli.checks import CAMERA_FLAGS, camera_choice, check_estimate, check_planes, given, options_from, refuse
+from slopecli.cli.checks import (
+    CAMERA_FLAGS,
+    at_most_one,
+    camera_choice,
+    check_estimate,
+    check_planes,
+    given,
+    map_options_from,
+    options_from,
+    refuse,
+)
+from slopecli.cli.map_table import print_map
 from slopecli.cli.parameter_types import PATH
 from slopecli.cli.report_table import print_report
 from slopecli.cli.talk import Talk
@@ -76,16 +87,79 @@ def segment(ctx: click.Context, image1: str, image2: str, **parameters: Any) -> 
     _answer_pair(ctx, image1, image2, {**parameters, "planes": "regions"})
 
 
+@click.command(
+    "map",
+    cls=shared.Command,
+    params=[
+        *shared.camera_options,
+        *shared.map_output_options,
+        *shared.map_options,
+        *shared.frame_options(),
+        *shared.solving_options,
+        *shared.matching_options,
+        *shared.talk_options(),
+    ],
+)
+@click.argument("image1", type=PATH)
+@click.argument("image2", type=PATH)
+@click.pass_context
+def slope_map(ctx: click.Context, image1: str, image2: str, **parameters: Any) -> None:
+    """Slopes everywhere in IMAGE1, how sure they are, and where to land.
+
+    Prints the landing sites, best first; -o DIR also writes map.png, map_sigma.png, slope_map.tif (slope, sigma,
+    P(safe), aspect, roughness, heights, distance) and slopes.json. Every slope is that of the plane of a disc around
+    its place, the footprint.
+
+    \b
+    Example:
+      slopemap map first.png second.png --camera camera.json -o out
+    """
+    at_most_one(ctx, ("footprint_px", "footprint_m"))
+    images, cameras = _read_pair(ctx, image1, image2, parameters)
+    talk, output = ctx.ensure_object(Talk), parameters["output"]
+
+    from slopecli import pipeline
+
+    options, wanted = options_from(parameters), map_options_from(parameters)
+    answer = pipeline.slope_map(*images, *cameras, options, wanted, on_stage=talk.stage)
+    written: list[Path] = []
+    if output:
+        from slopecli.io.outputs import write_map
+        from slopecli.products import MAP_PRODUCTS, kept_choices
+
+        with talk.timed("write"):
+            written = write_map(answer, images[0], output, kept_choices(parameters, MAP_PRODUCTS))
+    print_map(answer, written, talk, as_json=parameters["as_json"])
+
+
 def _answer_pair(ctx: click.Context, image1: str, image2: str, parameters: dict[str, Any]) -> None:
     """Estimate one pair: files in, files out, a table or JSON on stdout."""
+    check_planes(ctx, parameters["planes"])
+    images, cameras = _read_pair(ctx, image1, image2, parameters)
+    talk, output = ctx.ensure_object(Talk), parameters["output"]
+
+    from slopecli import pipeline
+
+    report = pipeline.estimate(*images, *cameras, options_from(parameters), on_stage=talk.stage)
+    written: list[Path] = []
+    if output:
+        from slopecli.io.outputs import write_outputs
+        from slopecli.products import kept_choices
+
+        with talk.timed("write"):
+            written = write_outputs(report, images[0], output, kept_choices(parameters))
+    print_report(report, written, talk, as_json=parameters["as_json"])
+
+
+def _read_pair(
+    ctx: click.Context, image1: str, image2: str, parameters: dict[str, Any]
+) -> tuple[tuple[Image, Image], tuple[Camera, Camera]]:
+    """The images and cameras of a pair, after checks of the command line and of the output folder."""
     check_estimate(ctx)
     no_camera = "No camera: give --camera FILE, --intrinsics FX,FY,CX,CY or --fov DEG."
-    refuse(ctx, (not given(ctx, *CAMERA_FLAGS), no_camera))
-    check_planes(ctx, parameters["planes"])
     no_output = "Nowhere to put the answer: give -o DIR, or --json to print it."
-    refuse(ctx, (not given(ctx, "output", "as_json"), no_output))
-    talk = ctx.ensure_object(Talk)
-    output = parameters["output"]
+    refuse(ctx, (not given(ctx, *CAMERA_FLAGS), no_camera), (not given(ctx, "output", "as_json"), no_output))
+    talk, output = ctx.ensure_object(Talk), parameters["output"]
     if output:
         from slopecli.io.outputs import check_directory
 
@@ -95,19 +169,7 @@ def _answer_pair(ctx: click.Context, image1: str, image2: str, parameters: dict[
         from slopecli.io.images import load_image
 
         images = load_image(image1), load_image(image2)
-    camera1, camera2 = _load_cameras(images, parameters, talk)
-
-    from slopecli import pipeline
-
-    report = pipeline.estimate(*images, camera1, camera2, options_from(parameters), on_stage=talk.stage)
-    written: list[Path] = []
-    if output:
-        from slopecli.io.outputs import write_outputs
-        from slopecli.products import kept_choices
-
-        with talk.timed("write"):
-            written = write_outputs(report, images[0], output, kept_choices(parameters))
-    print_report(report, written, talk, as_json=parameters["as_json"])
+    return images, _load_cameras(images, parameters, talk)
 
 
 def _load_cameras(images: tuple[Image, Image], parameters: dict[str, Any], talk: Talk) -> tuple[Camera, Camera]:

@@ -9,7 +9,7 @@ from typing import Any, get_args, get_type_hints
 
 import click
 
-from slopecli.options import Options
+from slopecli.options import Lander, Options
 
 Values = tuple[Any, ...]
 
@@ -142,6 +142,28 @@ def _rotation_prior(text: str) -> Values:
     return (math.cos(angle / 2), *(scale * math.radians(part) for part in vector), sigma_deg)
 
 
+def _lander(text: str) -> Lander:
+    parts = text.split(",")
+    try:
+        pads, diameter, pad = int(parts[0]), float(parts[1]), float(parts[2]) if len(parts) == 3 else 0.0
+    except (ValueError, IndexError):
+        pads, diameter, pad = 0, 0.0, 0.0
+    usual = diameter > 0 and pad >= 0 and is_usual(diameter) and is_usual(pad)
+    if not 3 <= pads <= 12 or not usual or pad > diameter or len(parts) > 3:
+        raise ValueError(
+            f"{text!r} is not PADS,DIAMETER or PADS,DIAMETER,PAD: 3 to 12 pads, the diameter of the circle they stand "
+            "on, and of a pad, for example 4,3.5,0.3."
+        )
+    return Lander(pads, diameter, pad)
+
+
+def _classes(text: str) -> tuple[float, ...]:
+    edges: tuple[float, ...] = number_list(0.1, 90).parse(text)
+    if list(edges) != sorted(edges) or len(edges) > 8:
+        raise ValueError(f"{text!r} is not a rising list of at most 8 slopes, for example 5,10,15,20,30.")
+    return edges
+
+
 class Between(click.FloatRange):
     """A number of usual size within bounds (click's own FloatRange lets nan through)."""
 
@@ -204,6 +226,7 @@ ROTATION_PRIOR = Parsed(_rotation_prior)
 GRID = two_sides("COLUMNSxROWS with both at least 1", "3x3", most=9999)
 SIZE = two_sides("WIDTHxHEIGHT in px", "1024x768")
 PATH, PAIRING = Parsed(_path), Parsed(_pairing)
+LANDER, CLASSES = Parsed(_lander), Parsed(_classes)
 POSITIVE = Between(min=0, min_open=True)
 SEED = click.IntRange(0, 2**31 - 1)
 

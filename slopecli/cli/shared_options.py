@@ -6,6 +6,7 @@ Names of parameters are those of `Options`, and so are the defaults. A command t
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from functools import partial
 from typing import Any
 
@@ -14,11 +15,12 @@ import click
 from slopecli.cli import parameter_types as kinds
 from slopecli.cli.parameter_types import PATH, POSITIVE, VECTOR, Between, choices_of, inside
 from slopecli.cli.talk import Talk
-from slopecli.options import MOST_SIGMA_DEG, Options
+from slopecli.options import MOST_SIGMA_DEG, MapOptions, Options
 from slopecli.patches import FINDERS, PLANE_FINDERS
-from slopecli.products import BY_DEFAULT, CHOICES, PRODUCTS
+from slopecli.products import BY_DEFAULT, CHOICES, MAP_PRODUCTS, PRODUCTS, Product
 
 INPUT, OUTPUT, PLANES, FRAME = "Input", "Output", "Windows and planes", "Frame and scale"
+MAP = "Map and landing sites"
 PRIOR, DECISION, SOLVER, GENERAL = "Prior knowledge", "Decision", "Solver", "General"
 NAMES_WIDTH = 27  # characters, so that the lists of a help text line up
 
@@ -105,22 +107,32 @@ camera_options = (camera, camera2, *intrinsics_options)
 json_flag = Flag(OUTPUT, "--json as_json", "Print slopes.json instead of the table")
 
 
-def _product_flag(choice: str) -> Flag:
+def _product_flag(choice: str, rows: Sequence[Product] = PRODUCTS) -> Flag:
     """The flag that declines or asks for the files of one of the user's choices."""
-    products = [product for product in PRODUCTS if product.choice == choice]
+    products = [product for product in rows if product.choice == choice]
     does = "Leave out" if products[0].by_default else "Also write"
     of = {"": "", "found": " (of planes found)", "segmentation": " (of regions)"}[products[0].requires]
-    what = products[0].file if len(products) == 1 else f"{len(products)} pictures of the steps"
+    names = " and ".join(product.file for product in products)
+    what = names if len(products) < 3 else f"{len(products)} pictures of the steps"
     return Flag(OUTPUT, products[0].flag, f"{does} {what}{of}")
 
 
 file_options = tuple(map(_product_flag, sorted(CHOICES, key=lambda choice: choice not in BY_DEFAULT)))
-output_options = (
-    Option(OUTPUT, "-o --output", "DIR", PATH, "Folder for the results; optional with --json"),
-    json_flag,
-    *file_options,
-)
+_folder = Option(OUTPUT, "-o --output", "DIR", PATH, "Folder for the results; optional with --json")
+output_options = (_folder, json_flag, *file_options)
+map_output_options = (_folder, json_flag, *(_product_flag(choice, MAP_PRODUCTS) for choice in ("pictures", "ply")))
 
+_map = partial(Option, of=MapOptions)
+map_options = (
+    _map(MAP, "--footprint footprint_px", "PX", POSITIVE, "Diameter of the disc of a slope", shown="short side / 16"),
+    _map(MAP, "--footprint-m", "M", POSITIVE, "The same on the ground, in metres"),
+    _map(MAP, "--spacing spacing_px", "PX", click.IntRange(1), "Between places of the map", shown="footprint / 8"),
+    _map(MAP, "--sites", "N", click.IntRange(0, 99), "Landing sites listed"),
+    _map(MAP, "--site-radius", "R", POSITIVE, "Their radius: px, or m with a scale", shown="the largest"),
+    _map(MAP, "--max-height", "H", POSITIVE, "Largest height off a safe footprint's plane"),
+    _map(MAP, "--lander", "PADS,D[,PAD]", kinds.LANDER, "Stands on pads on a circle of diameter D"),
+    _map(MAP, "--classes classes_deg", "DEG,DEG", kinds.CLASSES, "Edges of the classes of slope drawn"),
+)
 _WINDOWS_HELP = "A window, px; repeat for more, in order of id"
 _PLANES_HELP = "; ".join(finder.what for finder in FINDERS if finder.choice)
 window_options = (
@@ -157,6 +169,7 @@ _SOLVERS_HELP = "Joint least squares (mle), homography alignment (ha) or Longuet
 solving_options = (
     _option(FRAME, "--baseline baseline_m", "M", POSITIVE, "Distance between the cameras, for metres"),
     _option(FRAME, "--altitude altitude_m", "M", POSITIVE, "Height of camera 1 above ground, for metres"),
+    _option(FRAME, "--scale-sigma scale_sigma_percent", "PERCENT", Between(0, 30), "1-sigma of that length, %"),
     Option(PRIOR, "--rotation-prior", "R,SIGMA", kinds.ROTATION_PRIOR, _ROTATION_HELP),
     Option(PRIOR, "--direction-prior", "D,SIGMA", kinds.DIRECTION_PRIOR, _DIRECTION_HELP),
     Option(PRIOR, "--pose pose_file", "FILE", PATH, 'Known motion, JSON: "R" (3x3), "T" (metres).'),

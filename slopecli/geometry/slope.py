@@ -62,7 +62,7 @@ def measure_slopes(
         covariance[up_plane] = 0.0  # against itself it has no noise; `up_sigma_rad` says how level it is
     covariance = covariance + up_sigma_rad**2 * np.eye(2)
     sigma = _root_mean_square_error(slope, covariance)
-    aspect = _aspects(normals, up, _north_direction(up, north))
+    aspect = aspects(normals, up, north_direction(up, north))
     defined = (slope >= ASPECT_SIGMAS * sigma) & (np.sin(slope) > 0.0)
     spread = np.sqrt(covariance[:, 1, 1]) / np.where(defined, np.sin(slope), 1.0)
     return Slopes(slope, sigma, np.where(defined, aspect, np.nan), np.where(defined, spread, np.nan), covariance)
@@ -140,7 +140,7 @@ def _square_root(covariance: FloatArray) -> FloatArray:
     return np.asarray(vectors * np.sqrt(np.maximum(values, 0.0))[:, None, :])
 
 
-def _north_direction(up: FloatArray, north: FloatArray | None) -> FloatArray:
+def north_direction(up: FloatArray, north: FloatArray | None) -> FloatArray:
     """Horizontal unit vector (3,) that aspects are counted from."""
     given = checked_direction("north", north) if north is not None else np.array([0.0, -1.0, 0.0])
     level = given - (given @ up) * up
@@ -151,7 +151,7 @@ def _north_direction(up: FloatArray, north: FloatArray | None) -> FloatArray:
     return np.asarray(level / np.linalg.norm(level))
 
 
-def _aspects(normals: FloatArray, up: FloatArray, north: FloatArray) -> FloatArray:
+def aspects(normals: FloatArray, up: FloatArray, north: FloatArray) -> FloatArray:
     """(m,) azimuth of the downhill direction, the horizontal part of the outward normal; 0..2 pi."""
     east = np.cross(north, up)
     return np.asarray(np.arctan2(normals @ east, normals @ north) % (2.0 * np.pi))

@@ -9,7 +9,7 @@ __getattr__, __dir__ = lazy_names(
         "files": "read_file remove_temporary write_atomically",
         "images": "MAX_PIXELS load_image",
         "lock": "locked",
-        "outputs": "check_directory load_schema write_outputs",
+        "outputs": "check_directory load_schema write_map write_outputs",
         "pair_sources": "natural_key",
         "poses": "load_pose",
         "study_files": "FIGURES STUDY_NAMES TIMED",

@@ -16,11 +16,12 @@ from slopecli import __version__
 from slopecli.errors import DiskFull, InputError
 from slopecli.io.files import DISK_FULL, read_file, signals_held_back, sync_folder, write_through
 from slopecli.io.temporary import temporary_folder
-from slopecli.products import BY_DEFAULT, OUTPUT_NAMES, encode_products
+from slopecli.products import BY_DEFAULT, MAP_PRODUCTS, OUTPUT_NAMES, encode_products
 from slopecli.products.slopes_json import SCHEMA_VERSION, to_json
 from slopecli.types import Image, Report
 
 if TYPE_CHECKING:
+    from slopecli.ground.slope_map import SlopeMap
     from slopecli.plan.result import Plan
 
 PLAN_NAMES = ("plan.png", "plan.json")  # the plan comes last: where it is, the map is
@@ -37,6 +38,17 @@ def write_outputs(
     """
     check_directory(directory, inputs=[one.path for one in report.images])
     return store_outputs(encode_products(report, image, keep), directory)
+
+
+def write_map(
+    slope_map: SlopeMap, image: Image, directory: str | Path, keep: Collection[str] = frozenset({"pictures"})
+) -> list[Path]:
+    """Write the files of a map to a folder, as `write_outputs` does those of a report.
+
+    `image` is image 1, `keep` the user's choices among those of `slopecli.products.MAP_PRODUCTS`.
+    """
+    check_directory(directory, inputs=[one.path for one in slope_map.report.images])
+    return store_outputs(encode_products(slope_map, image, keep, MAP_PRODUCTS), directory)
 
 
 def store_outputs(contents: dict[str, bytes], directory: str | Path, names: Sequence[str] = OUTPUT_NAMES) -> list[Path]:

@@ -6,7 +6,9 @@ __getattr__, __dir__ = lazy_names(
     __name__,
     {
         "changes": "Change find_changes",
-        "dense": "Cells dense_cells flow match_exposure overview_cells sparse_transfer",
+        "dense": "Cells dense_cells flow match_exposure overview_cells sparse_transfer spread",
+        "dense_depth": "DenseDepth dense_depth",
+        "depth_transfer": "DepthTransfer",
         "features": "EFFORTS FeatureEffort FeatureMemory Grey Images match_descriptors match_sift shrink to_full",
         "foerstner": "SEARCH_PX correlate_windows foerstner_corners match_foerstner",
         "gradient_components": "Labels adaptive_threshold connected_components grown smooth_gradient "

@@ -208,7 +208,7 @@ def sparse_transfer(uv1: FloatArray, uv2: FloatArray, scale: FloatArray, shape: 
     if H is None:
         H = np.eye(3)
     apply = lambda uv: cv2.perspectiveTransform(np.asarray(uv, float)[:, None], H)[:, 0]  # noqa: E731
-    field = _spread((uv1 + 0.5) * scale, uv2 - apply(uv1), shape)
+    field = spread((uv1 + 0.5) * scale, uv2 - apply(uv1), shape, FIELD_STEP, np.ones(len(uv1)))
 
     def transfer(uv: FloatArray) -> FloatArray:
         node = (((uv + 0.5) * scale) / FIELD_STEP - 0.5).astype(np.float32)
@@ -219,20 +219,25 @@ def sparse_transfer(uv1: FloatArray, uv2: FloatArray, scale: FloatArray, shape: 
     return transfer
 
 
-def _spread(points: FloatArray, values: FloatArray, shape: tuple[int, int]) -> np.ndarray:
-    """Field (rows, columns, 2) of values (n, 2) averaged in bins, empty bins filled from coarser averages."""
-    rows, columns = -(-shape[0] // FIELD_STEP), -(-shape[1] // FIELD_STEP)
-    column = np.clip((points[:, 0] / FIELD_STEP).astype(int), 0, columns - 1)
-    row = np.clip((points[:, 1] / FIELD_STEP).astype(int), 0, rows - 1)
-    total, count = np.zeros((rows, columns, 2)), np.zeros((rows, columns))
-    np.add.at(total, (row, column), values)
-    np.add.at(count, (row, column), 1.0)
-    filled = _pull_push(total / np.maximum(count, 1)[..., None], np.minimum(count, 1))
-    return cv2.GaussianBlur(filled.astype(np.float32), (0, 0), 0.7)
+def spread(
+    points: FloatArray, values: FloatArray, shape: tuple[int, int], step: int, weight: FloatArray
+) -> NDArray[np.float32]:
+    """Field (rows, columns, k) of values (n, k) averaged in bins of `step` px, the rest filled from coarser averages.
+
+    weight : (n,) 0..1, of every value; where it is below 1, coarser averages count for the rest.
+    """
+    rows, columns = -(-shape[0] // step), -(-shape[1] // step)
+    column = np.clip((points[:, 0] / step).astype(int), 0, columns - 1)
+    row = np.clip((points[:, 1] / step).astype(int), 0, rows - 1)
+    place = row * columns + column
+    count = np.bincount(place, weight, rows * columns).reshape(rows, columns)
+    sums = [np.bincount(place, weight * one, rows * columns).reshape(rows, columns) for one in values.T]
+    filled = _pull_push(np.stack(sums, -1) / np.maximum(count, 1e-9)[..., None], np.minimum(count, 1.0))
+    return np.asarray(cv2.GaussianBlur(filled.astype(np.float32), (0, 0), 0.7).reshape(rows, columns, -1), np.float32)
 
 
 def _pull_push(values: FloatArray, weight: FloatArray) -> FloatArray:
-    """Values (h, w, 2) where the weight (h, w) is 1, else values of half the resolution, recursively (pull-push)."""
+    """Values (h, w, k) where the weight (h, w) is 1, else values of half the resolution, recursively (pull-push)."""
     if min(weight.shape) <= 2:
         mean = np.tensordot(weight, values, 2) / max(weight.sum(), 1e-9)
         return np.broadcast_to(mean, values.shape)
@@ -242,7 +247,8 @@ def _pull_push(values: FloatArray, weight: FloatArray) -> FloatArray:
     half_weight = _quarter(padded)
     coarse = _pull_push(_quarter(weighted) / np.maximum(half_weight, 1e-9)[..., None], np.minimum(half_weight, 1))
     size = (padded.shape[1], padded.shape[0])
-    grown = cv2.resize(np.ascontiguousarray(coarse, np.float32), size, interpolation=cv2.INTER_LINEAR)[:rows, :columns]
+    grown = cv2.resize(np.ascontiguousarray(coarse, np.float32), size, interpolation=cv2.INTER_LINEAR)
+    grown = grown.reshape(*padded.shape, -1)[:rows, :columns]
     return np.asarray(weight[..., None] * values + (1 - weight[..., None]) * grown)
 
 

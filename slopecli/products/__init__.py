@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from importlib import import_module
@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any, Literal
 from slopecli.face import lazy_names
 
 if TYPE_CHECKING:
+    from slopecli.ground.slope_map import SlopeMap
     from slopecli.types import Image, Report
 
 RESULT, OVERLAY = "slopes.json", "overlay.png"
@@ -24,8 +25,8 @@ class Product:
     ----------
     file : its name in the output folder.
     what : what it is, as part of a sentence; for help texts and docs/output.md.
-    encoder : "module:function" of this package, (Report, Image 1) -> bytes, or a picture (h, w, 3) uint8 BGR, which is
-        written as PNG; imported when it is called.
+    encoder : "module:function" of this package, (Report or map, Image 1) -> bytes, or a picture
+        (h, w, 3) uint8 BGR, which is written as PNG; imported when it is called.
     choice : name of the user's choice to have it, "" if it is always made; several files may share one.
     by_default : whether it is made unless declined.
     requires : attribute of a report without which there is no such file: planes found in the image, or a segmentation.
@@ -48,15 +49,15 @@ class Product:
         """The same as users write it: --no-overlay, --debug-images."""
         return "--" + self.parameter.replace("_", "-")
 
-    def is_made(self, report: Report, keep: Collection[str]) -> bool:
-        """Whether a report gives this file if the user wants those of the choices `keep`."""
+    def is_made(self, answer: Report | SlopeMap, keep: Collection[str]) -> bool:
+        """Whether an answer gives this file if the user wants those of the choices `keep`."""
         wanted = not self.choice or self.choice in keep
-        return wanted and (not self.requires or bool(getattr(report, self.requires)))
+        return wanted and (not self.requires or bool(getattr(answer, self.requires)))
 
-    def encode(self, report: Report, image: Image) -> bytes:
+    def encode(self, answer: Report | SlopeMap, image: Image) -> bytes:
         """Return the content of the file; `image` is image 1."""
         module, function = self.encoder.split(":")
-        content = getattr(import_module(f"{__name__}.{module}"), function)(report, image)
+        content = getattr(import_module(f"{__name__}.{module}"), function)(answer, image)
         if isinstance(content, bytes):
             return content
         from slopecli.products.drawing.canvas import encode_picture
@@ -82,7 +83,15 @@ PRODUCTS = (
     Product("labels.png", "the id of the plane of every pixel", "drawing.canvas:encode_labels"),
     Product(RESULT, "the answer, complete", "slopes_json:encode"),
 )
-OUTPUT_NAMES = tuple(product.file for product in PRODUCTS)
+MAP_PRODUCTS = (
+    Product("map.png", "image 1 with the slope of every place, and landing sites", "map_picture:draw_map", "pictures"),
+    Product("map_sigma.png", "image 1 with the 1-sigma of these slopes", "map_picture:draw_sigma", "pictures"),
+    Product("cloud.ply", "the ground as a cloud of points, by slope", "cloud_ply:encode", "ply", by_default=False),
+    Product("slope_map.tif", "the map as bands of numbers", "map_tiff:encode"),
+    Product(RESULT, "the answer, complete, but for the cells of the map", "slopes_json:encode_map"),
+)
+# all that a folder may hold, so that files of an earlier command do not stay beside those of another
+OUTPUT_NAMES = tuple(dict.fromkeys([*(one.file for one in (*PRODUCTS[:-1], *MAP_PRODUCTS[:-1])), RESULT]))
 CHOICES = tuple(dict.fromkeys(product.choice for product in PRODUCTS if product.choice))
 BY_DEFAULT = frozenset(product.choice for product in PRODUCTS if product.choice and product.by_default)
 
@@ -95,34 +104,39 @@ def keep_files(**choices: bool) -> frozenset[str]:
     return frozenset(choice for choice in CHOICES if choices.get(choice, choice in BY_DEFAULT))
 
 
-def kept_choices(parameters: Mapping[str, Any]) -> frozenset[str]:
-    """Return which of `CHOICES` a command's parameters leave or add: `Product.parameter` -> whether its flag is set."""
-    return frozenset(p.choice for p in PRODUCTS if p.choice and bool(parameters[p.parameter]) != p.by_default)
+def kept_choices(parameters: Mapping[str, Any], products: Sequence[Product] = PRODUCTS) -> frozenset[str]:
+    """Return which choices a command's parameters leave or add: `Product.parameter` -> whether its flag is set."""
+    return frozenset(p.choice for p in products if p.choice and bool(parameters[p.parameter]) != p.by_default)
 
 
-def encode_products(report: Report, image: Image, keep: Collection[str] = BY_DEFAULT) -> dict[str, bytes]:
-    """Return the files of a report by name, slopes.json first.
+def encode_products(
+    answer: Report | SlopeMap, image: Image, keep: Collection[str] = BY_DEFAULT, products: Sequence[Product] = PRODUCTS
+) -> dict[str, bytes]:
+    """Return the files of a report, or with `MAP_PRODUCTS` of a map, by name, slopes.json first.
 
     Parameters
     ----------
     image : image 1.
-    keep : which of `CHOICES` the user wants.
+    keep : which choices of the products the user wants.
     """
     from slopecli.look.threads import single_threaded
 
     with single_threaded():
-        made = (product for product in reversed(PRODUCTS) if product.is_made(report, keep))
-        return {product.file: product.encode(report, image) for product in made}
+        made = (product for product in reversed(products) if product.is_made(answer, keep))
+        return {product.file: product.encode(answer, image) for product in made}
 
 
 __getattr__, __dir__ = lazy_names(
     __name__,
     {
+        "cloud_ply": "MOST_POINTS map_to_ply",
         "glb": "LARGEST_TEXTURE_PX model_from_camera1 report_to_glb",
+        "map_picture": "draw_map draw_sigma",
+        "map_tiff": "BANDS NODATA map_to_tiff",
         "overlay": "draw_overlay",
         "ply": "plane_mesh report_to_ply",
         "region_mesh": "MOST_TRIANGLES region_grid region_surfaces",
-        "slopes_json": "report_to_json",
+        "slopes_json": "map_to_json report_to_json",
         "steps": "draw_components draw_gradient draw_merged",
     },
 )

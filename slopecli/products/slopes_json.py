@@ -11,9 +11,12 @@ from typing import Any
 import numpy as np
 
 from slopecli import __version__
+from slopecli.ground.slope_map import MapInfo, SlopeMap
+from slopecli.products.map_tiff import BANDS, MAP_FILE
 from slopecli.types import Image, Report
 
-SCHEMA_VERSION = "2.0"
+SCHEMA_VERSION = "2.1"
+AREAS = "safe", "unsafe", "undecided", "unknown"  # verdicts of cells
 SIGNIFICANT_DIGITS = 9  # 1e-9 of a rotation is 6e-8 deg; more digits would only record the processor's rounding
 # written as labels.png, drawn on overlay.png and the steps; properties that follow from other keys
 _NOT_IN_JSON = {"labels", "epipole1_px", "segmentation", "slope_known", "noun", "found", "size_given", "note"}
@@ -23,6 +26,26 @@ _LEFT_OUT_IF_NONE = {"rms_mrad", "noise_mrad"}  # only of correspondences withou
 def encode(report: Report, image: Image) -> bytes:
     """Return the content of slopes.json."""
     return (report_to_json(report) + "\n").encode("ascii")
+
+
+def encode_map(slope_map: SlopeMap, image: Image) -> bytes:
+    """Return the content of slopes.json of a map: that of its report, and the keys "map" and "sites"."""
+    return (map_to_json(slope_map) + "\n").encode("ascii")
+
+
+def map_to_json(slope_map: SlopeMap) -> str:
+    """Serialise a map as `report_to_json` does its report, without its cells, which are in slope_map.tif."""
+    verdicts, count = slope_map.verdicts, max(slope_map.verdicts.size, 1)
+    info = MapInfo(
+        file=MAP_FILE,
+        spacing_px=slope_map.spacing_px,
+        footprint_px=slope_map.footprint_px,
+        footprint=slope_map.footprint,
+        bands=BANDS,
+        valid_share=float(slope_map.known.sum() / count),
+        area_share={name: float((verdicts == name).sum() / count) for name in AREAS},
+    )
+    return to_json({**_document(slope_map.report), "map": info, "sites": slope_map.sites})
 
 
 def report_to_json(report: Report) -> str:
@@ -35,7 +58,11 @@ def report_to_json(report: Report) -> str:
     ------
     TypeError : the options hold an object that has no JSON form.
     """
-    return to_json({"schema_version": SCHEMA_VERSION, "slopemap_version": __version__, **_plain(report)})
+    return to_json(_document(report))
+
+
+def _document(report: Report) -> dict[str, Any]:
+    return {"schema_version": SCHEMA_VERSION, "slopemap_version": __version__, **_plain(report)}
 
 
 def to_json(document: dict[str, Any]) -> str:

@@ -27,12 +27,12 @@ def scale_of(root: Measured, joined: Joined, options: Options) -> tuple[Scale, f
     ------
     InputError : an altitude is given for a camera that looks along the horizon, or up.
     """
-    known = known_length_m(options)
+    known, sigma = known_length_m(options), options.scale_sigma_percent / 100.0
     if known is not None:
-        return Scale("m", "pose" if options.pose else "baseline"), known
+        return Scale("m", "pose" if options.pose else "baseline", sigma), known
     if options.altitude_m is None:
         return Scale(), 1.0
-    return Scale("m", "altitude"), options.altitude_m / _mean_drop(root, joined, options.altitude_m)
+    return Scale("m", "altitude", sigma), options.altitude_m / _mean_drop(root, joined, options.altitude_m)
 
 
 def _mean_drop(root: Measured, joined: Joined, altitude_m: float) -> float:

@@ -2,21 +2,47 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import cv2
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from slopecli.errors import InputError
 from slopecli.products.drawing.marks import Picture
-from slopecli.types import Image, Report
+from slopecli.types import FloatArray, Image, Report
 
 SMALLEST_PX, LARGEST_PX = 640, 2000  # long side of the drawing: legible below, quick to write and to open above
-SMALLEST_MAP_PX = 1200  # of a scene of planes found as regions: they are many, and their numbers need room
+SMALLEST_MAP_PX = 1200  # of maps, and of a scene of planes found as regions, which are many: numbers need room
 
 
 def drawing_scale(report: Report, image: Image) -> float:
     """Return the scale of a drawing against image 1, whose long side lies between the limits above."""
-    smallest = SMALLEST_MAP_PX if report.found else SMALLEST_PX
+    return _within_limits(image, SMALLEST_MAP_PX if report.found else SMALLEST_PX)
+
+
+@dataclass(frozen=True)
+class Frame:
+    """The drawing of a map over image 1, px: its size, its scale against the image, the size of its text."""
+
+    height: int
+    width: int
+    scale: float
+    text_px: int
+
+    def place(self, uv: ArrayLike) -> FloatArray:
+        """Return where points (..., 2) px of image 1 are on the drawing."""
+        return (np.asarray(uv, float) + 0.5) * self.scale - 0.5
+
+
+def map_frame(image: Image) -> Frame:
+    """Return the frame of a map with small marks, which stays legible at half its size."""
+    scale = _within_limits(image, SMALLEST_MAP_PX)
+    height, width = resized(image.grey, scale).shape
+    return Frame(height, width, scale, text_size(np.empty((height, width, 0), np.uint8)))
+
+
+def _within_limits(image: Image, smallest: int) -> float:
     return float(np.clip(1.0, smallest / max(image.grey.shape), LARGEST_PX / max(image.grey.shape)))
 
 

@@ -103,17 +103,22 @@ def draw_legend(report: Report, width: int, text_px: int, with_focus: bool) -> P
 
 def draw_banner(report: Report, width: int, text_px: int) -> list[Picture]:
     """Draw the warnings that level is assumed, and that a second answer fits too: (h, width, 3) uint8 RGB strips."""
-    strips = [
-        banner(f"Level is assumed: {one.message}. {(one.remedy or '').capitalize()}.", width, text_px)
-        for one in report.diagnostics
-        if one.code == "level-assumed"
-    ]
+    strips = level_banners(report, width, text_px)
     if report.ambiguity.status != "unresolved":
         return strips
     worse, remedy = margin(report.ambiguity, report.fit.n_inliers), report.ambiguity.resolve_with
     advice = "" if remedy is None else f" Resolve it with {remedy}."
     second = f'Two answers: a second motion, with the slopes after "or", fits these images as well{worse}.{advice}'
     return [*strips, banner(second, width, text_px)]
+
+
+def level_banners(report: Report, width: int, text_px: int) -> list[Picture]:
+    """Draw the warning that level is assumed, if it is: (h, width, 3) uint8 RGB strips."""
+    return [
+        banner(f"Level is assumed: {one.message}. {(one.remedy or '').capitalize()}.", width, text_px)
+        for one in report.diagnostics
+        if one.code == "level-assumed"
+    ]
 
 
 def banner(sentence: str, width: int, text_px: int) -> Picture:

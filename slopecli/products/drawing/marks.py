@@ -73,6 +73,13 @@ def lay_over(picture: Picture, painted: Picture, cover: NDArray[np.uint8]) -> No
     picture[seam] = np.rint(share * painted[seam] + (1.0 - share) * picture[seam])
 
 
+def lay_colour(picture: Picture, colour: Colour, cover: NDArray[np.uint8]) -> None:
+    """Mix a colour into a picture by the share of each pixel that it covers, (h, w), 255 for all."""
+    where = cover > 0
+    share = cover[where][:, None].astype(np.float32) / np.float32(255.0)
+    picture[where] = np.rint(share * np.array(colour, np.float32) + (np.float32(1.0) - share) * picture[where])
+
+
 def paint_verdict(
     patch: Picture, outlines: Sequence[FloatArray], verdict: str, line: int, *, curved: bool = False
 ) -> None:

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from slopecli.geometry.camera import rays_from_pixels
 from slopecli.products.drawing import marks
-from slopecli.types import AlternativePlane, BoolArray, FloatArray, Plane, Rejected, Report
+from slopecli.types import AlternativePlane, BoolArray, Camera, FloatArray, Plane, Rejected, Report
 
 Mask = NDArray[np.uint8]
 Box = tuple[slice, slice]  # rows and columns
@@ -183,12 +183,25 @@ def downhill_px(report: Report, plane: Plane, uv: FloatArray | None = None) -> F
     up, normal = np.array(report.up.vector_cam1), np.asarray(plane.normal_cam1)
     fall = (up @ normal) * normal - up
     middle = np.asarray(plane.polygon_px, float).mean(axis=0) if uv is None else uv
-    ray, *beside = rays_from_pixels(report.cameras[0], middle + np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]]))
-    ray_by_px = (np.array(beside) - ray).T  # derivative, lens distortion included
-    motion = fall[:2] - ray * fall[2]  # of the normalised coordinate, times depth
-    direction = np.linalg.solve(ray_by_px, motion)
+    direction = motion_px(report.cameras[0], middle, fall)
     length = np.linalg.norm(direction)
     return direction / length if length > 0 else None  # NaN where the lens has no ray compares false too
+
+
+def motion_px(camera: Camera, uv: FloatArray, vector_cam1: FloatArray) -> FloatArray:
+    """Return how the image of a point moves when the point does, lens distortion included.
+
+    Parameters
+    ----------
+    uv : (2,) px, image of the point.  vector_cam1 : (3,) motion of the point, in units of its depth.
+
+    Returns
+    -------
+    (2,) px (right, down), to first order; NaN where the lens has no ray.
+    """
+    ray, *beside = rays_from_pixels(camera, uv + np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]]))
+    ray_by_px = (np.array(beside) - ray).T  # derivative
+    return np.linalg.solve(ray_by_px, vector_cam1[:2] - ray * vector_cam1[2])
 
 
 def _largest_first(footprints: Iterable[Footprint]) -> list[Footprint]:

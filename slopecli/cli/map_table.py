@@ -1,0 +1,76 @@
+"""A slope map on the terminal: its landing sites as a table, and in a line what the ground is like."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from slopecli.cli.report_table import focal_line, talk_lines
+from slopecli.cli.table import Table, print_table
+from slopecli.cli.talk import Talk, check_stdout, print_result
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from slopecli.ground.slope_map import Site, SlopeMap
+
+HEADER = ("site", "centre (px)", "in image 2 (px)", "radius", "slope", "above", "below", "P(safe)")
+
+
+def print_map(answer: SlopeMap, written: list[Path], talk: Talk, *, as_json: bool) -> None:
+    """Print the landing sites on stdout, as a table or as JSON; notes and the files written on stderr."""
+    if not written:
+        check_stdout()
+    if as_json:
+        from slopecli.products.slopes_json import map_to_json
+
+        print_result(map_to_json(answer))
+    elif answer.sites:
+        print_table(sites_table(answer))
+    else:
+        print_result("no landing site")
+    talk.say(ground_line(answer))
+    if answer.no_site:
+        talk.say(f"no landing site: {answer.no_site}")
+    for line in talk_lines(answer.report):
+        talk.say(line)
+    if talk.verbose:
+        talk.say(focal_line(answer.report))
+    if written:
+        talk.say(f"wrote {', '.join(map(str, written))}")
+
+
+def sites_table(answer: SlopeMap) -> Table:
+    """A row for each landing site, best first; lengths in metres where the scale is known."""
+    with_lander = any(site.lander_slope_deg is not None for site in answer.sites)
+    header = (*HEADER, "lander") if with_lander else HEADER
+    unit = " m" if answer.report.scale.unit == "m" else " b"
+    return Table(header, [_cells(site, unit)[: len(header)] for site in answer.sites])
+
+
+def _cells(site: Site, unit: str) -> tuple[str, ...]:
+    length = lambda value: f"{value:.3g}{unit}"  # noqa: E731
+    in_image2 = "-" if site.centre_image2_px is None else "{:.1f}, {:.1f}".format(*site.centre_image2_px)
+    lander = "-"
+    if site.lander_slope_deg is not None and site.lander_clearance is not None:
+        lander = f"{site.lander_slope_deg:.1f}°, {length(site.lander_clearance)}"
+    return (
+        str(site.id),
+        "{:.1f}, {:.1f}".format(*site.centre_px),
+        in_image2,
+        f"{site.radius_px:.0f} px = {length(site.radius)}",
+        f"{site.slope_deg:.2f} ± {site.slope_sigma_deg:.2f}°",
+        length(site.above_plane_max),
+        length(site.below_plane_max),
+        f"{site.p_safe:.3f}",
+        lander,
+    )
+
+
+def ground_line(answer: SlopeMap) -> str:
+    """Shares of the map by verdict, and the size of a footprint."""
+    verdicts = answer.verdicts
+    shares = {name: 100.0 * float((verdicts == name).mean()) for name in ("safe", "unsafe", "undecided", "unknown")}
+    told = ", ".join(f"{share:.1f} % {name}" for name, share in shares.items())
+    size = f" = {answer.footprint:.3g} m" if answer.report.scale.unit == "m" else ""
+    unit = "" if answer.report.scale.unit == "m" else "; lengths are in baselines (b)"
+    return f"ground: {told}; slopes of discs of {answer.footprint_px:.4g} px{size}{unit}"

@@ -1,0 +1,19 @@
+"""Ground of a pair as a map: planes of footprints, their uncertainty, heights, safety and landing sites; arrays."""
+
+from slopecli.face import lazy_names
+
+__getattr__, __dir__ = lazy_names(
+    __name__,
+    {
+        "build_map": "MapTask build_map sizes_of",
+        "cell_grid": "CellGrid cell_grid",
+        "cell_map": "CellMap Demand map_cells",
+        "footprint_planes": "FootprintPlanes fit_footprints ground_points heights",
+        "footprints": "Cells disc_area disc_bands disc_sums",
+        "near_miss": "nearest_miss",
+        "safety": "Tilts least_limit normal_cdf probability_low slope_sigma tilts",
+        "slope_map": "MapInfo Site SlopeMap",
+        "sites": "Ground find_sites least_around least_within safe_radii",
+        "tilt_uncertainty": "Root across_step largest_jump normal_covariance normals_under",
+    },
+)

@@ -1,0 +1,115 @@
+"""Slope, uncertainty, heights and safety of every cell of a map, from the dense depth of a pair."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from slopecli.geometry.epipolar import homogeneous
+from slopecli.ground.footprint_planes import FootprintPlanes, fit_footprints, ground_points, heights
+from slopecli.ground.footprints import Cells
+from slopecli.ground.safety import Tilts, probability_low, tilts
+from slopecli.ground.tilt_uncertainty import Root, across_step, largest_jump, normal_covariance, normals_under
+from slopecli.look.dense_depth import DenseDepth
+from slopecli.types import BoolArray, FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class Demand:
+    """What ground is measured against.
+
+    ups : directions of up (3,), unit, all of which a safe footprint must be level to; the first one is reported.
+    up_sigma_rad : of each about a horizontal axis.  north : (3,) horizontal unit vector, aspects count from it.
+    length : of the baseline, in the unit of the scale.  scale_sigma : its relative 1-sigma.
+    max_height : of what stands above or lies below the plane of a safe footprint, in that unit; None: any.
+    """
+
+    ups: Sequence[FloatArray]
+    up_sigma_rad: float
+    north: FloatArray
+    length: float
+    scale_sigma: float
+    tolerance_rad: float
+    max_height: float | None
+
+
+@dataclass(frozen=True, eq=False)
+class CellMap:
+    """Arrays (rows, columns) of a map, as those of `SlopeMap`; lengths in the unit of the scale.
+
+    points (rows, columns, 3) : ground in the middle of a cell.  ground_px : size of a grid pixel there.
+    """
+
+    slope_deg: FloatArray
+    sigma_deg: FloatArray
+    p_safe: FloatArray
+    aspect_deg: FloatArray
+    roughness: FloatArray
+    above_plane_max: FloatArray
+    below_plane_max: FloatArray
+    distance: FloatArray
+    valid_share: FloatArray
+    step: BoolArray
+    points: FloatArray
+    ground_px: FloatArray
+
+
+def map_cells(depth: DenseDepth, cells: Cells, roots: Sequence[Root], demand: Demand) -> CellMap:
+    """Measure every cell.
+
+    roots : the motion that the depth was measured with, and the other if it explains the images as well; a footprint
+        is safe only where it is so under both.
+    """
+    points = ground_points(depth)
+    planes = fit_footprints(points, depth.known, depth.sure, cells)
+    jump = largest_jump(depth, planes)
+    covariance = normal_covariance(depth, planes, roots[0], jump)
+    told = planes.answered & np.isfinite(covariance).all((-1, -2))
+    under = [planes.scaled_normal, *(normals_under(planes, roots[0], root.R, root.T) for root in roots[1:])]
+    seen = [tilts(N, covariance, up, demand.up_sigma_rad, demand.north) for N in under for up in demand.ups]
+    above, below = (demand.length * height for height in heights(points, depth.known, planes))
+    ground_px = demand.length * planes.middle[..., 2] / depth.focal_px
+    p_safe = np.min([one.probability_below(demand.tolerance_rad) for one in seen], axis=0)
+    if demand.max_height is not None:
+        both = [probability_low(height, demand.max_height, ground_px, demand.scale_sigma) for height in (above, below)]
+        p_safe = p_safe * np.minimum(*both)
+    step = told & across_step(depth, planes, jump)
+    p_safe = np.where(step, 0.0, p_safe)
+    return _assembled(depth, planes, seen[0], told, demand, above, below, p_safe, step, ground_px)
+
+
+def _assembled(
+    depth: DenseDepth,
+    planes: FootprintPlanes,
+    tilt: Tilts,
+    told: BoolArray,
+    demand: Demand,
+    above: FloatArray,
+    below: FloatArray,
+    p_safe: FloatArray,
+    step: BoolArray,
+    ground_px: FloatArray,
+) -> CellMap:
+    cells = planes.cells
+    rays = homogeneous(depth.rays[np.ix_(cells.v, cells.u)].reshape(-1, 2).astype(float)).reshape(*cells.shape, 3)
+    points = demand.length * rays / (rays * planes.scaled_normal).sum(-1, keepdims=True)
+
+    def known(values: FloatArray) -> FloatArray:
+        return np.where(told, values, np.nan)
+
+    return CellMap(
+        slope_deg=known(np.degrees(tilt.slope_rad)),
+        sigma_deg=known(np.degrees(tilt.sigma_rad)),
+        p_safe=known(p_safe),
+        aspect_deg=known(np.degrees(tilt.aspect_rad)),
+        roughness=known(demand.length * planes.relief),
+        above_plane_max=known(above),
+        below_plane_max=known(below),
+        distance=known(np.linalg.norm(points, axis=-1)),
+        valid_share=planes.share,
+        step=step,
+        points=np.where(told[..., None], points, np.nan),
+        ground_px=known(ground_px),
+    )

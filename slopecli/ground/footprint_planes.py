@@ -1,0 +1,117 @@
+"""Planes of footprints: those nearest, by perpendicular distance, to the ground in discs around the cells of a map."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from slopecli.ground.footprints import Cells, disc_area, disc_sums
+from slopecli.look.dense_depth import DenseDepth
+from slopecli.types import BoolArray, FloatArray
+
+LEAST_SHARE = 0.85  # of a footprint's pixels that must be matched for its plane to be told
+BLOCKS = 12  # blocks of pixels along a footprint's diameter, the highest and lowest of which are looked at
+
+
+@dataclass(frozen=True, eq=False)
+class FootprintPlanes:
+    """Planes of the footprints of cells (rows, columns); valid where `answered`. Lengths in baselines.
+
+    normal (..., 3): unit, towards camera 1.  middle (..., 3): mean of the ground, on the plane.
+    relief: RMS perpendicular distance off the plane.  share: of the footprint's pixels, those matched; sure: those
+    matched without doubt.
+    """
+
+    cells: Cells
+    normal: FloatArray
+    middle: FloatArray
+    relief: FloatArray
+    share: FloatArray
+    sure: FloatArray
+
+    @property
+    def answered(self) -> BoolArray:
+        """Cells whose plane is told."""
+        return np.asarray(self.share >= LEAST_SHARE)
+
+    @property
+    def scaled_normal(self) -> FloatArray:
+        """(rows, columns, 3) N with N.P = 1 on the plane."""
+        return self.normal / (self.normal * self.middle).sum(-1, keepdims=True)
+
+
+def ground_points(depth: DenseDepth) -> NDArray[np.float32]:
+    """(h, w, 3) points of the pixels of a working grid, camera-1 axes, baselines; of no meaning where not known."""
+    z = 1.0 / depth.w
+    return np.dstack([depth.rays[..., 0] * z, depth.rays[..., 1] * z, z])
+
+
+def fit_footprints(points: NDArray[np.float32], known: BoolArray, sure: BoolArray, cells: Cells) -> FootprintPlanes:
+    """Fit the plane of every footprint to its known points (h, w, 3); sure (h, w): those of them without doubt."""
+    centre = points[known].mean(0, dtype=np.float64) if known.any() else np.zeros(3)
+    x, y, z = (np.where(known, points[..., k] - np.float32(centre[k]), np.float32(0.0)) for k in range(3))
+    squares = x * x, x * y, x * z, y * y, y * z, z * z
+    n, certain, *sums = disc_sums((known, sure, x, y, z, *squares), cells)
+    count = np.maximum(n, 1.0)[..., None]
+    mean, second = np.stack(sums[:3], -1) / count, np.stack(sums[3:], -1) / count
+    scatter = second[..., [0, 1, 2, 1, 3, 4, 2, 4, 5]].reshape(*cells.shape, 3, 3)
+    values, vectors = np.linalg.eigh(scatter - mean[..., :, None] * mean[..., None, :])
+    normal, middle = vectors[..., 0], mean + centre
+    away = (normal * middle).sum(-1) > 0
+    share, certain = (np.minimum(pixels / disc_area(cells.radius_px), 1.0) for pixels in (n, certain))
+    relief = np.sqrt(np.maximum(values[..., 0], 0.0))
+    return FootprintPlanes(cells, np.where(away[..., None], -normal, normal), middle, relief, share, certain)
+
+
+def heights(points: NDArray[np.float32], known: BoolArray, planes: FootprintPlanes) -> tuple[FloatArray, FloatArray]:
+    """Largest distance (rows, columns) of the ground in every footprint above its plane, and below it.
+
+    Of every block of pixels, the highest and the lowest against the plane of the nearest cell are compared.
+    """
+    cells = planes.cells
+    side = max(1, int(2 * cells.radius_px / BLOCKS))
+    off = _off_nearest_plane(points, known, planes)
+    high, low = (_extremes(points, known, off * sign, side) for sign in (1.0, -1.0))
+    reach = int(cells.radius_px) // side
+    above, below = np.zeros(cells.shape, np.float32), np.zeros(cells.shape, np.float32)
+    base = (planes.normal * planes.middle).sum(-1).astype(np.float32)
+    normal = [np.ascontiguousarray(planes.normal[..., k], np.float32) for k in range(3)]
+    rows, columns = high.shape[1:]
+    for down, right in np.ndindex(2 * reach + 1, 2 * reach + 1):
+        if ((down - reach) ** 2 + (right - reach) ** 2) * side**2 > cells.radius_px**2:
+            continue
+        row = np.clip(cells.v // side + down - reach, 0, rows - 1)
+        at = row[:, None] * columns + np.clip(cells.u // side + right - reach, 0, columns - 1)
+        top, bottom = (
+            sum(n * end.take(at) for n, end in zip(normal, ends, strict=True)) - base for ends in (high, low)
+        )
+        np.fmax(above, top, out=above)
+        np.fmax(below, -bottom, out=below)
+    return above.astype(float), below.astype(float)
+
+
+def _off_nearest_plane(points: NDArray[np.float32], known: BoolArray, planes: FootprintPlanes) -> NDArray[np.float32]:
+    """(h, w) distance of every pixel's point above the plane of the nearest answered cell, roughly."""
+    base = (planes.normal * planes.middle).sum(-1)
+    table = np.dstack([planes.normal, base]).astype(np.float32)
+    table[~planes.answered] = 0.0
+    shown = cv2.resize(table, known.shape[::-1], interpolation=cv2.INTER_NEAREST)
+    return np.asarray((points * shown[..., :3]).sum(-1) - shown[..., 3], np.float32)
+
+
+def _extremes(
+    points: NDArray[np.float32], known: BoolArray, off: NDArray[np.float32], side: int
+) -> NDArray[np.float32]:
+    """(3, h / side, w / side) point of every block with the largest `off` of those known; NaN where none is."""
+    rows, columns = (-(-n // side) for n in known.shape)
+    pad = ((0, rows * side - known.shape[0]), (0, columns * side - known.shape[1]))
+    ranked = np.pad(np.where(known, off, -np.inf), pad, constant_values=-np.inf)
+    blocks = ranked.reshape(rows, side, columns, side).swapaxes(1, 2).reshape(rows, columns, -1)
+    best = blocks.argmax(-1)
+    i = np.minimum(np.arange(rows)[:, None] * side + best // side, known.shape[0] - 1)
+    j = np.minimum(np.arange(columns)[None] * side + best % side, known.shape[1] - 1)
+    none = ~np.isfinite(np.take_along_axis(blocks, best[..., None], -1)[..., 0])
+    return np.moveaxis(np.where(none[..., None], np.float32(np.nan), points[i, j]), -1, 0)

@@ -1,0 +1,100 @@
+"""Slope of footprints against up, its 1-sigma, and the probability that a footprint is safe."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cache
+
+import numpy as np
+
+from slopecli.geometry.epipolar import tangent_basis
+from slopecli.geometry.slope import ASPECT_SIGMAS, aspects
+from slopecli.types import FloatArray
+
+FLATTENED_GSD, FLATTENED_SIGMA_GSD = 0.7, 2.0  # ground px by which the matcher flattens what stands out, and 1-sigma
+NODES = 5  # of the quadrature of a slope's sigma along either axis: good to a few percent
+
+
+@dataclass(frozen=True, eq=False)
+class Tilts:
+    """Tilt of footprints against up (rows, columns): slope_rad, aspect_rad (NaN where level within its sigma), and the
+    variances of the tilt along the slope and across it, rad^2."""
+
+    slope_rad: FloatArray
+    aspect_rad: FloatArray
+    along: FloatArray
+    across: FloatArray
+
+    @property
+    def sigma_rad(self) -> FloatArray:
+        """Root mean square error of the slope over the distribution of the tilt."""
+        return slope_sigma(self.slope_rad, self.along, self.across)
+
+    def probability_below(self, tolerance_rad: float) -> FloatArray:
+        """Probability that the slope is below a tolerance. Errors across the slope only steepen it."""
+        steeper = np.sqrt(self.slope_rad**2 + self.across)
+        return normal_cdf((tolerance_rad - steeper) / np.sqrt(np.maximum(self.along, 1e-18)))
+
+
+def tilts(normals: FloatArray, covariance: FloatArray, up: FloatArray, up_sigma_rad: float, north: FloatArray) -> Tilts:
+    """Tilt of planes with scaled normals (..., 3) of a covariance (..., 3, 3) against up.
+
+    north : (3,) horizontal unit vector that aspects are counted from.
+    """
+    length = np.linalg.norm(normals, axis=-1, keepdims=True)
+    unit = -normals / length
+    across = np.cross(up, unit)
+    size = np.linalg.norm(across, axis=-1, keepdims=True)
+    across = np.where(size > 1e-12, across / np.maximum(size, 1e-12), tangent_basis(up)[:, 0])
+    along = np.cross(across, unit)
+    slope = np.arctan2(size[..., 0], unit @ up)
+    variances = [
+        np.einsum("...i,...ij,...j->...", axis, covariance, axis) / length[..., 0] ** 2 + up_sigma_rad**2
+        for axis in (along, across)
+    ]
+    aspect = aspects(unit.reshape(-1, 3), up, north).reshape(slope.shape)
+    level = slope < ASPECT_SIGMAS * slope_sigma(slope, *variances)
+    return Tilts(slope, np.where(level, np.nan, aspect), *variances)
+
+
+def slope_sigma(slope: FloatArray, along: FloatArray, across: FloatArray) -> FloatArray:
+    """RMS of |tilt + error| - |tilt| for errors of these variances along and across the slope, by quadrature."""
+    nodes, weights = _hermite()
+    total = np.zeros_like(slope)
+    for a, weight_a in zip(nodes, weights, strict=True):
+        for b, weight_b in zip(nodes, weights, strict=True):
+            changed = np.hypot(slope + a * np.sqrt(along), b * np.sqrt(across)) - slope
+            total += weight_a * weight_b * changed**2
+    return np.sqrt(total)
+
+
+@cache
+def _hermite() -> tuple[FloatArray, FloatArray]:
+    nodes, weights = np.polynomial.hermite_e.hermegauss(NODES)
+    return nodes, weights / weights.sum()
+
+
+def probability_low(height: FloatArray, limit: float, ground_px: FloatArray, scale_sigma: float) -> FloatArray:
+    """Probability that nothing in a footprint is farther off its plane than a limit.
+
+    height : largest distance off the plane that was seen.  ground_px : size of a pixel on the ground, as the limit.
+    scale_sigma : relative 1-sigma of lengths.
+    """
+    variance = (FLATTENED_SIGMA_GSD * ground_px) ** 2 + (scale_sigma * height) ** 2
+    return normal_cdf((limit - height - FLATTENED_GSD * ground_px) / np.sqrt(variance))
+
+
+def least_limit(ground_px: float, confidence: float) -> float:
+    """Smallest limit of heights that pixels of this size on the ground can promise with a confidence."""
+    from statistics import NormalDist
+
+    return ground_px * (FLATTENED_GSD + FLATTENED_SIGMA_GSD * NormalDist().inv_cdf(confidence))
+
+
+def normal_cdf(x: FloatArray) -> FloatArray:
+    """Cumulative standard normal distribution, to 1e-7 (Abramowitz and Stegun 26.2.17, of NaN it is NaN)."""
+    size = np.abs(x)
+    t = 1.0 / (1.0 + 0.2316419 * size)
+    series = t * (0.319381530 + t * (-0.356563782 + t * (1.781477937 + t * (-1.821255978 + t * 1.330274429))))
+    tail = np.exp(-0.5 * np.minimum(size, 38.0) ** 2) / np.sqrt(2.0 * np.pi) * series
+    return np.where(x > 0, 1.0 - tail, np.where(np.isnan(x), np.nan, tail))

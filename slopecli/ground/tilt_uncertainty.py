@@ -1,0 +1,191 @@
+"""Covariance of the planes of footprints: noise of the depth, motion, focal length, relief, and unmatched ground.
+
+Noise, relief and unmatched ground are variances of the gradient of ln w over a footprint, w being inverse depth, per
+normalised coordinate. About a ray x, N = w (g, 1 - g.x) is the scaled normal of a plane with gradient g.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import cv2
+import numpy as np
+
+from slopecli.geometry.epipolar import homogeneous, rotation_from_vector
+from slopecli.geometry.motion import inverse_depth
+from slopecli.geometry.statistics import robust_sigma
+from slopecli.ground.footprint_planes import FootprintPlanes
+from slopecli.ground.footprints import disc_sums
+from slopecli.look.dense_depth import DenseDepth
+from slopecli.look.warp import FloatImage
+from slopecli.types import BoolArray, FloatArray, Solution
+
+NOISE = 0.8  # error of a plane by noise over that measured by ramps across the epipolar lines
+EDGE, EDGE_PX = 1.1, 64.0  # of edges of relief, see `_edge_variance`
+UNMATCHED, UNMATCHED_JUMP = 4.0, 2.0  # of unmatched ground, in its relief and in the largest jump nearby
+NEIGHBOURS = 1.5  # footprints, sigma of the Gaussian over which the variance of noise is averaged
+JUMP_SIDE_PX = 5  # grid px, side of the neighbourhood over which a jump of depth is measured
+STEP_MARGIN_PX = 12  # grid px around a footprint where a step still moves its edge
+RANGE = 2.5  # of the noise over that square, in its sigmas
+STEP_SHARE = 0.25  # height of a step, of the footprint's diameter, from which on a slope across it has no meaning
+STEP_LENGTH = 0.15  # pixels on it, of the footprint's diameter
+STEP_OFF_PX = 2  # grid px by which matching misplaces a step
+DELTA = 1e-4  # rad and relative, of numerical derivatives
+
+
+@dataclass(frozen=True, eq=False)
+class Root:
+    """A motion that the depth was measured with, or another that explains the images as well.
+
+    R, T : as in `Solution`.  covariance : (5, 5) of the motion without the focal length's part.
+    tangent : (3, 2) basis of T's last two coordinates.
+    focal_sigma : of the focal length's logarithm; focal_motion (5,): change of the motion that goes with it.
+    """
+
+    R: FloatArray
+    T: FloatArray
+    covariance: FloatArray
+    tangent: FloatArray
+    focal_sigma: float
+    focal_motion: FloatArray
+
+    @classmethod
+    def of(cls, solution: Solution, focal_sigma: float) -> Root:
+        """The motion of a solution, solved with a focal length of this relative sigma."""
+        motion = np.zeros(5) if solution.focal_shift is None else solution.focal_shift[-5:]
+        covariance = solution.motion_covariance - np.outer(motion, motion)
+        return cls(solution.R, solution.T, covariance, solution.tangent, focal_sigma, motion)
+
+    def moved(self, step: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """R and T after a step (5,) of the motion."""
+        T = self.T + self.tangent @ step[3:]
+        return rotation_from_vector(step[:3]) @ self.R, T / np.linalg.norm(T)
+
+
+def normals_under(planes: FootprintPlanes, root: Root, R: FloatArray, T: FloatArray, zoom: float = 1.0) -> FloatArray:
+    """(rows, columns, 3) scaled normals of footprints if another motion explains what the images show.
+
+    planes : measured with the motion `root`.  zoom : factor on the normalised coordinates of both images.
+    """
+    normals = planes.scaled_normal.reshape(-1, 1, 3)
+    centre = (planes.middle[..., :2] / planes.middle[..., 2:]).reshape(-1, 1, 2)
+    reach = 0.02  # normalised coordinates, of the three points that stand for a plane
+    x1 = centre + reach * np.array([[1.0, 0.0], [-0.5, 0.866], [-0.5, -0.866]])
+    rays = homogeneous(x1.reshape(-1, 2))
+    w = (rays.reshape(-1, 3, 3) * normals).sum(-1).reshape(-1)
+    moved = rays @ root.R.T - w[:, None] * (root.R @ root.T)
+    x2 = moved[:, :2] / moved[:, 2:]
+    other, _ = inverse_depth(R, T, rays[:, :2] * zoom, x2 * zoom)
+    seen = homogeneous(rays[:, :2] * zoom).reshape(-1, 3, 3)
+    return np.asarray(np.linalg.solve(seen, other.reshape(-1, 3, 1))[..., 0].reshape(planes.normal.shape))
+
+
+def normal_covariance(depth: DenseDepth, planes: FootprintPlanes, root: Root, jump: FloatArray) -> FloatArray:
+    """(rows, columns, 3, 3) covariance of the scaled normals of footprints; jump: see `largest_jump`."""
+    x = planes.middle[..., :2] / planes.middle[..., 2:]
+    spread = np.zeros((*x.shape[:2], 3, 2))
+    spread[..., 0, 0] = spread[..., 1, 1] = 1.0
+    spread[..., 2, :] = -x
+    spread /= planes.middle[..., 2, None, None]
+    own = _noise_variance(depth, planes)
+    extra = _edge_variance(depth, planes) + _gap_variance(depth, planes, jump)
+    own += extra[..., None, None] * np.eye(2)
+    return np.asarray(spread @ own @ spread.swapaxes(-1, -2) + _motion_covariance(planes, root))
+
+
+def _motion_covariance(planes: FootprintPlanes, root: Root) -> FloatArray:
+    """(rows, columns, 3, 3) of the scaled normals, by the motion that all share and by the focal length."""
+    here = planes.scaled_normal
+    steps = DELTA * np.eye(5)
+    by_motion = np.stack([(normals_under(planes, root, *root.moved(step)) - here) / DELTA for step in steps], -1)
+    covariance = by_motion @ root.covariance @ by_motion.swapaxes(-1, -2)
+    if root.focal_sigma:
+        small = DELTA / root.focal_sigma
+        other = normals_under(planes, root, *root.moved(small * root.focal_motion), zoom=float(np.exp(-DELTA)))
+        shift = (other - here) / small
+        covariance = covariance + shift[..., :, None] * shift[..., None, :]
+    return np.asarray(covariance)
+
+
+def _noise_variance(depth: DenseDepth, planes: FootprintPlanes) -> FloatArray:
+    """(rows, columns, 2, 2) variance of the gradient of ln w by noise, from ramps fitted to the residual across.
+
+    The residual across the epipolar line has no reason but noise, and the same correlation as the noise along it. What
+    a ramp over a footprint is fitted to it, squared and averaged over the surroundings, is the variance sought.
+    """
+    error = np.where(depth.known, np.clip(depth.across_px, -1.0, 1.0) / depth.shift_px, 0.0)
+    x, y = depth.rays[..., 0], depth.rays[..., 1]
+    n, total, by_x, by_y = disc_sums((depth.known, error, error * x, error * y), planes.cells)
+    middle = planes.middle[..., :2] / planes.middle[..., 2:]
+    # the ramp of a disc: its second moment about either axis is a fourth of its squared radius
+    moment = np.maximum(n, 1.0) * (planes.cells.radius_px / depth.focal_px) ** 2 / 4.0
+    ramp = np.stack([by_x - total * middle[..., 0], by_y - total * middle[..., 1]], -1) / moment[..., None]
+    answered = planes.answered[..., None]
+    products = np.where(answered, ramp[..., [0, 0, 1]] * ramp[..., [0, 1, 1]], 0.0)
+    cells = planes.cells
+    spacing = float(np.diff(cells.u).mean()) if len(cells.u) > 1 else 1.0
+    sigma = NEIGHBOURS * 2 * cells.radius_px / spacing
+    stack = np.dstack([products, answered]).astype(np.float32)
+    smooth = cv2.GaussianBlur(stack, (0, 0), sigma, borderType=cv2.BORDER_CONSTANT).astype(float)
+    a, b, c = np.moveaxis(smooth[..., :3] / np.maximum(smooth[..., 3:], 1e-9), -1, 0)
+    return NOISE**2 * np.stack([a, b, b, c], -1).reshape(*cells.shape, 2, 2)
+
+
+def _edge_variance(depth: DenseDepth, planes: FootprintPlanes) -> FloatArray:
+    """(rows, columns) variance of the gradient of ln w by edges of relief, each of which is misplaced at random.
+
+    It is measured, not derived: in proportion to the mean square of the jumps over a footprint, as their errors are
+    independent, and for one and the same ground to the fourth power of the diameter.
+    """
+    span = _span(depth)
+    n, first, second = disc_sums((depth.known, span * depth.known, span * span * depth.known), planes.cells)
+    n, rise = np.maximum(n, 1.0), _rise(depth, planes)
+    jumps = np.maximum(second / n - 2 * rise * first / n + rise**2, 0.0)
+    return np.asarray(EDGE**2 * EDGE_PX * jumps * depth.focal_px**2 / (2 * planes.cells.radius_px) ** 4)
+
+
+def _gap_variance(depth: DenseDepth, planes: FootprintPlanes, jump: FloatArray) -> FloatArray:
+    """(rows, columns) variance of the gradient of ln w by ground that is not matched, or in doubt.
+
+    It may lie as far off the plane as the relief, or as the largest jump nearby.
+    """
+    relief = planes.relief / planes.middle[..., 2]
+    lever = (1.0 - planes.sure) * depth.focal_px / (2 * planes.cells.radius_px)
+    return np.asarray(lever**2 * ((UNMATCHED * relief) ** 2 + (UNMATCHED_JUMP * jump) ** 2))
+
+
+def _span(depth: DenseDepth) -> FloatImage:
+    """(h, w) range of ln w over a square of `JUMP_SIDE_PX`, beyond what its noise has."""
+    logarithm, kernel = np.log(depth.w), np.ones((JUMP_SIDE_PX, JUMP_SIDE_PX), np.uint8)
+    noise = robust_sigma(depth.across_px[depth.known].astype(float)) / depth.shift_px if depth.known.any() else 0.0
+    return np.asarray(np.maximum(cv2.dilate(logarithm, kernel) - cv2.erode(logarithm, kernel) - RANGE * noise, 0.0))
+
+
+def _rise(depth: DenseDepth, planes: FootprintPlanes) -> FloatArray:
+    """(rows, columns) that range on the plane of a footprint."""
+    rise = np.abs(planes.scaled_normal[..., :2]).sum(-1) * planes.middle[..., 2]
+    return np.asarray(rise * (JUMP_SIDE_PX - 1) / depth.focal_px)
+
+
+def largest_jump(depth: DenseDepth, planes: FootprintPlanes) -> FloatArray:
+    """(rows, columns) largest jump of ln w between neighbouring pixels in a footprint and a margin around it.
+
+    What the plane of the footprint itself rises by is subtracted.
+    """
+    cells, span, side = planes.cells, _span(depth), JUMP_SIDE_PX - 1
+    rows, columns = (n // side for n in span.shape)
+    blocks = span[: rows * side, : columns * side].reshape(rows, side, columns, side).max((1, 3))
+    reach = int(np.ceil((cells.radius_px + STEP_MARGIN_PX) / side))
+    disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * reach + 1, 2 * reach + 1))
+    largest = cv2.dilate(blocks, disc)
+    at = np.ix_(np.minimum(cells.v // side, rows - 1), np.minimum(cells.u // side, columns - 1))
+    return np.maximum(largest[at] - _rise(depth, planes), 0.0)
+
+
+def across_step(depth: DenseDepth, planes: FootprintPlanes, jump: FloatArray) -> BoolArray:
+    """(rows, columns) whether a footprint lies across a step, rather than on ground that is steep or rough."""
+    diameter = 2 * planes.cells.radius_px
+    wider = replace(planes.cells, radius_px=planes.cells.radius_px + STEP_OFF_PX)
+    pixels = disc_sums((depth.step,), wider)[0]
+    high = jump > STEP_SHARE * diameter / depth.focal_px
+    return np.asarray(high & (pixels > STEP_LENGTH * diameter))

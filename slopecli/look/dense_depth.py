@@ -1,0 +1,203 @@
+"""Inverse depth of every pixel of image 1 that image 2 shows, with the motion known.
+
+The inverse depth of the overview's matches is spread over the image, and image 2 is resampled by it. Optical flow to
+the resampled image gives the displacement that remains; its part along the epipolar line corrects the depth. Then
+every pixel is aligned along its line, in rounds, on a small Gaussian window (Lucas and Kanade 1981, in one dimension).
+What remains across the lines, where nothing should, is the check and the noise.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from slopecli.look.dense import flow, match_exposure, spread
+from slopecli.look.depth_transfer import DepthTransfer
+from slopecli.look.noise import LEAST_MATCH_PX, NOISE_GREY
+from slopecli.look.scene import Scene, whole_grid
+from slopecli.look.warp import (
+    NODE_STEP,
+    FloatImage,
+    Grid,
+    covered,
+    image_gradient,
+    node_shape,
+    resample,
+)
+from slopecli.types import FloatArray
+
+MOST_PIXELS = 4.2e6  # of the working grid: 2048 x 2048; larger images are shrunk to it
+ROUNDS = 3  # of alignment along the epipolar lines
+WINDOW_NOISE = NOISE_GREY**2 / 8.0  # of a mean over the window: a window of 60 px, errors shared by some 8 of them
+WINDOW_PX = 2.5  # grid px, sigma of the Gaussian window of the alignment
+MEDIAN_PX = 5  # grid px, side of the median filter between rounds
+SHADING_PX = 6.0  # grid px, sigma of the Gaussian below which differences of the two images are texture, not shading
+FLOW_PX = 0.1  # grid px, 1-sigma of flow
+RELIEF = 0.05  # 1-sigma of the logarithm of inverse depth before the images are asked: relief, errors of matches
+REACH_PX = 0.5  # grid px, 1-sigma of what is left to align after the flow
+TOLD = 0.3  # least share of a correction that the images determine, rather than these two assumptions
+MOST_CHANGE, MOST_STEP = 0.5, 0.2  # of the logarithm of inverse depth, by the flow and by a round
+ACROSS_PX = 1.0  # grid px, largest residual across the epipolar line that is believed
+STEP_GRADIENT = 0.4  # of the displacement, px per px: ground of 45 degrees has a tenth to a fifth
+BESIDE_PX = 4  # grid px to either side of a step that may have the depth of the other side
+HIDDEN = 0.02  # difference of the logarithms of inverse depth from which on a surface hides another
+
+
+@dataclass(frozen=True, eq=False)
+class DenseDepth:
+    """Inverse depth of the pixels of a working grid over image 1.
+
+    w (h, w): 1/baseline, positive; to be used where `known` (h, w).
+    sure (h, w): those known that are not beside a step of depth, where matching takes one side for the other.
+    step (h, w): pixels on such a step.  rays (h, w, 2): normalised coordinates.
+    uv2 (h, w, 2): full px of image 2.  shifts (h, w, 2): displacement, grid px, per change of ln w.
+    across_px (h, w): residual across the epipolar line after alignment, grid px.
+    """
+
+    grid: Grid
+    w: FloatImage
+    known: NDArray[np.bool_]
+    sure: NDArray[np.bool_]
+    step: NDArray[np.bool_]
+    rays: FloatImage
+    uv2: FloatImage
+    shifts: FloatImage
+    across_px: FloatImage
+
+    @cached_property
+    def shift_px(self) -> FloatImage:
+        """(h, w) length of `shifts`."""
+        return np.sqrt((self.shifts**2).sum(2) + 1e-12)
+
+    @property
+    def focal_px(self) -> float:
+        """Grid px per unit of normalised coordinate, over the middle row of the grid."""
+        row = self.rays[self.rays.shape[0] // 2, :, 0]
+        return (len(row) - 1) / float(row[-1] - row[0])
+
+
+def dense_depth(scene: Scene, max_pixels: float = MOST_PIXELS) -> DenseDepth:
+    """Measure the inverse depth of every pixel of image 1 under the motion of the scene.
+
+    max_pixels : of the working grid that image 1 is shrunk to.
+    """
+    grid = whole_grid(scene, max_pixels)
+    transfer = DepthTransfer(scene, grid)
+    nodes = _start(scene, grid)
+    shifts = transfer.shifts(nodes)
+    w = _between_nodes(nodes, grid)
+    pair = _Alignment(scene, grid, transfer, shifts)
+    w, across = pair.by_flow(w)
+    for _ in range(ROUNDS):
+        w = pair.along(w)
+    uv2, told, left = pair.check(w)
+    known = covered(uv2, scene.shape2, 1.0) & told & (np.abs(across) < ACROSS_PX) & (np.abs(left) < ACROSS_PX)
+    known &= ~_hidden(w, uv2, known, scene)
+    step = _steps(w, shifts)
+    side = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * BESIDE_PX + 1, 2 * BESIDE_PX + 1))
+    sure = known & (cv2.dilate(step.astype(np.uint8), side) == 0)
+    return DenseDepth(grid, w, known, sure, step, transfer.rays, uv2, shifts, left)
+
+
+def _start(scene: Scene, grid: Grid) -> FloatArray:
+    """(rows, columns) inverse depths of the nodes of a map over the grid, from the matches of the overview."""
+    found = scene.evidence
+    error = LEAST_MATCH_PX / found.focal_px / np.maximum(found.leverage * found.w, 1e-12)
+    weight = RELIEF**2 / (RELIEF**2 + error**2)
+    places = grid.inside(found.uv1) + 0.5 + NODE_STEP  # the first node lies before the border, see `map_nodes`
+    rows, columns = node_shape(grid.shape)
+    shape = rows * NODE_STEP, columns * NODE_STEP
+    logarithm = spread(places, np.log(found.w)[:, None], shape, NODE_STEP, weight)[..., 0]
+    return np.exp(cv2.medianBlur(logarithm.astype(np.float32), 3).astype(float))
+
+
+def _between_nodes(nodes: FloatArray, grid: Grid) -> FloatImage:
+    rows, columns = nodes.shape
+    size = columns * NODE_STEP, rows * NODE_STEP
+    dense = cv2.resize(nodes.astype(np.float32), size, interpolation=cv2.INTER_LINEAR)
+    height, width = grid.shape
+    return np.ascontiguousarray(dense[NODE_STEP : NODE_STEP + height, NODE_STEP : NODE_STEP + width])
+
+
+class _Alignment:
+    """Image 1 and image 2 resampled by inverse depths; corrects these so that the two agree."""
+
+    def __init__(self, scene: Scene, grid: Grid, transfer: DepthTransfer, shifts: FloatImage) -> None:
+        self._scene, self._grid, self._transfer = scene, grid, transfer
+        self._grey = grid.grey.astype(np.float32)
+        self._shifts = shifts
+        self._length2 = shifts[..., 0] ** 2 + shifts[..., 1] ** 2
+        self._hold = WINDOW_NOISE * (1.0 / RELIEF**2 + self._length2 / REACH_PX**2)
+
+    def _resampled(self, w: FloatImage) -> tuple[FloatImage, FloatImage]:
+        """Px of image 2 (h, w, 2), and its grey values (h, w), of the pixels at these inverse depths."""
+        uv2 = self._transfer.pixels2(w)
+        return uv2, resample(self._scene.pyramid2, uv2, self._grid, cubic=True)
+
+    def by_flow(self, w: FloatImage) -> tuple[FloatImage, FloatImage]:
+        """Inverse depths corrected by optical flow, and the part of the flow across the epipolar lines, grid px."""
+        uv2, pulled = self._resampled(w)
+        moved = flow(self._grid.grey, match_exposure(pulled, self._grid.grey, covered(uv2, self._scene.shape2)), 1)
+        along = (moved * self._shifts).sum(2) / (self._length2 + (FLOW_PX / RELIEF) ** 2)
+        side = moved[..., 1] * self._shifts[..., 0] - moved[..., 0] * self._shifts[..., 1]
+        across = side / np.sqrt(self._length2 + 1e-12)
+        return w * np.exp(np.clip(along, -MOST_CHANGE, MOST_CHANGE)), across
+
+    def _compared(self, w: FloatImage) -> tuple[FloatImage, FloatImage, FloatImage, FloatImage]:
+        uv2, pulled = self._resampled(w)
+        valid = covered(uv2, self._scene.shape2)
+        pulled = _exposed_alike(pulled, self._grey, valid)
+        difference = np.where(valid, self._grey - pulled, 0.0)
+        gx, gy = image_gradient(0.5 * (self._grey + pulled))
+        return uv2, difference, gx, gy
+
+    def along(self, w: FloatImage) -> FloatImage:
+        """Inverse depths after one step of alignment along the epipolar lines."""
+        _, difference, gx, gy = self._compared(w)
+        slope = gx * self._shifts[..., 0] + gy * self._shifts[..., 1]
+        step = _window(slope * difference) / (_window(slope * slope) + self._hold)
+        return np.asarray(cv2.medianBlur(w * np.exp(np.clip(step, -MOST_STEP, MOST_STEP)), MEDIAN_PX), np.float32)
+
+    def check(self, w: FloatImage) -> tuple[FloatImage, NDArray[np.bool_], FloatImage]:
+        """Px of image 2, whether the images tell the depth, and the residual across the line, grid px."""
+        uv2, difference, gx, gy = self._compared(w)
+        length = np.sqrt(self._length2 + 1e-12)
+        slope = gx * self._shifts[..., 0] + gy * self._shifts[..., 1]
+        side = (gy * self._shifts[..., 0] - gx * self._shifts[..., 1]) / length
+        told = _window(slope * slope)
+        across = _window(side * difference) / (_window(side * side) + WINDOW_NOISE / REACH_PX**2)
+        return uv2, told > TOLD * (told + self._hold), across
+
+
+def _exposed_alike(pulled: FloatImage, grey: FloatImage, valid: NDArray[np.bool_]) -> FloatImage:
+    """Image 2 with the contrast of image 1, and with its shading."""
+    gain = float(np.clip(grey[valid].std() / max(float(pulled[valid].std()), 1e-3), 0.5, 2.0)) if valid.any() else 1.0
+    pulled = pulled * np.float32(gain)
+    return np.asarray(pulled + cv2.GaussianBlur(grey - pulled, (0, 0), SHADING_PX))
+
+
+def _window(values: FloatImage) -> FloatImage:
+    return np.asarray(cv2.GaussianBlur(values, (0, 0), WINDOW_PX))
+
+
+def _steps(w: FloatImage, shifts: FloatImage) -> NDArray[np.bool_]:
+    """(h, w) whether the displacement changes by `STEP_GRADIENT` px or more from one pixel to the next."""
+    gx, gy = image_gradient(np.log(w))
+    return np.asarray(np.abs(gx * shifts[..., 0] + gy * shifts[..., 1]) > STEP_GRADIENT)
+
+
+def _hidden(w: FloatImage, uv2: FloatImage, known: NDArray[np.bool_], scene: Scene) -> NDArray[np.bool_]:
+    """(h, w) whether a nearer surface stands before a pixel in image 2."""
+    step = 2.0 * max(1.0, float(np.sqrt(np.prod(scene.shape2) / w.size)))
+    height, width = (int(np.ceil(n / step)) for n in scene.shape2)
+    at = (np.clip(uv2, 0, [scene.shape2[1] - 1, scene.shape2[0] - 1]) / step).astype(np.int64)
+    place = at[..., 1] * width + at[..., 0]
+    nearest = np.zeros(height * width, np.float32)
+    logarithm = np.log(w)
+    nearest[:] = -np.inf
+    np.maximum.at(nearest, place[known], logarithm[known])
+    return np.asarray(nearest[place] - logarithm > HIDDEN)

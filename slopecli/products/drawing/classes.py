@@ -1,0 +1,91 @@
+"""Classes of slope and of its 1-sigma, as steps of colour whose lightness grows; for maps and point clouds."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+
+import cv2
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from slopecli.ground.slope_map import SlopeMap
+from slopecli.products.drawing.marks import INK, Colour
+from slopecli.types import FloatArray
+
+UNKNOWN, STEP = -1, -2  # in place of a class: no slope is known; the footprint lies across a step of the ground
+STEP_COLOUR = INK
+SIGMA_EDGES_DEG = (0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0)
+# from dark to light; one side of the tolerance is blue and the other orange, also without red-green vision
+GENTLE: Sequence[Colour] = ((10, 26, 80), (28, 76, 168), (90, 150, 225), (190, 216, 250))
+STEEP: Sequence[Colour] = ((80, 28, 0), (184, 74, 8), (240, 140, 36), (255, 238, 150))
+LIGHTNESS = (20.0, 92.0)  # CIELAB L* of the first class and of the last
+
+
+@dataclass(frozen=True, eq=False)
+class Classes:
+    """Classes of an angle in degrees.
+
+    edges_deg : ascending; class k ends with edge k, which belongs to it, and the last class has no end.
+    colours : (n + 1, 3) uint8 RGB; each is lighter than the one before.
+    steep_from : the first class beyond the tolerance; None where there is no tolerance among the edges.
+    """
+
+    edges_deg: tuple[float, ...]
+    colours: NDArray[np.uint8]
+    steep_from: int | None = None
+
+    @property
+    def names(self) -> list[str]:
+        """What a legend calls the classes."""
+        between = [f"{low:g}-{high:g}°" for low, high in zip(self.edges_deg, self.edges_deg[1:], strict=False)]
+        return [f"0-{self.edges_deg[0]:g}°", *between, f"over {self.edges_deg[-1]:g}°"]
+
+    def of(self, angle_deg: ArrayLike) -> NDArray[np.int16]:
+        """Return the class of every angle, `UNKNOWN` for one that is not finite."""
+        angles = np.asarray(angle_deg, float)
+        found = np.searchsorted(self.edges_deg, np.where(np.isfinite(angles), angles, 0.0), side="left")
+        return np.where(np.isfinite(angles), found, UNKNOWN).astype(np.int16)
+
+
+def slope_classes(slope_map: SlopeMap) -> Classes:
+    """Return the classes of slope that a user asked for, with the tolerance among their edges."""
+    tolerance = slope_map.tolerance_deg
+    edges = tuple(sorted({float(edge) for edge in (*slope_map.classes_deg, tolerance) if edge > 0}))
+    steep_from = edges.index(tolerance) + 1
+    lightness = np.linspace(*LIGHTNESS, len(edges) + 1)
+    gentle, steep = _of_lightness(tuple(GENTLE), lightness), _of_lightness(tuple(STEEP), lightness)
+    return Classes(edges, np.vstack([gentle[:steep_from], steep[steep_from:]]), steep_from)
+
+
+def sigma_classes() -> Classes:
+    """Return the classes of 1-sigma of a slope, in the colours of viridis."""
+    places = np.linspace(0, 255, len(SIGMA_EDGES_DEG) + 1).round().astype(np.uint8)[:, None]
+    colours = np.asarray(cv2.applyColorMap(places, cv2.COLORMAP_VIRIDIS)[:, 0, ::-1], np.uint8)
+    return Classes(SIGMA_EDGES_DEG, colours)
+
+
+def cell_classes(slope_map: SlopeMap, classes: Classes) -> NDArray[np.int16]:
+    """Return (rows, columns) the class of slope of every cell, or `STEP` or `UNKNOWN`."""
+    return np.where(slope_map.step, np.int16(STEP), classes.of(slope_map.slope_deg))
+
+
+def lightness_of(colours: ArrayLike) -> FloatArray:
+    """Return CIELAB L* (0 to 100) of colours (n, 3) RGB, 0 to 255."""
+    pixels = np.asarray(colours, np.float32).reshape(1, -1, 3) / np.float32(255.0)
+    return np.asarray(cv2.cvtColor(pixels, cv2.COLOR_RGB2LAB)[0, :, 0], float)
+
+
+def _of_lightness(ramp: tuple[Colour, ...], lightness: FloatArray) -> NDArray[np.uint8]:
+    """(n, 3) RGB: the colours of a ramp that have a lightness (n,)."""
+    fine = _refined(ramp)
+    reached = lightness_of(fine)
+    return np.column_stack([np.interp(lightness, reached, fine[:, i]) for i in range(3)]).round().astype(np.uint8)
+
+
+@lru_cache(maxsize=4)
+def _refined(ramp: tuple[Colour, ...]) -> FloatArray:
+    """(256, 3) RGB of a ramp between its colours."""
+    places, steps = np.linspace(0, len(ramp) - 1, 256), np.arange(len(ramp))
+    return np.column_stack([np.interp(places, steps, channel) for channel in np.array(ramp, float).T])
