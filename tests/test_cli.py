@@ -223,7 +223,7 @@ def test_options_reach_the_answer() -> None:
     assert result["up"]["source"] == "given"
     assert result["up"]["sigma_deg"] == 0.5
     assert sum(x * x for x in result["up"]["vector_cam1"]) == pytest.approx(1)
-    assert result["scale"] == {"unit": "m", "source": "altitude"}
+    assert result["scale"] == {"unit": "m", "source": "altitude", "sigma": 0.0}
     assert {"unsafe"} <= {plane["verdict"] for plane in result["planes"]}
 
 

@@ -27,6 +27,7 @@ from report_factory import (
 from slopecli.errors import InputError
 from slopecli.io import check_directory, temporary_folder, write_outputs
 from slopecli.products import (
+    MAP_PRODUCTS,
     OUTPUT_NAMES,
     PRODUCTS,
     draw_merged,
@@ -44,7 +45,9 @@ REGIONS = make_region_report(make_camera(320, 240), SMALL_LABELS, segmentation=m
 
 
 def test_every_file_has_a_row_and_the_result_completes_them() -> None:
-    assert len(set(OUTPUT_NAMES)) == len(PRODUCTS)
+    files = [product.file for product in (*PRODUCTS, *MAP_PRODUCTS)]
+    assert set(OUTPUT_NAMES) == set(files)
+    assert len(OUTPUT_NAMES) == len(files) - 1
     assert OUTPUT_NAMES[-1] == "slopes.json"
     assert all(product.what and product.encode(REGIONS, SMALL_IMAGE) for product in PRODUCTS)
 

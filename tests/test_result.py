@@ -92,7 +92,7 @@ def test_keys_and_their_order() -> None:
     assert list(result) == TOP_LEVEL.split()
     assert list(result["planes"][0]) == PLANE.split()
     assert list(result["cameras"][0]) == CAMERA.split()
-    assert result["schema_version"] == "2.0"
+    assert result["schema_version"] == "2.1"
     assert result["slopemap_version"] == __version__
 
 

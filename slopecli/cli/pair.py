@@ -106,9 +106,7 @@ def segment(ctx: click.Context, image1: str, image2: str, **parameters: Any) -> 
 def slope_map(ctx: click.Context, image1: str, image2: str, **parameters: Any) -> None:
     """Slopes everywhere in IMAGE1, how sure they are, and where to land.
 
-    Prints the landing sites, best first; -o DIR also writes map.png, map_sigma.png, slope_map.tif (slope, sigma,
-    P(safe), aspect, roughness, heights, distance) and slopes.json. Every slope is that of the plane of a disc around
-    its place, the footprint.
+    Prints landing sites, best first; -o DIR also writes map.png, map_sigma.png, slope_map.tif and slopes.json.
 
     \b
     Example:

@@ -124,14 +124,14 @@ map_output_options = (_folder, json_flag, *(_product_flag(choice, MAP_PRODUCTS) 
 
 _map = partial(Option, of=MapOptions)
 map_options = (
-    _map(MAP, "--footprint footprint_px", "PX", POSITIVE, "Diameter of the disc of a slope", shown="short side / 16"),
+    _map(MAP, "--footprint footprint_px", "PX", POSITIVE, "Diameter of a slope's disc", shown="1/16 of short side"),
     _map(MAP, "--footprint-m", "M", POSITIVE, "The same on the ground, in metres"),
     _map(MAP, "--spacing spacing_px", "PX", click.IntRange(1), "Between places of the map", shown="footprint / 8"),
     _map(MAP, "--sites", "N", click.IntRange(0, 99), "Landing sites listed"),
-    _map(MAP, "--site-radius", "R", POSITIVE, "Their radius: px, or m with a scale", shown="the largest"),
+    _map(MAP, "--site-radius", "R", POSITIVE, "Their radius, px; m with a scale", shown="largest"),
     _map(MAP, "--max-height", "H", POSITIVE, "Largest height off a safe footprint's plane"),
     _map(MAP, "--lander", "PADS,D[,PAD]", kinds.LANDER, "Stands on pads on a circle of diameter D"),
-    _map(MAP, "--classes classes_deg", "DEG,DEG", kinds.CLASSES, "Edges of the classes of slope drawn"),
+    _map(MAP, "--classes classes_deg", "DEG,DEG", kinds.CLASSES, "Edges of classes drawn"),
 )
 _WINDOWS_HELP = "A window, px; repeat for more, in order of id"
 _PLANES_HELP = "; ".join(finder.what for finder in FINDERS if finder.choice)

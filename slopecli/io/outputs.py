@@ -225,7 +225,7 @@ def has_files(folder: Path, digests: Mapping[str, str]) -> bool:
 
 
 def load_schema(version: str = SCHEMA_VERSION) -> dict[str, Any]:
-    """Return the JSON schema (draft 2020-12) of slopes.json, of this version or an older one ("1.0", "2.0").
+    """Return the JSON schema (draft 2020-12) of slopes.json, of this version or an older one ("1.0", "2.1").
 
     Raises
     ------
