@@ -9,7 +9,7 @@ __getattr__, __dir__ = lazy_names(
         "cell_grid": "CellGrid cell_grid",
         "cell_map": "CellMap Demand map_cells",
         "footprint_planes": "FootprintPlanes fit_footprints ground_points heights",
-        "footprints": "Cells disc_area disc_bands disc_sums",
+        "footprints": "Cells disc_area disc_halves disc_sums",
         "near_miss": "nearest_miss",
         "safety": "Tilts least_limit normal_cdf probability_low slope_sigma tilts",
         "slope_map": "MapInfo Site SlopeMap",
