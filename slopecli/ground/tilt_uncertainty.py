@@ -20,7 +20,7 @@ from slopecli.look.dense_depth import DenseDepth
 from slopecli.look.warp import FloatImage
 from slopecli.types import BoolArray, FloatArray, Solution
 
-NOISE = 0.8  # error of a plane by noise over that measured by ramps across the epipolar lines
+NOISE = 0.85  # error of a plane by noise over that measured by ramps across the epipolar lines
 EDGE, EDGE_PX = 1.1, 64.0  # of edges of relief, see `_edge_variance`
 UNMATCHED, UNMATCHED_JUMP = 4.0, 2.0  # of unmatched ground, in its relief and in the largest jump nearby
 NEIGHBOURS = 1.5  # footprints, sigma of the Gaussian over which the variance of noise is averaged

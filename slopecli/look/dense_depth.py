@@ -95,9 +95,10 @@ def dense_depth(scene: Scene, max_pixels: float = MOST_PIXELS) -> DenseDepth:
     for _ in range(ROUNDS):
         w = pair.along(w)
     uv2, told, left = pair.check(w)
-    known = covered(uv2, scene.shape2, 1.0) & told & (np.abs(across) < ACROSS_PX) & (np.abs(left) < ACROSS_PX)
+    shown = covered(uv2, scene.shape2, 1.0)
+    known = shown & told & (np.abs(across) < ACROSS_PX) & (np.abs(left) < ACROSS_PX)
     known &= ~_hidden(w, uv2, known, scene)
-    step = _steps(w, shifts)
+    step = _steps(w, shifts) & shown
     side = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * BESIDE_PX + 1, 2 * BESIDE_PX + 1))
     sure = known & (cv2.dilate(step.astype(np.uint8), side) == 0)
     return DenseDepth(grid, w, known, sure, step, transfer.rays, uv2, shifts, left)
@@ -141,8 +142,9 @@ class _Alignment:
     def by_flow(self, w: FloatImage) -> tuple[FloatImage, FloatImage]:
         """Inverse depths corrected by optical flow, and the part of the flow across the epipolar lines, grid px."""
         uv2, pulled = self._resampled(w)
-        moved = flow(self._grid.grey, match_exposure(pulled, self._grid.grey, covered(uv2, self._scene.shape2)), 1)
-        along = (moved * self._shifts).sum(2) / (self._length2 + (FLOW_PX / RELIEF) ** 2)
+        shown = covered(uv2, self._scene.shape2)
+        moved = flow(self._grid.grey, match_exposure(pulled, self._grid.grey, shown), 1)
+        along = shown * (moved * self._shifts).sum(2) / (self._length2 + (FLOW_PX / RELIEF) ** 2)
         side = moved[..., 1] * self._shifts[..., 0] - moved[..., 0] * self._shifts[..., 1]
         across = side / np.sqrt(self._length2 + 1e-12)
         return w * np.exp(np.clip(along, -MOST_CHANGE, MOST_CHANGE)), across
