@@ -89,7 +89,7 @@ def test_step_keeps_rotation_and_unit_baseline() -> None:
     scene, state = scene_and_state()
     observations = observe(scene.x1, scene.x2, scene.patch)
     system = normal_equations(state, linearise(observations, predict(observations, *state)))
-    moved, promised = step(state._replace(T=state.T / np.linalg.norm(state.T)), system, np.array([1e-9]))
+    moved, promised, *_ = step(state._replace(T=state.T / np.linalg.norm(state.T)), system, np.array([1e-9]))
     assert moved.R[0] @ moved.R[0].T == pytest.approx(np.eye(3), abs=1e-14)
     assert np.linalg.norm(moved.T[0]) == pytest.approx(1.0, abs=1e-15)
     assert promised[0] > 0.0

@@ -8,7 +8,15 @@ from campaign import seeds
 
 from slopecli.errors import DegenerateConfiguration, SlopemapError
 from slopecli.geometry import rotation_from_vector, solve_planes
+from slopecli.geometry.solver import State, linearise, normal_equations, observe, predict, step
 from slopecli.types import FloatArray, IntArray, Solution
+
+# problems whose answers once differed: from descents that stopped on the floor of a flat valley, where a normal has a
+# standard error as large as itself; from roots that were found or not as rounding had it; from exact points that were
+# fitted only to ten times the rounding
+VALLEYS = (583, 632, 715, 1323, 1662, 2201, 2251, 2883, 3541)
+TIES = (785, 967, 1660, 1669, 1700)
+EXACT = (35, 1257, 1339, 4726)
 
 Problem = tuple[FloatArray, FloatArray, IntArray]
 
@@ -63,9 +71,20 @@ def alike(seed: int) -> bool:
 
 
 def test_turned_and_reordered_problems_have_the_same_answer() -> None:
-    campaign = seeds(5000, 40)
-    different = [seed for seed in campaign if not alike(seed)]
-    assert len(different) <= len(campaign) // 1000, different
+    different = [seed for seed in sorted({*seeds(5000, 40), *VALLEYS, *TIES, *EXACT}) if not alike(seed)]
+    assert not different
+
+
+@pytest.mark.parametrize("seed", VALLEYS)
+def test_the_descent_along_a_flat_valley_ends_at_its_bottom(seed: int) -> None:
+    """Another step would change the parameters by less than a millionth of their standard errors."""
+    x1, x2, patch = small_problem(np.random.default_rng(seed))
+    found = solve_planes(x1, x2, patch)
+    assert found.inlier.all()
+    state = State(found.R[None], found.T[None], found.scaled_normals[None])
+    seen = observe(x1, x2, patch)
+    system = normal_equations(state, linearise(seen, predict(seen, *state)))
+    assert step(state, system, np.array([1e-14])).predicted[0] <= 1e-12 * max(found.noise, 1e-9) ** 2
 
 
 def test_points_that_all_coincide_in_image_2_fix_no_plane() -> None:

@@ -108,7 +108,7 @@ def _refit(
     # a root of few points may still win after it had ten times the chi-square of the best, so all are waited for; they
     # converge to rounding, so that the answer does not depend on the turn of the images or on the order of points
     refined = levenberg_marquardt(
-        state, form, max(observations.freedom(), 1), tolerance=1e-16 if few else 1e-3, grace=100 if few else 4
+        state, form, max(observations.freedom(), 1), tolerance=1e-20 if few else 1e-3, grace=100 if few else 4
     )
     cost = refined.system.chi2
     if relief:
@@ -192,7 +192,7 @@ def _without_mismatches(fit: Fit, initial: list[Motion], each_patch: bool) -> Fi
         return fit
     agreed = Kept(everything.planes & consensus(full), np.zeros_like(everything.free))
     best = _settled(full, agreed, _starts(agreed.applied_to(full), initial), each_patch)
-    others: list[_Settled] = []
+    others, before = [], best
     for _ in range(3):  # the second round mostly repeats the first
         left = best.kept.applied_to(full)
         states = _refit(left, _starts(left, initial)).state
@@ -200,8 +200,10 @@ def _without_mismatches(fit: Fit, initial: list[Motion], each_patch: bool) -> Fi
         before, best = best, min([best, *others], key=lambda one: one.cost)
         if best.kept.same_as(before.kept):
             break
-    states = State(*(np.concatenate(parts) for parts in zip(*(one.fit.state for one in [best, *others]), strict=True)))
-    chosen = _refit(_uncontested(full, best, others).applied_to(full), states)
+    # of two equal fits rounding chooses the best, so the roots of both are taken
+    found = [best, *(one for one in [before, *others] if one is not best)]
+    states = State(*(np.concatenate(parts) for parts in zip(*(one.fit.state for one in found), strict=True)))
+    chosen = _refit(_uncontested(full, found).applied_to(full), states)
     return chosen if _is_better(chosen, fit) else fit
 
 
@@ -252,12 +254,13 @@ def _settled(full: Observations, kept: Kept, states: State, each_patch: bool) ->
     return now
 
 
-def _uncontested(full: Observations, best: _Settled, others: list[_Settled]) -> Kept:
-    """The points kept by the best root and by every other root of nearly the same cost.
+def _uncontested(full: Observations, found: list[_Settled]) -> Kept:
+    """The points kept by the best root, the first, and by every other root of nearly the same cost.
 
     Some of many mismatches fit a wrong root by chance. The limit is the cost of five mismatches and two standard
     deviations of their number; a root beyond it is compared on the points of the best.
     """
+    best, *others = found
     kept = best.kept
     n = full.weight.size + full.free_weight.size
     removed = n - np.count_nonzero(kept.planes) - np.count_nonzero(kept.free)

@@ -21,6 +21,10 @@ _ROTATE = np.einsum("kij,ab->jakib", LEVI_CIVITA, np.eye(3)).reshape(9, 27)
 _SPREAD = np.einsum("ij,ca->icja", np.eye(3), np.eye(3)).reshape(3, 27)
 
 
+NEAR = 1e-4  # of a residual variance: steps of 0.01 standard errors, for which chi-square is a quadratic
+MOST_STRETCH = 50.0  # of a step; by more, its components across the valley would matter
+
+
 class State(NamedTuple):
     """s motions with their planes: R (s, 3, 3), T (s, 3) unit, N (s, m, 3) scaled normals."""
 
@@ -56,12 +60,14 @@ class System(NamedTuple):
     response (s, m, 3, 7): V_i^-1 times the cross information with the motion (columns 0..5) and the gradient (6).
     reduced (s, 7, 7): information of the motion (w, T), its gradient in row and column 6, and in the corner the
     chi-square left (less constants) once the normals are optimal.
+    by_normals (s,): decrease of chi-square by the best normals for the same motion.
     """
 
     chi2: FloatArray
     plane_block: FloatArray
     response: FloatArray
     reduced: FloatArray
+    by_normals: FloatArray
 
 
 def normal_equations(state: State, form: QuadraticForm) -> System:
@@ -93,8 +99,8 @@ def normal_equations(state: State, form: QuadraticForm) -> System:
         motion += _free_part(R, T, form.AE, form.gE, form.centred)
     if form.motion is not None:
         motion += form.motion
-    reduced = motion - np.add.reduce(X.swapaxes(2, 3) @ response, axis=1)
-    return System(motion[:, 6, 6], V, response, reduced)
+    eliminated = np.add.reduce(X.swapaxes(2, 3) @ response, axis=1)
+    return System(motion[:, 6, 6], V, response, motion - eliminated, eliminated[:, 6, 6])
 
 
 def _free_part(R: FloatArray, T: FloatArray, AE: FloatArray, gE: FloatArray, centred: bool) -> FloatArray:
@@ -146,19 +152,34 @@ def optimal_normals(R: FloatArray, T: FloatArray, form: QuadraticForm) -> tuple[
     return State(R, T, N.reshape(s, m, 3)), chi2
 
 
-def step(state: State, system: System, damping: FloatArray) -> tuple[State, FloatArray]:
-    """One damped Gauss-Newton step, and the decrease of chi-square it predicts (s,)."""
+class Step(NamedTuple):
+    """A step of s motions. state: after it; predicted (s,): decrease of chi-square it promises.
+
+    motion (s, 6): change (w, T) before stretching; slope (s,): half the derivative of chi-square along it at its start.
+    """
+
+    state: State
+    predicted: FloatArray
+    motion: FloatArray
+    slope: FloatArray
+
+
+def step(state: State, system: System, damping: FloatArray, stretch: FloatArray | float = 1.0) -> Step:
+    """One damped Gauss-Newton step of the motion, stretched by a factor (s,), and the best normals after it."""
     R, T, N = state
     U, b = system.reduced[:, :6, :6], system.reduced[:, :6, 6:]
     scale = np.einsum("sii->s", U)[:, None, None] + np.finfo(float).tiny
     U = U + (damping[:, None, None] * scale) * np.eye(6)
     U[:, 3:, 3:] += scale * (T[:, :, None] * T[:, None, :])  # the length of T is a gauge
     motion = -np.linalg.solve(U, b)
-    predicted = system.chi2 - system.reduced[:, 6, 6] - (b * motion).sum(axis=(1, 2))
-    dN = (system.response[..., :6] @ motion[:, None])[..., 0] + system.response[..., 6]
-    longer = T + motion[:, 3:, 0]
+    slope = (b * motion).sum(axis=(1, 2))
+    predicted = system.by_normals - slope
+    moved = np.reshape(stretch, (-1, 1, 1)) * motion
+    dN = (system.response[..., :6] @ moved[:, None])[..., 0] + system.response[..., 6]
+    longer = T + moved[:, 3:, 0]
     length = np.sqrt((longer * longer).sum(axis=1))[:, None]
-    return State(_turned(R, motion[:, :3, 0]), longer / length, (N - dN) * length[:, None]), predicted
+    after = State(_turned(R, moved[:, :3, 0]), longer / length, (N - dN) * length[:, None])
+    return Step(after, predicted, motion[:, :, 0], slope)
 
 
 def _realigned(state: State, system: System) -> State:
@@ -196,7 +217,7 @@ def levenberg_marquardt(
     degrees_of_freedom: int,
     *,
     tolerance: float = 1e-3,
-    rounding: float = 1e-30,
+    rounding: float = 1e-32,
     max_iterations: int = 100,
     grace: int = 4,
 ) -> Refined:
@@ -206,44 +227,65 @@ def levenberg_marquardt(
     degrees_of_freedom : residuals less parameters, for the stopping rule.
     tolerance : stop when the predicted decrease is below this part of one residual variance. The parameters are then
         within about sqrt(tolerance) standard errors before the last step, and far closer after it.
-    rounding : chi-square per residual that is rounding, (1e-15)^2 in normalised coordinates; a predicted decrease below
-        it ends the iteration.
+    rounding : chi-square per residual that is rounding, (1e-16)^2; a predicted decrease below it ends the iteration.
     grace : iterations after which a start with ten times the chi-square of the best is no longer waited for.
     """
     system = normal_equations(state, linearise(state))
-    dof = max(degrees_of_freedom, 1)
-    damping = np.full(len(state.T), 1e-9)
-    settled = np.zeros(len(state.T), dtype=bool)
+    dof, count = max(degrees_of_freedom, 1), len(state.T)
+    damping, stretch, settled = np.full(count, 1e-9), np.ones(count), np.zeros(count, dtype=bool)
     for iteration in range(1, max_iterations + 1):
-        trial, predicted = step(state, system, damping)
+        trial, predicted, *_ = taken = step(state, system, damping, stretch)
         floor = np.maximum(system.chi2 / dof, rounding)
-        worthwhile = predicted > dof * rounding
-        settled = settled | ~worthwhile | (predicted <= tolerance * floor)
+        worthwhile, small = predicted > dof * rounding, predicted <= tolerance * floor
+        settled |= ~worthwhile | small
         if _finished(settled, damping, system.chi2, iteration > grace):
             # a step this small needs no check and changes the system no further
-            last = settled & worthwhile
+            last = small & worthwhile
             chi2 = np.maximum(system.chi2 - np.where(last, predicted, 0.0), 0.0)
             return Refined(_accept(last, trial, state), system._replace(chi2=chi2), iteration, settled)
         trial_system = normal_equations(trial, linearise(trial))
-        # with a narrow field of view, rotation, baseline and normals trade off along a curved valley. It is followed by
-        # solving rotation and normals again for the new T; most starts converge before the third step
-        if iteration > 2:
-            trial, trial_system = _better(_realigned(trial, trial_system), trial, trial_system, linearise)
-        better = (trial_system.chi2 <= system.chi2 + 1e-6 * tolerance * floor) & worthwhile
-        # a decrease that rounding of the residuals hides
-        settled = settled | (~better & (predicted <= 1e-15 * np.sqrt(np.maximum(system.chi2, 0.0))))
+        hidden = predicted <= 1e-15 * np.sqrt(np.maximum(system.chi2, 0.0))  # by rounding of chi2
+        near = hidden | (predicted <= NEAR * floor)
+        if iteration > 2 and not near.all():
+            trial, trial_system = _followed(trial, trial_system, near, linearise)
+        better = trial_system.chi2 <= system.chi2 + 1e-6 * tolerance * floor
+        closer = hidden & ~settled
+        if closer.any():  # the gradient, and the decrease it promises, are more exact
+            closer &= step(trial, trial_system, damping).predicted < predicted
+        better = np.where(hidden, closer, better) & worthwhile
         damping = np.where(better, np.maximum(0.2 * damping, 1e-14), np.clip(5.0 * damping, 1e-9, 1e7))
+        if near.any():
+            secant = _secant(taken, stretch, trial_system)
+            settled |= hidden & ~better & (stretch <= 1.0) & (secant > 0.9 * stretch)
+            stretch = np.where(near, np.where(better, secant, np.minimum(secant, 1.0)), 1.0)
         state, system = _accept(better, trial, state), _accept(better, trial_system, system)
     return Refined(state, system, max_iterations, settled)
 
 
-def _better(
-    new: State, old: State, system: System, linearise: Callable[[State], QuadraticForm]
+def _secant(taken: Step, stretch: FloatArray, after: System) -> FloatArray:
+    """The stretch (s,) at which the derivative of chi-square along the step taken would have vanished.
+
+    Along a flat valley a Gauss-Newton step is many times too short or too long, so that it converges slowly or never.
+    As the next step goes much the same way, it is stretched by this factor. Source: Barzilai and Borwein, "Two-point
+    step size gradient methods", 1988, here in the metric of the normal equations.
+    """
+    slope = (after.reduced[:, :6, 6] * taken.motion).sum(axis=1)
+    left = slope / np.minimum(taken.slope, -np.finfo(float).tiny)
+    return np.clip(stretch / np.maximum(1.0 - left, 1e-9), 1.0 / MOST_STRETCH, MOST_STRETCH)
+
+
+def _followed(
+    trial: State, system: System, near: BoolArray, linearise: Callable[[State], QuadraticForm]
 ) -> tuple[State, System]:
-    """Of two states per start the one of less chi-square, with its system; `system` is that of the old ones."""
-    other = normal_equations(new, linearise(new))
-    less = other.chi2 < system.chi2
-    return _accept(less, new, old), _accept(less, other, system)
+    """States of less chi-square for the motions not `near` (s,) their minimum, with their system.
+
+    With a narrow field of view, rotation, baseline and normals trade off along a curved valley. It is followed by
+    solving rotation and normals again for the new T; most starts converge before the third step, without this.
+    """
+    other = _realigned(trial, system)
+    other_system = normal_equations(other, linearise(other))
+    less = ~near & (other_system.chi2 < system.chi2)
+    return _accept(less, other, trial), _accept(less, other_system, system)
 
 
 def _finished(settled: BoolArray, damping: FloatArray, chi2: FloatArray, late: bool) -> bool:
