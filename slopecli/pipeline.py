@@ -9,7 +9,7 @@ from dataclasses import replace
 from slopecli.findings.checks import check_pair
 from slopecli.findings.facts import PairFacts
 from slopecli.findings.pair_checks import refuse_identical, refuse_mirrored, refuse_unmatched
-from slopecli.findings.wording import forbid_safe
+from slopecli.findings.wording import forbidding
 from slopecli.geometry.statistics import median
 from slopecli.ground.slope_map import SlopeMap
 from slopecli.look.changes import Change, find_changes
@@ -80,9 +80,9 @@ def slope_map(
     InputError : a window is not inside image 1, or the pixels cannot serve the footprint or the limit of height.
     NoAnswer : the pair has no solution, with reason and remedy.
     """
-    from slopecli.ground.build_map import MapTask, build_map, sizes_of
+    from slopecli.ground.map_task import MapTask, build_map, sizes_of
     from slopecli.ground.tilt_uncertainty import Root
-    from slopecli.look.dense_depth import MOST_PIXELS, dense_depth
+    from slopecli.look.dense_depth import MOST_PIXELS, measure_depth
 
     clock = _Clock(on_stage)
     report, answer, scene = _estimated((image1, image2), (camera1, camera2), options, memory, clock)
@@ -95,12 +95,12 @@ def slope_map(
         report=report,
         roots=roots,
         up_sigma_rad=up_sigma_rad(report, answer.joined, solution),
-        forbidden=forbid_safe(report.diagnostics),
+        forbidden=forbidding(report.diagnostics),
         options=options,
         wanted=wanted or MapOptions(),
     )
     cells = sizes_of(task, min(1.0, MOST_PIXELS / image1.grey.size) ** 0.5)
-    depth = dense_depth(scene)
+    depth = measure_depth(scene)
     clock.tick("dense")
     result = build_map(depth, cells, task)
     clock.tick("ground")

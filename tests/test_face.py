@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import importlib
 import inspect
 import subprocess
 import sys
@@ -60,3 +61,13 @@ def test_a_whole_estimate_needs_no_other_import(tmp_path: Path) -> None:
     assert [plane.id for plane in report.planes] == [1, 2]
     written = slopecli.write_outputs(report, image1, tmp_path)
     assert written[0].read_text() == slopecli.report_to_json(report) + "\n"
+
+
+def test_no_public_name_is_that_of_a_module_beside_it() -> None:
+    """Once that module is loaded, its package has the module under this name."""
+    for path in sorted((ROOT / "slopecli").rglob("__init__.py")):
+        package = importlib.import_module(".".join(path.parent.relative_to(ROOT).parts))
+        modules = [one.stem for one in path.parent.iterdir() if one.suffix == ".py" or (one / "__init__.py").is_file()]
+        for module in modules if hasattr(package, "__getattr__") else []:
+            with pytest.raises(AttributeError, match="has no attribute"):
+                package.__getattr__(module)

@@ -14,6 +14,6 @@ __getattr__, __dir__ = lazy_names(
         "pair_checks": "check_lens refuse_identical refuse_mirrored refuse_unmatched",
         "parallax": "check_parallax parallax_px",
         "plane_checks": "focus_of_expansion_in_plane",
-        "wording": "Separation beside finding forbid_safe",
+        "wording": "Separation beside finding forbid_safe forbidding",
     },
 )

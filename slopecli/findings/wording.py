@@ -79,5 +79,10 @@ class Separation:
 
 def forbid_safe(diagnostics: Sequence[Diagnostic]) -> bool:
     """Whether one of the diagnostics forbids the verdict safe, as the row of its code says."""
+    return bool(forbidding(diagnostics))
+
+
+def forbidding(diagnostics: Sequence[Diagnostic]) -> list[str]:
+    """Codes of the diagnostics that forbid the verdict safe."""
     codes = {(row.code, row.severity) for row in CODES if row.forbids_safe}
-    return any((one.code, one.severity) in codes for one in diagnostics)
+    return [one.code for one in diagnostics if (one.code, one.severity) in codes]

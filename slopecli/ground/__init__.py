@@ -5,11 +5,11 @@ from slopecli.face import lazy_names
 __getattr__, __dir__ = lazy_names(
     __name__,
     {
-        "build_map": "MapTask build_map sizes_of",
-        "cell_grid": "CellGrid cell_grid",
+        "cell_grid": "CellGrid choose_cells",
         "cell_map": "CellMap Demand map_cells",
         "footprint_planes": "FootprintPlanes fit_footprints ground_points heights",
         "footprints": "Cells disc_area disc_halves disc_sums",
+        "map_task": "MapTask build_map sizes_of",
         "near_miss": "nearest_miss",
         "safety": "Tilts least_limit normal_cdf probability_low slope_sigma tilts",
         "slope_map": "MapInfo Site SlopeMap",

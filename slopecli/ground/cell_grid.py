@@ -41,7 +41,7 @@ class CellGrid:
         return np.stack([u, v], -1) * self.spacing_px - 0.5
 
 
-def cell_grid(
+def choose_cells(
     width: int, height: int, grid_scale: float, footprint_px: float | None, spacing_px: int | None
 ) -> CellGrid:
     """The cells of a map of an image of this size; None stands for the default.

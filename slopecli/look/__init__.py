@@ -7,7 +7,7 @@ __getattr__, __dir__ = lazy_names(
     {
         "changes": "Change find_changes",
         "dense": "Cells dense_cells flow match_exposure overview_cells sparse_transfer spread",
-        "dense_depth": "DenseDepth dense_depth",
+        "dense_depth": "DenseDepth measure_depth",
         "depth_transfer": "DepthTransfer",
         "features": "EFFORTS FeatureEffort FeatureMemory Grey Images match_descriptors match_sift shrink to_full",
         "foerstner": "SEARCH_PX correlate_windows foerstner_corners match_foerstner",

@@ -80,7 +80,7 @@ class DenseDepth:
         return (len(row) - 1) / float(row[-1] - row[0])
 
 
-def dense_depth(scene: Scene, max_pixels: float = MOST_PIXELS) -> DenseDepth:
+def measure_depth(scene: Scene, max_pixels: float = MOST_PIXELS) -> DenseDepth:
     """Measure the inverse depth of every pixel of image 1 under the motion of the scene.
 
     max_pixels : of the working grid that image 1 is shrunk to.
@@ -189,7 +189,7 @@ def _window(values: FloatImage) -> FloatImage:
 def _steps(w: FloatImage, shifts: FloatImage) -> NDArray[np.bool_]:
     """(h, w) whether the displacement changes by `STEP_GRADIENT` px or more from one pixel to the next."""
     gx, gy = image_gradient(np.log(w))
-    return np.asarray(np.abs(gx * shifts[..., 0] + gy * shifts[..., 1]) > STEP_GRADIENT)
+    return np.asarray(np.hypot(gx, gy) * np.sqrt((shifts**2).sum(2)) > STEP_GRADIENT)
 
 
 def _hidden(w: FloatImage, uv2: FloatImage, known: NDArray[np.bool_], scene: Scene) -> NDArray[np.bool_]:

@@ -10,7 +10,7 @@ import numpy as np
 from slopecli.errors import InputError
 from slopecli.geometry.slope import north_direction
 from slopecli.geometry.statistics import median
-from slopecli.ground.cell_grid import CellGrid, cell_grid
+from slopecli.ground.cell_grid import CellGrid, choose_cells
 from slopecli.ground.cell_map import CellMap, Demand, map_cells
 from slopecli.ground.footprint_planes import ground_points
 from slopecli.ground.near_miss import nearest_miss
@@ -32,14 +32,14 @@ class MapTask:
     """What a map is made of, once the pair is solved.
 
     scene : with the motion and the cameras of the answer.  roots : that motion, and the second if it is not ruled out.
-    up_sigma_rad : of the vertical.  forbidden : whether a diagnostic forbids to call anything safe.
+    up_sigma_rad : of the vertical.  forbidden : codes of diagnostics that forbid to call anything safe.
     """
 
     scene: Scene
     report: Report
     roots: Sequence[Root]
     up_sigma_rad: float
-    forbidden: bool
+    forbidden: Sequence[str]
     options: Options
     wanted: MapOptions
 
@@ -76,16 +76,17 @@ def sizes_of(task: MapTask, grid_scale: float) -> CellGrid:
         footprint_px = size / task.ground_px()
     _refuse_height(task, grid_scale)
     width, height = task.scene.camera1.width, task.scene.camera1.height
-    return cell_grid(width, height, grid_scale, footprint_px, wanted.spacing_px)
+    return choose_cells(width, height, grid_scale, footprint_px, wanted.spacing_px)
 
 
 def _refuse_height(task: MapTask, grid_scale: float) -> None:
     if task.wanted.max_height is None:
         return
-    least = least_limit(task.ground_px(NEAR) / grid_scale, task.options.confidence)
+    pixel = task.ground_px(NEAR) / grid_scale
+    least = least_limit(pixel, task.options.confidence)
     if task.wanted.max_height < least:
         raise InputError(
-            f"--max-height {task.wanted.max_height:g} {task.unit} cannot be promised: at {least / 5.35:.3g} "
+            f"--max-height {task.wanted.max_height:g} {task.unit} cannot be promised: at {pixel:.3g} "
             f"{task.unit} a pixel on the nearest ground, heights are known to {least:.3g} {task.unit} with confidence "
             f"{task.options.confidence:g}; give at least {least:.3g}, or images taken from nearer"
         )
@@ -132,10 +133,17 @@ def build_map(depth: DenseDepth, cells: CellGrid, task: MapTask) -> SlopeMap:
         classes_deg=task.wanted.classes_deg,
         points=measured.points,
         sites=sites,
-        no_site="" if sites or not task.wanted.sites else nearest_miss(ground, task.wanted, radius_px),
+        no_site="" if sites or not task.wanted.sites else _no_site(ground, task, radius_px),
         north_cam1=options.north,
         report=report,
     )
+
+
+def _no_site(ground: Ground, task: MapTask, radius_px: float | None) -> str:
+    """Why there is no landing site."""
+    if task.forbidden:
+        return f"nothing is called safe as long as there is the warning {', '.join(dict.fromkeys(task.forbidden))}"
+    return nearest_miss(ground, task.wanted, radius_px)
 
 
 def _footprint(measured: CellMap, cells: CellGrid, depth: DenseDepth) -> float:
