@@ -94,11 +94,21 @@ def heights(points: NDArray[np.float32], known: BoolArray, planes: FootprintPlan
 
 
 def _off_nearest_plane(points: NDArray[np.float32], known: BoolArray, planes: FootprintPlanes) -> NDArray[np.float32]:
-    """(h, w) distance of every pixel's point above the plane of the nearest answered cell, roughly."""
+    """(h, w) distance of every pixel's point above the plane of the answered cell that is nearest to it, roughly."""
+    answered = planes.answered
+    if not answered.any():
+        return np.zeros(known.shape, np.float32)
+    unanswered, kind = (~answered).astype(np.uint8), cv2.DIST_LABEL_PIXEL
+    labels = cv2.distanceTransformWithLabels(unanswered, cv2.DIST_L2, cv2.DIST_MASK_5, labelType=kind)[1]
+    cell_of = np.zeros(labels.max() + 1, np.int64)
+    cell_of[labels[answered]] = np.flatnonzero(answered)
     base = (planes.normal * planes.middle).sum(-1)
-    table = np.dstack([planes.normal, base]).astype(np.float32)
-    table[~planes.answered] = 0.0
-    shown = cv2.resize(table, known.shape[::-1], interpolation=cv2.INTER_NEAREST)
+    table = np.dstack([planes.normal, base]).astype(np.float32).reshape(-1, 4)[cell_of[labels]]
+    rows, columns = (
+        np.diff([0, *((at[1:] + at[:-1]) // 2 + 1), count])
+        for at, count in zip((planes.cells.v, planes.cells.u), known.shape, strict=True)
+    )
+    shown = np.repeat(np.repeat(table, columns, axis=1), rows, axis=0)
     return np.asarray((points * shown[..., :3]).sum(-1) - shown[..., 3], np.float32)
 
 

@@ -12,18 +12,22 @@ from slopecli.geometry.slope import ASPECT_SIGMAS, aspects
 from slopecli.types import FloatArray
 
 FLATTENED_GSD, FLATTENED_SIGMA_GSD = 0.7, 2.0  # ground px by which the matcher flattens what stands out, and 1-sigma
+REACH = 4.5  # sigmas of a tilt to either side over which its probability is integrated: all but 1e-5 of it
+CHANCE_NODES = 14  # of that quadrature
+LEAST_VARIANCE = 1e-14  # rad^2: a tilt without an error is one of a very small error
 NODES = 5  # of the quadrature of a slope's sigma along either axis: good to a few percent
 
 
 @dataclass(frozen=True, eq=False)
 class Tilts:
     """Tilt of footprints against up (rows, columns): slope_rad, aspect_rad (NaN where level within its sigma), and the
-    variances of the tilt along the slope and across it, rad^2."""
+    variances of the tilt along the slope and across it and their covariance, rad^2."""
 
     slope_rad: FloatArray
     aspect_rad: FloatArray
     along: FloatArray
     across: FloatArray
+    both: FloatArray
 
     @property
     def sigma_rad(self) -> FloatArray:
@@ -31,9 +35,26 @@ class Tilts:
         return slope_sigma(self.slope_rad, self.along, self.across)
 
     def probability_below(self, tolerance_rad: float) -> FloatArray:
-        """Probability that the slope is below a tolerance. Errors across the slope only steepen it."""
-        steeper = np.sqrt(self.slope_rad**2 + self.across)
-        return normal_cdf((tolerance_rad - steeper) / np.sqrt(np.maximum(self.along, 1e-18)))
+        """Probability that the slope is below a tolerance, that of a tilt in a disc, good to 1e-3.
+
+        Gauss-Legendre quadrature along the narrower principal axis of the tilt, the integral along the wider one in
+        closed form; as `disc_probability`, in a tenth of its time.
+        """
+        mean, half = 0.5 * (self.along + self.across), 0.5 * (self.along - self.across)
+        radius, turn = np.hypot(half, self.both), 0.5 * np.arctan2(self.both, half)
+        narrow, wide = (np.sqrt(np.maximum(mean + sign * radius, LEAST_VARIANCE)) for sign in (-1.0, 1.0))
+        x0, y0 = self.slope_rad * np.sin(turn), self.slope_rad * np.cos(turn)
+        # x = tolerance sin(angle) keeps the integrand smooth where the disc ends
+        first, last = (
+            np.arcsin(np.clip((x0 + sign * REACH * narrow) / tolerance_rad, -1.0, 1.0)) for sign in (-1.0, 1.0)
+        )
+        total = np.zeros_like(self.slope_rad)
+        for node, weight in zip(*_legendre(), strict=True):
+            angle = 0.5 * ((last - first) * node + last + first)
+            x, chord = tolerance_rad * np.sin(angle), tolerance_rad * np.cos(angle)
+            inside = normal_cdf((chord - y0) / wide) - normal_cdf((-chord - y0) / wide)
+            total += weight * inside * chord * np.exp(-0.5 * ((x - x0) / narrow) ** 2)
+        return np.clip(total * 0.5 * (last - first) / (np.sqrt(2.0 * np.pi) * narrow), 0.0, 1.0)
 
 
 def tilts(normals: FloatArray, covariance: FloatArray, up: FloatArray, up_sigma_rad: float, north: FloatArray) -> Tilts:
@@ -49,11 +70,12 @@ def tilts(normals: FloatArray, covariance: FloatArray, up: FloatArray, up_sigma_
     along = np.cross(across, unit)
     slope = np.arctan2(size[..., 0], unit @ up)
     variances = [
-        np.einsum("...i,...ij,...j->...", axis, covariance, axis) / length[..., 0] ** 2 + up_sigma_rad**2
-        for axis in (along, across)
+        np.einsum("...i,...ij,...j->...", one, covariance, other) / length[..., 0] ** 2
+        for one, other in ((along, along), (across, across), (along, across))
     ]
+    variances[:2] = [variance + up_sigma_rad**2 for variance in variances[:2]]
     aspect = aspects(unit.reshape(-1, 3), up, north).reshape(slope.shape)
-    level = slope < ASPECT_SIGMAS * slope_sigma(slope, *variances)
+    level = slope < ASPECT_SIGMAS * slope_sigma(slope, *variances[:2])
     return Tilts(slope, np.where(level, np.nan, aspect), *variances)
 
 
@@ -72,6 +94,11 @@ def slope_sigma(slope: FloatArray, along: FloatArray, across: FloatArray) -> Flo
 def _hermite() -> tuple[FloatArray, FloatArray]:
     nodes, weights = np.polynomial.hermite_e.hermegauss(NODES)
     return nodes, weights / weights.sum()
+
+
+@cache
+def _legendre() -> tuple[FloatArray, FloatArray]:
+    return np.polynomial.legendre.leggauss(CHANCE_NODES)
 
 
 def probability_low(height: FloatArray, limit: float, ground_px: FloatArray, scale_sigma: float) -> FloatArray:
