@@ -21,6 +21,7 @@ from slopecli.options import MapOptions, Options
 from slopecli.patches import PLANE_FINDERS
 from slopecli.patches.given import RAYS, Given, join_rows
 from slopecli.patches.join import join_patches
+from slopecli.patches.windows.dense_planes import with_dense_planes
 from slopecli.patches.windows.window_finder import wanted_windows
 from slopecli.report.build import build_report
 from slopecli.solving import Answer, solve_rows, solve_scene
@@ -158,7 +159,12 @@ def _answer(
     # joint solution: one motion for all patches, and one scaled normal for each; and what it says of the cameras
     answer = solve_scene(join_patches(found, scene), scene, motions, diagnostics, options, given)
     clock.tick("solve")
-    return answer, changes, scene
+
+    # windows over rough ground: planes through all their pixels
+    scene = replace(scene, camera1=answer.cameras[0], camera2=answer.cameras[1])
+    joined, solution = with_dense_planes(answer.joined, answer.solution, scene, answer.focal_sigma)
+    clock.tick("dense windows")
+    return replace(answer, joined=joined, solution=solution), changes, scene
 
 
 def solve(given: Given, cameras: tuple[Camera, Camera] | None, options: Options, noise: float | None = None) -> Report:

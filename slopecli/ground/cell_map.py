@@ -11,7 +11,14 @@ from slopecli.geometry.epipolar import homogeneous
 from slopecli.ground.footprint_planes import FootprintPlanes, fit_footprints, ground_points, heights
 from slopecli.ground.footprints import Cells
 from slopecli.ground.safety import Tilts, probability_low, tilts
-from slopecli.ground.tilt_uncertainty import Root, across_step, largest_jump, normal_covariance, normals_under
+from slopecli.ground.tilt_uncertainty import (
+    Root,
+    across_step,
+    gradient_variance,
+    largest_jump,
+    normal_covariance,
+    normals_under,
+)
 from slopecli.look.dense_depth import DenseDepth
 from slopecli.types import BoolArray, FloatArray
 
@@ -65,7 +72,7 @@ def map_cells(depth: DenseDepth, cells: Cells, roots: Sequence[Root], demand: De
     points = ground_points(depth)
     planes = fit_footprints(points, depth.known, depth.sure, cells)
     jump = largest_jump(depth, planes)
-    covariance = normal_covariance(depth, planes, roots[0], jump)
+    covariance = normal_covariance(planes, roots[0], gradient_variance(depth, planes, jump))
     told = planes.answered & np.isfinite(covariance).all((-1, -2))
     under = [planes.scaled_normal, *(normals_under(planes, roots[0], root.R, root.T) for root in roots[1:])]
     seen = [tilts(N, covariance, up, demand.up_sigma_rad, demand.north) for N in under for up in demand.ups]

@@ -80,17 +80,29 @@ def normals_under(planes: FootprintPlanes, root: Root, R: FloatArray, T: FloatAr
     return np.asarray(np.linalg.solve(seen, other.reshape(-1, 3, 1))[..., 0].reshape(planes.normal.shape))
 
 
-def normal_covariance(depth: DenseDepth, planes: FootprintPlanes, root: Root, jump: FloatArray) -> FloatArray:
-    """(rows, columns, 3, 3) covariance of the scaled normals of footprints; jump: see `largest_jump`."""
+def normal_covariance(planes: FootprintPlanes, root: Root, gradient: FloatArray) -> FloatArray:
+    """(rows, columns, 3, 3) covariance of the scaled normals of footprints.
+
+    gradient : (rows, columns, 2, 2) variance of the gradient of ln w; motion and focal length are added.
+    """
     x = planes.middle[..., :2] / planes.middle[..., 2:]
     spread = np.zeros((*x.shape[:2], 3, 2))
     spread[..., 0, 0] = spread[..., 1, 1] = 1.0
     spread[..., 2, :] = -x
     spread /= planes.middle[..., 2, None, None]
-    own = _noise_variance(depth, planes)
-    extra = _edge_variance(depth, planes) + _gap_variance(depth, planes, jump)
-    own += extra[..., None, None] * np.eye(2)
-    return np.asarray(spread @ own @ spread.swapaxes(-1, -2) + _motion_covariance(planes, root))
+    return np.asarray(spread @ gradient @ spread.swapaxes(-1, -2) + _motion_covariance(planes, root))
+
+
+def gradient_variance(depth: DenseDepth, planes: FootprintPlanes, jump: FloatArray) -> FloatArray:
+    """(rows, columns, 2, 2) variance of the gradient of ln w by all but motion; jump: see `largest_jump`."""
+    gap = _gap_variance(depth, planes, jump)
+    return matching_variance(depth, planes) + gap[..., None, None] * np.eye(2)
+
+
+def matching_variance(depth: DenseDepth, planes: FootprintPlanes) -> FloatArray:
+    """(rows, columns, 2, 2) variance of the gradient of ln w over footprints that are matched all over."""
+    edges = _edge_variance(depth, planes)
+    return _noise_variance(depth, planes) + edges[..., None, None] * np.eye(2)
 
 
 def _motion_covariance(planes: FootprintPlanes, root: Root) -> FloatArray:
@@ -137,7 +149,7 @@ def _edge_variance(depth: DenseDepth, planes: FootprintPlanes) -> FloatArray:
     It is measured, not derived: in proportion to the mean square of the jumps over a footprint, as their errors are
     independent, and for one and the same ground to the fourth power of the diameter.
     """
-    span = _span(depth)
+    span = span_of(depth)
     n, first, second = disc_sums((depth.known, span * depth.known, span * span * depth.known), planes.cells)
     n, rise = np.maximum(n, 1.0), _rise(depth, planes)
     jumps = np.maximum(second / n - 2 * rise * first / n + rise**2, 0.0)
@@ -154,7 +166,7 @@ def _gap_variance(depth: DenseDepth, planes: FootprintPlanes, jump: FloatArray) 
     return np.asarray(lever**2 * ((UNMATCHED * relief) ** 2 + (UNMATCHED_JUMP * jump) ** 2))
 
 
-def _span(depth: DenseDepth) -> FloatImage:
+def span_of(depth: DenseDepth) -> FloatImage:
     """(h, w) range of ln w over a square of `JUMP_SIDE_PX`, beyond what its noise has."""
     logarithm, kernel = np.log(depth.w), np.ones((JUMP_SIDE_PX, JUMP_SIDE_PX), np.uint8)
     noise = robust_sigma(depth.across_px[depth.known].astype(float)) / depth.shift_px if depth.known.any() else 0.0
@@ -172,7 +184,7 @@ def largest_jump(depth: DenseDepth, planes: FootprintPlanes) -> FloatArray:
 
     What the plane of the footprint itself rises by is subtracted.
     """
-    cells, span, side = planes.cells, _span(depth), JUMP_SIDE_PX - 1
+    cells, span, side = planes.cells, span_of(depth), JUMP_SIDE_PX - 1
     rows, columns = (n // side for n in span.shape)
     blocks = span[: rows * side, : columns * side].reshape(rows, side, columns, side).max((1, 3))
     reach = int(np.ceil((cells.radius_px + STEP_MARGIN_PX) / side))

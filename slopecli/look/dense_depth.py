@@ -8,6 +8,7 @@ What remains across the lines, where nothing should, is the check and the noise.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -17,18 +18,22 @@ from numpy.typing import NDArray
 
 from slopecli.look.dense import flow, match_exposure, spread
 from slopecli.look.depth_transfer import DepthTransfer
+from slopecli.look.features import shrink
 from slopecli.look.noise import LEAST_MATCH_PX, NOISE_GREY
 from slopecli.look.scene import Scene, whole_grid
 from slopecli.look.warp import (
     NODE_STEP,
     FloatImage,
     Grid,
+    Layer,
     covered,
+    cut,
     image_gradient,
     node_shape,
     resample,
 )
 from slopecli.types import FloatArray
+from slopecli.windows import Window
 
 MOST_PIXELS = 4.2e6  # of the working grid: 2048 x 2048; larger images are shrunk to it
 ROUNDS = 3  # of alignment along the epipolar lines
@@ -36,6 +41,7 @@ WINDOW_NOISE = NOISE_GREY**2 / 8.0  # of a mean over the window: a window of 60 
 WINDOW_PX = 2.5  # grid px, sigma of the Gaussian window of the alignment
 MEDIAN_PX = 5  # grid px, side of the median filter between rounds
 SHADING_PX = 6.0  # grid px, sigma of the Gaussian below which differences of the two images are texture, not shading
+MARGIN_PX = 24  # grid px around windows
 FLOW_PX = 0.1  # grid px, 1-sigma of flow
 RELIEF = 0.05  # 1-sigma of the logarithm of inverse depth before the images are asked: relief, errors of matches
 REACH_PX = 0.5  # grid px, 1-sigma of what is left to align after the flow
@@ -80,12 +86,12 @@ class DenseDepth:
         return (len(row) - 1) / float(row[-1] - row[0])
 
 
-def measure_depth(scene: Scene, max_pixels: float = MOST_PIXELS) -> DenseDepth:
+def measure_depth(scene: Scene, windows: Sequence[Window] = ()) -> DenseDepth:
     """Measure the inverse depth of every pixel of image 1 under the motion of the scene.
 
-    max_pixels : of the working grid that image 1 is shrunk to.
+    windows : px of image 1; with some, only the rectangle around them is measured.
     """
-    grid = whole_grid(scene, max_pixels)
+    grid = _grid_around(scene, windows) if windows else whole_grid(scene, MOST_PIXELS)
     transfer = DepthTransfer(scene, grid)
     nodes = _start(scene, grid)
     shifts = transfer.shifts(nodes)
@@ -102,6 +108,16 @@ def measure_depth(scene: Scene, max_pixels: float = MOST_PIXELS) -> DenseDepth:
     side = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * BESIDE_PX + 1, 2 * BESIDE_PX + 1))
     sure = known & (cv2.dilate(step.astype(np.uint8), side) == 0)
     return DenseDepth(grid, w, known, sure, step, transfer.rays, uv2, shifts, left)
+
+
+def _grid_around(scene: Scene, windows: Sequence[Window]) -> Grid:
+    """Working grid over the rectangle around windows, with a margin as flow is biased at a border."""
+    scale = min(1.0, MOST_PIXELS / float(np.prod(scene.shape1))) ** 0.5
+    x, y, w, h = np.array(windows, float).T
+    left, top = x.min() - MARGIN_PX / scale, y.min() - MARGIN_PX / scale
+    right, bottom = (x + w).max() + MARGIN_PX / scale, (y + h).max() + MARGIN_PX / scale
+    layer = Layer(*shrink(scene.pyramid1.at(1.0).grey, MOST_PIXELS))
+    return cut(layer, left, top, right - left, bottom - top)
 
 
 def _start(scene: Scene, grid: Grid) -> FloatArray:

@@ -1,0 +1,144 @@
+"""Planes of windows through all their pixels, with their uncertainty."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from slopecli.ground.footprint_planes import FootprintPlanes, fit_footprints, ground_points
+from slopecli.ground.footprints import Cells
+from slopecli.ground.tilt_uncertainty import Root, matching_variance, normal_covariance, span_of
+from slopecli.look.dense_depth import DenseDepth
+from slopecli.look.warp import FloatImage, block_sum
+from slopecli.types import FloatArray
+from slopecli.windows import Window
+
+PLACES = 4.0  # discs along a window's side, whose noise is measured
+HOLE_PX = 8  # grid px, side of the holes in the ground matched that are wrong independently of each other
+IN_DOUBT = 0.5  # 1-sigma of ground in doubt, in the jumps there
+OFF_PLANE = 2.0  # 1-sigma of ground that is not matched, in the RMS relief of the rest
+
+
+@dataclass(frozen=True, eq=False)
+class WindowPlanes:
+    """The plane of every window nearest, by perpendicular distance, to all its ground: `planes`, in one row.
+
+    covariance (n, 3, 3): of the scaled normals.  sure (n,): share of a window's pixels that are matched without doubt;
+    0 where there is no plane.
+    """
+
+    planes: FootprintPlanes
+    covariance: FloatArray
+    sure: FloatArray
+
+    @property
+    def normal(self) -> FloatArray:
+        """(n, 3) scaled normals, 1/baseline."""
+        return np.asarray(self.planes.scaled_normal[0])
+
+    @property
+    def relief(self) -> FloatArray:
+        """(n,) RMS distance of the ground off the plane, over the plane's distance."""
+        return np.asarray(self.planes.relief[0] * np.linalg.norm(self.normal, axis=1))
+
+
+def fit_windows(depth: DenseDepth, windows: Sequence[Window], root: Root) -> WindowPlanes:
+    """Fit the planes of windows, px of image 1."""
+    points, span = ground_points(depth), span_of(depth)
+    sizes = {(w, h): _Discs.of(depth, points, w, h) for w, h in {window[2:] for window in windows}}
+    fitted = [_fit(depth, points, span, _part(depth, window), sizes[window[2:]]) for window in windows]
+    normal, middle, relief, sure, gradient = (np.stack(values)[None] for values in zip(*fitted, strict=True))
+    planes = FootprintPlanes(Cells(np.arange(len(windows)), np.arange(1), 0.0), normal, middle, relief, sure, sure)
+    covariance = normal_covariance(planes, root, gradient)[0]
+    known = np.isfinite(covariance).all((1, 2))
+    return WindowPlanes(planes, covariance, np.where(known, sure[0], 0.0))
+
+
+@dataclass(frozen=True, eq=False)
+class _Discs:
+    """Discs as large as windows of one size, all over the image, with the variance of the gradient of ln w."""
+
+    planes: FootprintPlanes
+    gradient: FloatArray
+
+    @classmethod
+    def of(cls, depth: DenseDepth, points: NDArray[np.float32], width: int, height: int) -> _Discs:
+        radius_px = float(np.sqrt(width * height / np.pi)) * depth.grid.mean_scale
+        step = max(1.0, 2 * radius_px / PLACES)
+        rows, columns = depth.w.shape
+        u, v = (np.arange(0.5 * step, count, step).astype(np.int64) for count in (columns, rows))
+        planes = fit_footprints(points, depth.known, depth.sure, Cells(u, v, radius_px))
+        return cls(planes, matching_variance(depth, planes))
+
+    def nearest(self, u: float, v: float) -> FloatArray:
+        """(2, 2) that variance of the disc nearest to a grid pixel; NaN where none is matched."""
+        cells, answered = self.planes.cells, self.planes.answered
+        away = (cells.v[:, None] - v) ** 2 + (cells.u - u) ** 2
+        if not answered.any():
+            return np.full((2, 2), np.nan)
+        return self.gradient[np.unravel_index(np.where(answered, away, np.inf).argmin(), away.shape)]
+
+
+def _part(depth: DenseDepth, window: Window) -> tuple[slice, slice]:
+    """Rows and columns of the working grid that a window covers, at least one of each."""
+    x, y, w, h = window
+    corners = depth.grid.inside(np.array([[x, y], [x + w, y + h]]) - 0.5) + 0.5
+    (left, top), (right, bottom) = np.rint(corners).astype(int).tolist()
+    return slice(top, max(bottom, top + 1)), slice(left, max(right, left + 1))
+
+
+def _fit(
+    depth: DenseDepth, points: NDArray[np.float32], span: FloatImage, part: tuple[slice, slice], discs: _Discs
+) -> tuple[FloatArray, FloatArray, float, float, FloatArray]:
+    """Normal, middle, relief, share without doubt, and variance of the gradient of ln w, of one window."""
+    known, sure = depth.known[part], depth.sure[part]
+    if known.sum() < 3:
+        return np.array([0.0, 0.0, -1.0]), np.ones(3), 0.0, 0.0, np.full((2, 2), np.nan)
+    ground = points[part][known].astype(np.float64)
+    middle = ground.mean(axis=0)
+    offsets = ground - middle
+    values, vectors = np.linalg.eigh(offsets.T @ offsets / len(ground))
+    normal = vectors[:, 0] * -np.sign(vectors[:, 0] @ middle)
+    relief = float(np.sqrt(max(values[0], 0.0)))
+    near = discs.nearest(0.5 * (part[1].start + part[1].stop), 0.5 * (part[0].start + part[0].stop))
+    return (
+        normal,
+        middle,
+        relief,
+        float(sure.mean()),
+        near + _gaps(depth.rays[part], span[part], known, sure, relief / middle[2]),
+    )
+
+
+def _gaps(
+    rays: FloatImage, span: FloatImage, known: NDArray[np.bool_], sure: NDArray[np.bool_], relief: float
+) -> FloatArray:
+    """(2, 2) variance of the gradient of ln w by ground that is not matched, or in doubt.
+
+    The former may be as far off the plane as the relief (relative to the distance) and the jumps there, the latter as
+    far as half of the jumps.
+    """
+    variance = np.zeros((2, 2))
+    for part, off2 in ((~known, (OFF_PLANE * relief) ** 2), (known & ~sure, 0.0)):
+        if part.any():
+            jumps = float((span[part] ** 2).mean())
+            variance += (off2 + jumps if off2 else IN_DOUBT**2 * jumps) * _lever(rays, part)
+    return variance
+
+
+def _lever(rays: FloatImage, part: NDArray[np.bool_]) -> FloatArray:
+    """(2, 2) variance of the gradient fitted to a window per variance of the ground in a part of it.
+
+    Either all of that part is off to one side, or every hole of `HOLE_PX` independently; the sum of both is taken.
+    """
+    x = (rays.reshape(-1, 2) - rays.reshape(-1, 2).mean(0)).astype(np.float64)
+    inverse = np.linalg.inv(x.T @ x + 1e-18 * np.eye(2))
+    common = inverse @ x[part.ravel()].sum(0)
+    if min(part.shape) < HOLE_PX:
+        return np.outer(common, common)
+    shifted = x.reshape(*part.shape, 2) * part[..., None]
+    holes = np.stack([block_sum(shifted[..., k].astype(np.float32), HOLE_PX).ravel() for k in (0, 1)], -1)
+    return np.asarray(np.outer(common, common) + inverse @ (holes.T @ holes) @ inverse)

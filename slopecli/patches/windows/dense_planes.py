@@ -1,0 +1,85 @@
+"""Windows over rough ground: their planes through all pixels, in place of those through their matches.
+
+Matches tell the plane of a flat window as well as it can be told. On rough ground the plane of a window is a mean over
+its ground, for which all pixels count, and no match may be left out as an outlier.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from slopecli.ground.tilt_uncertainty import Root, normals_under
+from slopecli.ground.window_planes import WindowPlanes, fit_windows
+from slopecli.look.dense_depth import dense_depth
+from slopecli.look.scene import Scene
+from slopecli.patches.join import Joined
+from slopecli.types import BoolArray, FloatArray, IntArray, Solution
+
+ROUGH_PX = 0.5  # RMS relief of the matches, px on the ground, from which on a window is not flat
+LEAST_SURE = 0.8  # share of a window's pixels that must be matched without doubt
+SAME_GROUND = (
+    1.3  # times the relief of the matches: pixels that have more show other things, which the matches left out
+)
+AGREES = 9.21  # chi-square that the difference of two right tilts exceeds once in 100 times
+
+
+def with_dense_planes(joined: Joined, solution: Solution, scene: Scene, focal_sigma: float) -> tuple[Joined, Solution]:
+    """The same patches and solution, with planes through all pixels for the windows of which these tell more.
+
+    focal_sigma : relative 1-sigma of the focal length that the covariances hold.
+    """
+    px = scene.camera1.focal_px
+    from_matches = np.array([p.source == "window" and p.origin == "own" for p in joined.patches])
+    rough = from_matches & (solution.relief * px > ROUGH_PX)
+    if solution.solver != "mle" or solution.joint_normals is not None or not rough.any():
+        return joined, solution
+    index = np.flatnonzero(rough)
+    windows = [joined.patches[k].footprint.bounds for k in index]
+    root = Root.of(solution, focal_sigma)
+    dense = fit_windows(dense_depth(replace(scene, R=solution.R, T=solution.T), windows), windows, root)
+    better = _better(dense, solution, joined, index)
+    if not better.any():
+        return joined, solution
+    index, patches = index[better], list(joined.patches)
+    for k in index:
+        patches[k] = replace(patches[k], tilt_sigma_rad=0.0)  # ground without matches is in the covariance
+    return replace(joined, patches=tuple(patches)), _replaced(solution, index, dense, better, root)
+
+
+def _better(dense: WindowPlanes, solution: Solution, joined: Joined, index: IntArray) -> BoolArray:
+    """(n,) whether a plane through all pixels is of the same ground as that of the matches, agrees, and is surer."""
+    normals = solution.scaled_normals[index]
+    sparse, own = (
+        _tilt_variance(normals, solution.normal_covariance[index]),
+        _tilt_variance(dense.normal, dense.covariance),
+    )
+    sparse = sparse + np.array([joined.patches[k].tilt_sigma_rad ** 2 for k in index])
+    units = [one / np.linalg.norm(one, axis=1, keepdims=True) for one in (normals, dense.normal)]
+    apart = 2.0 * np.arcsin(np.minimum(np.linalg.norm(units[0] - units[1], axis=1) / 2.0, 1.0))
+    same = (dense.sure >= LEAST_SURE) & (dense.relief < SAME_GROUND * solution.relief[index])
+    return np.asarray(same & (own < sparse) & (apart**2 < AGREES * (own + sparse)))
+
+
+def _tilt_variance(normals: FloatArray, covariance: FloatArray) -> FloatArray:
+    """(n,) mean variance of the tilt about two axes."""
+    length2 = (normals**2).sum(axis=1)
+    along = np.einsum("ni,nij,nj->n", normals, covariance, normals) / length2
+    return np.asarray((np.trace(covariance, axis1=1, axis2=2) - along) / length2 / 2.0)
+
+
+def _replaced(solution: Solution, index: IntArray, dense: WindowPlanes, better: BoolArray, root: Root) -> Solution:
+    """The solution with these planes; in the second root they are those that the same pixels have there."""
+    normals, covariance, relief = (
+        values.copy() for values in (solution.scaled_normals, solution.normal_covariance, solution.relief)
+    )
+    normals[index], covariance[index], relief[index] = (
+        values[better] for values in (dense.normal, dense.covariance, dense.relief)
+    )
+    ambiguity, other = solution.ambiguity, solution.ambiguity.alternative
+    if other is not None:
+        there, seen = other.scaled_normals.copy(), normals_under(dense.planes, root, other.R, other.T)[0]
+        there[index] = seen[better]
+        ambiguity = replace(ambiguity, alternative=replace(other, scaled_normals=there))
+    return replace(solution, scaled_normals=normals, normal_covariance=covariance, relief=relief, ambiguity=ambiguity)
