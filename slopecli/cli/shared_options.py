@@ -73,6 +73,7 @@ class Flag(Option):
 
     def __init__(self, heading: str, names: str, help: str, **attributes: Any) -> None:
         super().__init__(heading, names, None, None, help, is_flag=True, **attributes)
+        self.default = False
 
 
 class Command(click.Command):
