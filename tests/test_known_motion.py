@@ -48,7 +48,7 @@ def test_both_conventions_of_a_position_are_read(tmp_path: Path) -> None:
     column = load_pose(write(tmp_path / "d.json", {"R": R.tolist(), "t": (-R @ T)[:, None].tolist()}))
     both = load_pose(write(tmp_path / "e.json", {"R": R.tolist(), "T": T.tolist(), "t": (-R @ T).tolist()}))
     motion = {"rotation_cam2_from_cam1": R.tolist(), "baseline_cam1": T.tolist()}
-    answered = {"motion": motion, "scale": {"unit": "m", "source": "pose"}}
+    answered = {"motion": motion, "scale": {"unit": "m", "source": "pose", "sigma": 0.0}}
     for pose in (ours, opencv, column, both, load_pose(write(tmp_path / "c.json", answered))):
         assert np.array(pose.rotation).reshape(3, 3) == pytest.approx(R, abs=1e-6)
         assert pose.baseline_m == pytest.approx(tuple(T), abs=1e-9)
@@ -135,7 +135,7 @@ def test_sigmas_are_degrees() -> None:
 def test_a_pose_gives_metres_and_is_the_motion_of_the_answer(tmp_path: Path) -> None:
     pose = write(tmp_path / "pose.json", {"R": R.tolist(), "T": T.tolist()})
     result, _ = answer("--pose", pose)
-    assert result["scale"] == {"unit": "m", "source": "pose"}
+    assert result["scale"] == {"unit": "m", "source": "pose", "sigma": 0.0}
     assert result["motion"]["baseline_cam1"] == pytest.approx(T, abs=1e-4 * np.linalg.norm(T))
     assert result["motion"]["rotation_cam2_from_cam1"] == pytest.approx(R, abs=1e-5)
     assert result["motion"]["rotation_sigma_deg"] < 1e-3
@@ -180,7 +180,8 @@ def test_a_prior_is_worth_its_sigma() -> None:
     assert known["motion"]["direction_sigma_deg"] <= 0.0011 < plain["motion"]["direction_sigma_deg"]
     assert not [one for one in known["diagnostics"] if one["code"] == "prior-contradicted"]
     for before, after in zip(plain["planes"], known["planes"], strict=True):
-        assert after["slope_sigma_deg"] <= before["slope_sigma_deg"] * 1.05
+        # the noise of a window's pixels is measured with either motion: 0.013 deg to a fifth
+        assert after["slope_sigma_deg"] <= before["slope_sigma_deg"] * 1.05 + 0.003
         assert abs(after["slope_deg"] - before["slope_deg"]) < 3 * before["slope_sigma_deg"] + 0.05
 
 
