@@ -18,6 +18,7 @@ from slopecli.ground import (
     Root,
     across_step,
     fit_footprints,
+    gradient_variance,
     ground_points,
     largest_jump,
     normal_covariance,
@@ -87,8 +88,10 @@ def test_covariance_by_the_motion_is_that_of_drawn_motions() -> None:
     factor = 3e-4 * rng.standard_normal((5, 5))
     depth = ground()[1]
     planes = planes_of(depth)
-    quiet = normal_covariance(depth, planes, root_of(), no_jump(planes))
-    found = normal_covariance(depth, planes, root_of(factor @ factor.T), no_jump(planes)) - quiet
+    quiet = normal_covariance(planes, root_of(), gradient_variance(depth, planes, no_jump(planes)))
+    found = (
+        normal_covariance(planes, root_of(factor @ factor.T), gradient_variance(depth, planes, no_jump(planes))) - quiet
+    )
     root = root_of()
     drawn = np.array([normals_under(planes, root, *root.moved(factor @ rng.standard_normal(5))) for _ in range(1500)])
     off = drawn - planes.scaled_normal
@@ -102,8 +105,8 @@ def test_covariance_by_the_focal_length_is_the_change_that_goes_with_it() -> Non
     planes = planes_of(depth)
     sigma = 0.01
     root = replace(root_of(focal_sigma=sigma), focal_motion=np.array([1e-3, -2e-3, 0.0, 3e-3, 1e-3]))
-    found = normal_covariance(depth, planes, root, no_jump(planes))
-    found = found - normal_covariance(depth, planes, root_of(), no_jump(planes))
+    found = normal_covariance(planes, root, gradient_variance(depth, planes, no_jump(planes)))
+    found = found - normal_covariance(planes, root_of(), gradient_variance(depth, planes, no_jump(planes)))
     changed = normals_under(planes, root, *root.moved(root.focal_motion), zoom=float(np.exp(-sigma)))
     shift = changed - planes.scaled_normal
     direct = shift[..., :, None] * shift[..., None, :]
@@ -128,7 +131,7 @@ def test_tilts_by_correlated_noise_are_as_large_as_noise_across_the_lines_tells(
         along, across = (noise(2 * seed + k, sigma, depth.w.shape) for k in (0, 1))
         noisy = replace(depth, w=depth.w * np.exp(along / depth.shift_px), across_px=across.astype(np.float32))
         planes = planes_of(noisy)
-        covariance = normal_covariance(noisy, planes, root_of(), no_jump(planes))
+        covariance = normal_covariance(planes, root_of(), gradient_variance(noisy, planes, no_jump(planes)))
         error = planes.scaled_normal - GROUND
         length = np.linalg.norm(GROUND)
         axes = tangent_basis(GROUND / length).T
@@ -144,7 +147,7 @@ def test_sigma_by_noise_is_proportional_to_it_and_falls_with_the_square_of_the_d
     def sigma_of(noise_px: float, radius_px: float) -> float:
         noisy = replace(depth, across_px=noise(7, noise_px, depth.w.shape).astype(np.float32))
         planes = planes_of(noisy, replace(CELLS, radius_px=radius_px))
-        covariance = normal_covariance(noisy, planes, root_of(), no_jump(planes))
+        covariance = normal_covariance(planes, root_of(), gradient_variance(noisy, planes, no_jump(planes)))
         return float(np.sqrt(np.median(covariance[..., 0, 0])))
 
     assert sigma_of(0.1, 16.0) / sigma_of(0.02, 16.0) == pytest.approx(5.0, rel=0.1)
@@ -159,7 +162,7 @@ def test_ground_that_is_partly_unmatched_is_in_more_doubt_the_rougher_it_is() ->
     for relief, sure in ((0.0, depth.known), (0.0, holes), (0.02, holes)):
         rough = replace(depth, w=depth.w * np.exp(noise(9, relief, depth.w.shape, 1.0)), sure=sure)
         planes = planes_of(rough)
-        covariance = normal_covariance(rough, planes, root_of(), no_jump(planes))
+        covariance = normal_covariance(planes, root_of(), gradient_variance(rough, planes, no_jump(planes)))
         sizes.append(float(np.median(np.trace(covariance, axis1=-2, axis2=-1))))
     assert sizes[0] <= sizes[1] < 0.2 * sizes[2]
 

@@ -86,12 +86,13 @@ class DenseDepth:
         return (len(row) - 1) / float(row[-1] - row[0])
 
 
-def measure_depth(scene: Scene, windows: Sequence[Window] = ()) -> DenseDepth:
+def measure_depth(scene: Scene, windows: Sequence[Window] = (), max_pixels: float = MOST_PIXELS) -> DenseDepth:
     """Measure the inverse depth of every pixel of image 1 under the motion of the scene.
 
     windows : px of image 1; with some, only the rectangle around them is measured.
+    max_pixels : of image 1, which is shrunk to it.
     """
-    grid = _grid_around(scene, windows) if windows else whole_grid(scene, MOST_PIXELS)
+    grid = _grid_around(scene, windows, max_pixels) if windows else whole_grid(scene, max_pixels)
     transfer = DepthTransfer(scene, grid)
     nodes = _start(scene, grid)
     shifts = transfer.shifts(nodes)
@@ -110,13 +111,13 @@ def measure_depth(scene: Scene, windows: Sequence[Window] = ()) -> DenseDepth:
     return DenseDepth(grid, w, known, sure, step, transfer.rays, uv2, shifts, left)
 
 
-def _grid_around(scene: Scene, windows: Sequence[Window]) -> Grid:
+def _grid_around(scene: Scene, windows: Sequence[Window], max_pixels: float) -> Grid:
     """Working grid over the rectangle around windows, with a margin as flow is biased at a border."""
-    scale = min(1.0, MOST_PIXELS / float(np.prod(scene.shape1))) ** 0.5
+    scale = min(1.0, max_pixels / float(np.prod(scene.shape1))) ** 0.5
     x, y, w, h = np.array(windows, float).T
     left, top = x.min() - MARGIN_PX / scale, y.min() - MARGIN_PX / scale
     right, bottom = (x + w).max() + MARGIN_PX / scale, (y + h).max() + MARGIN_PX / scale
-    layer = Layer(*shrink(scene.pyramid1.at(1.0).grey, MOST_PIXELS))
+    layer = Layer(*shrink(scene.pyramid1.at(1.0).grey, max_pixels))
     return cut(layer, left, top, right - left, bottom - top)
 
 

@@ -12,7 +12,7 @@ import numpy as np
 
 from slopecli.ground.tilt_uncertainty import Root, normals_under
 from slopecli.ground.window_planes import WindowPlanes, fit_windows
-from slopecli.look.dense_depth import dense_depth
+from slopecli.look.dense_depth import measure_depth
 from slopecli.look.scene import Scene
 from slopecli.patches.join import Joined
 from slopecli.types import BoolArray, FloatArray, IntArray, Solution
@@ -38,7 +38,7 @@ def with_dense_planes(joined: Joined, solution: Solution, scene: Scene, focal_si
     index = np.flatnonzero(rough)
     windows = [joined.patches[k].footprint.bounds for k in index]
     root = Root.of(solution, focal_sigma)
-    dense = fit_windows(dense_depth(replace(scene, R=solution.R, T=solution.T), windows), windows, root)
+    dense = fit_windows(measure_depth(replace(scene, R=solution.R, T=solution.T), windows), windows, root)
     better = _better(dense, solution, joined, index)
     if not better.any():
         return joined, solution
