@@ -20,9 +20,9 @@ from slopecli.look.dense_depth import DenseDepth
 from slopecli.look.warp import FloatImage
 from slopecli.types import BoolArray, FloatArray, Solution
 
-NOISE = 0.85  # error of a plane by noise over that measured by ramps across the epipolar lines
+NOISE = 0.9  # error of a plane by noise over that measured by ramps across the epipolar lines
 EDGE, EDGE_PX = 1.1, 64.0  # of edges of relief, see `_edge_variance`
-UNMATCHED, UNMATCHED_JUMP = 4.0, 2.0  # of unmatched ground, in its relief and in the largest jump nearby
+UNMATCHED, UNMATCHED_JUMP = 2.0, 1.0  # of unmatched ground, in its relief and in the largest jump nearby
 NEIGHBOURS = 1.5  # footprints, sigma of the Gaussian over which the variance of noise is averaged
 JUMP_SIDE_PX = 5  # grid px, side of the neighbourhood over which a jump of depth is measured
 STEP_MARGIN_PX = 12  # grid px around a footprint where a step still moves its edge
