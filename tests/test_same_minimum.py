@@ -87,6 +87,11 @@ def test_the_descent_along_a_flat_valley_ends_at_its_bottom(seed: int) -> None:
     assert step(state, system, np.array([1e-14])).predicted[0] <= 1e-12 * max(found.noise, 1e-9) ** 2
 
 
+@pytest.mark.parametrize("seed", [516, 523])
+def test_a_second_root_in_a_flat_valley_is_not_lost(seed: int) -> None:
+    assert solve_planes(*small_problem(np.random.default_rng(seed))).ambiguity.status == "unresolved"
+
+
 def test_points_that_all_coincide_in_image_2_fix_no_plane() -> None:
     x1, _, patch = small_problem(np.random.default_rng(0))
     with pytest.raises(DegenerateConfiguration, match="coincide in image 2"):

@@ -21,7 +21,7 @@ _ROTATE = np.einsum("kij,ab->jakib", LEVI_CIVITA, np.eye(3)).reshape(9, 27)
 _SPREAD = np.einsum("ij,ca->icja", np.eye(3), np.eye(3)).reshape(3, 27)
 
 
-NEAR = 1e-4  # of a residual variance: steps of 0.01 standard errors, for which chi-square is a quadratic
+NEAR = 1e-4  # of a residual variance: within about 0.01 standard errors of a minimum, where chi-square is a quadratic
 MOST_STRETCH = 50.0  # of a step; by more, its components across the valley would matter
 
 
@@ -259,7 +259,7 @@ def levenberg_marquardt(
             settled |= hidden & ~better & (stretch <= 1.0) & (secant > 0.9 * stretch)
             stretch = np.where(near, np.where(better, secant, np.minimum(secant, 1.0)), 1.0)
         state, system = _accept(better, trial, state), _accept(better, trial_system, system)
-    return Refined(state, system, max_iterations, settled)
+    return Refined(state, system, max_iterations, settled | near)
 
 
 def _secant(taken: Step, stretch: FloatArray, after: System) -> FloatArray:
