@@ -29,7 +29,7 @@ STEP_MARGIN_PX = 12  # grid px around a footprint where a step still moves its e
 RANGE = 2.5  # of the noise over that square, in its sigmas
 STEP_SHARE = 0.25  # height of a step, of the footprint's diameter, from which on a slope across it has no meaning
 STEP_LENGTH = 0.15  # pixels on it, of the footprint's diameter
-STEP_OFF_PX = 2  # grid px by which matching misplaces a step
+STEP_OFF_PX = 6  # grid px by which matching misplaces a step, towards the ground below it
 DELTA = 1e-4  # rad and relative, of numerical derivatives
 
 
