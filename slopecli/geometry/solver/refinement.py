@@ -270,7 +270,8 @@ def _secant(taken: Step, stretch: FloatArray, after: System) -> FloatArray:
     step size gradient methods", 1988, here in the metric of the normal equations.
     """
     slope = (after.reduced[:, :6, 6] * taken.motion).sum(axis=1)
-    left = slope / np.minimum(taken.slope, -np.finfo(float).tiny)
+    with np.errstate(over="ignore"):  # where chi-square is zero to rounding; the stretch is bounded
+        left = slope / np.minimum(taken.slope, -np.finfo(float).tiny)
     return np.clip(stretch / np.maximum(1.0 - left, 1e-9), 1.0 / MOST_STRETCH, MOST_STRETCH)
 
 
