@@ -9,14 +9,14 @@ PARALLEL := -n logical --dist loadfile --no-loadscope-reorder --durations=15
 .PHONY: help venv demo test test-all fuzz lint types bench sample-data docs clean
 
 help:
-	@echo 'make demo         slopes of the sample pair, checked against their truth (into demo_output/)'
+	@echo 'make demo         slopes and map of the sample pair, checked against their truth (into demo_output/)'
 	@echo 'make test         what must hold for every commit: lint, types, tests (six minutes on two cores)'
 	@echo 'make test-all     the same with all seeds, all kills and all data sets'
 	@echo 'make fuzz         10 000 odd and damaged inputs (make fuzz N=100000 SEED=3)'
 	@echo 'make lint         ruff: rules and format'
 	@echo 'make types        mypy'
 	@echo 'make bench        how fast, and how it compares (writes docs/benchmarks.md)'
-	@echo 'make docs         write docs/cli.md, the README example and its picture anew'
+	@echo 'make docs         write docs/cli.md, the examples of the documents and their pictures anew'
 	@echo 'make sample-data  render sample_data/ anew'
 	@echo 'make venv         only install into .venv (PYTHON=python3.12 picks the interpreter)'
 
@@ -32,6 +32,8 @@ $(VENV)/.installed: pyproject.toml
 demo: venv
 	$(BIN)/slopemap estimate $(DEMO)/image1.png $(DEMO)/image2.png --camera $(DEMO)/camera.json -o demo_output
 	$(BIN)/python sample_data/check_demo.py demo_output/slopes.json $(DEMO)/truth.json
+	$(BIN)/slopemap map $(DEMO)/image1.png $(DEMO)/image2.png --camera $(DEMO)/camera.json --baseline 2.175 -o demo_output/map
+	$(BIN)/python sample_data/check_demo.py demo_output/map/slopes.json $(DEMO)/truth.json
 
 test: lint types
 	$(BIN)/python -m pytest $(PARALLEL)

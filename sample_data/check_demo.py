@@ -1,9 +1,10 @@
-"""Compare slopes.json with the sample's truth, window by window; exit 1 where an answer is wrong.
+"""Compare slopes.json with the sample's truth, window by window, or that of a map; exit 1 where an answer is wrong.
 
     python sample_data/check_demo.py SLOPES.json TRUTH.json
 
 Wrong is: no answer, a normal more than 2 degrees off, or a slope further off than 4 of its own sigmas. True slopes
-are taken against the up direction the answer used, so that only the normals are judged.
+are taken against the up direction the answer used, so that only the normals are judged. Of a map, slopes in the middle
+of nine discs of ground are judged likewise, and sites are wrong on windows that are steeper than the tolerance.
 """
 
 from __future__ import annotations
@@ -36,8 +37,42 @@ def judge(plane: dict[str, Any] | None, window: dict[str, Any], up: list[float])
     return f"{line}   {'ok' if right else 'WRONG'}", right
 
 
+def judge_map(slopes: dict[str, Any], truth: dict[str, Any], folder: Path) -> int:
+    """Print the comparison of a map; 1 where a slope or a site is wrong. folder : of its files."""
+    import tifffile  # only maps need it
+
+    about, tolerance = slopes["map"], slopes["options"]["tolerance_deg"]
+    bands = dict(zip(about["bands"], tifffile.imread(folder / about["file"]), strict=True))
+    right = []
+    print("disc   true slope   estimated    error, degrees")
+    for disc in truth["discs"]:
+        cell = disc["v"] // about["spacing_px"], disc["u"] // about["spacing_px"]
+        slope, sigma = (float(bands[name][cell]) for name in ("slope_deg", "slope_sigma_deg"))
+        true_slope = angle_deg(disc["normal_cam1"], slopes["up"]["vector_cam1"])
+        right.append(abs(slope - true_slope) <= min(MAX_SIGMAS * sigma, MAX_NORMAL_ERROR_DEG))
+        word = "ok" if right[-1] else "WRONG"
+        print(f"{disc['id']:4d} {true_slope:12.2f} {slope:9.2f} ± {sigma:4.2f} {slope - true_slope:+8.2f}   {word}")
+    gentle = [true_slope_at(site["centre_px"], truth) <= tolerance for site in slopes["sites"]]
+    print(f"{sum(right)} of {len(right)} discs within {MAX_NORMAL_ERROR_DEG:g} degrees and {MAX_SIGMAS:g} sigma")
+    print(f"{sum(gentle)} of {len(gentle)} sites in windows of at most {tolerance:g} degrees")
+    return 0 if all(right) and gentle and all(gentle) else 1
+
+
+def true_slope_at(place_px: list[float], truth: dict[str, Any]) -> float:
+    """Slope of the window of the grid that a place of image 1 is in, degrees."""
+    u, v = place_px
+    (slope,) = (
+        w["slope_deg"]
+        for w in truth["windows"]
+        if -0.5 <= u - w["x"] < w["w"] - 0.5 and -0.5 <= v - w["y"] < w["h"] - 0.5
+    )
+    return float(slope)
+
+
 def main(slopes_path: str, truth_path: str) -> int:
     slopes, truth = (json.loads(Path(path).read_text(encoding="utf-8")) for path in (slopes_path, truth_path))
+    if "map" in slopes:
+        return judge_map(slopes, truth, Path(slopes_path).parent)
     planes = {plane["id"]: plane for plane in slopes["planes"]}
     verdicts = []
     print("window   true slope   estimated    error    normal error, degrees")

@@ -29,6 +29,7 @@ SUPERSAMPLING = 3  # odd: the middle sub-sample is the pixel centre, where the t
 STRIP = 80  # image rows rendered at a time, to bound memory
 OCCLUSION_TOLERANCE = 0.02  # m
 SMOOTH_WINDOW = 140  # px
+DISC, DISC_STEP, DISC_FIRST = 50, 6, 2  # px: footprints of a slope map are such discs around every sixth pixel from 2
 EXPOSURE_1, EXPOSURE_2 = 1.35, 1.44
 
 
@@ -85,6 +86,24 @@ def window_truth(points: FloatArray, seen: NDArray[np.bool_], up: FloatArray, wi
     }
 
 
+def disc_truth(points: FloatArray, up: FloatArray, window: Window) -> dict[str, Any]:
+    """Plane of all points (h, w, 3) in the disc nearest to the middle of a window, as truth.json lists it."""
+    x, y, w, h = window
+    u, v = (DISC_FIRST + DISC_STEP * round((middle - DISC_FIRST) / DISC_STEP) for middle in (x + w / 2, y + h / 2))
+    rows, columns = np.indices(points.shape[:2])
+    inside = (columns - u) ** 2 + (rows - v) ** 2 <= (DISC / 2) ** 2
+    normal, distance, rms = total_least_squares_plane(points[inside])
+    return {
+        "u": u,
+        "v": v,
+        "diameter_px": DISC,
+        "normal_cam1": normal.round(9).tolist(),
+        "distance_m": round(distance, 6),
+        "slope_deg": round(angle_deg(normal, up), 6),
+        "rms_m": round(rms, 6),
+    }
+
+
 def grid_windows(width: int, height: int, columns: int = 3, rows: int = 3) -> list[Window]:
     """The image divided evenly, row-major."""
     us = [round(i * width / columns) for i in range(columns + 1)]
@@ -128,4 +147,5 @@ def descent_truth(first: View, second: View, points: FloatArray, seen: NDArray[n
         **motion_truth(first, second),
         "windows": [{"id": i, **window_truth(points, seen, up, window)} for i, window in enumerate(grid, 1)],
         "smooth_windows": [{"id": i, **window_truth(points, seen, up, window)} for i, window in enumerate(smooth, 1)],
+        "discs": [{"id": i, **disc_truth(points, up, window)} for i, window in enumerate(smooth, 1)],
     }
