@@ -30,6 +30,7 @@ BATCH = ROOT / "docs" / "batch.md"
 NEVER_SAFE = " While it stands, no verdict is safe."
 PLAN = ROOT / "docs" / "plan.md"
 SOLVE = ROOT / "docs" / "solve.md"
+MAP = ROOT / "docs" / "map.md"
 IMAGES = ROOT / "docs" / "images"
 EXAMPLE = re.compile(r"```console\n\$ (?P<command>slopemap (?:[^\n]*\\\n)*[^\n]*)\n(?P<output>.*?)```", re.DOTALL)
 
@@ -99,7 +100,8 @@ def _sentence(remedy: str) -> str:
 
 def run_example(command: str, folder: Path) -> str:
     """What a user sees on running a command of a document with the sample data at hand; outputs go into `folder`."""
-    (folder / "sample_data").symlink_to(ROOT / "sample_data")
+    if not (folder / "sample_data").exists():
+        (folder / "sample_data").symlink_to(ROOT / "sample_data")
     arguments = shlex.split(command.replace("\\\n", " "))[1:]
     done = subprocess.run(
         [sys.executable, "-m", "slopecli", *arguments],
@@ -115,14 +117,16 @@ def run_example(command: str, folder: Path) -> str:
     return done.stdout
 
 
-def rewrite_example(document: Path, folder: Path) -> None:
-    """Put what its command prints now below the command of a document's console block."""
+def rewrite_examples(document: Path, folder: Path) -> None:
+    """Put what its command prints now below the command of each of a document's console blocks."""
     text = document.read_text(encoding="utf-8")
-    example = EXAMPLE.search(text)
-    if example is None:
+    examples = list(EXAMPLE.finditer(text))
+    if not examples:
         sys.exit(f"{document.name} has no console block with a slopemap command")
-    output = run_example(example["command"], folder)
-    document.write_text(text[: example.start("output")] + output + text[example.end("output") :], encoding="utf-8")
+    for example in reversed(examples):
+        output = run_example(example["command"], folder)
+        text = text[: example.start("output")] + output + text[example.end("output") :]
+    document.write_text(text, encoding="utf-8")
 
 
 def write_tables() -> None:
@@ -135,17 +139,17 @@ def write_tables() -> None:
 
 def write_examples_and_pictures() -> None:
     """Run the examples of the documents and draw their pictures anew."""
-    from pictures import make_pictures  # beside this script; the tests run the rest of it without that
+    from pictures import make_pictures, write_map_picture  # beside this script; the tests run the rest without that
     from study_figures import make_study_figures
 
     IMAGES.mkdir(exist_ok=True)
-    for document in (README, SEGMENT, BATCH, PLAN, SOLVE):
+    for document in (README, SEGMENT, BATCH, PLAN, SOLVE, MAP):
         with tempfile.TemporaryDirectory() as folder:
-            rewrite_example(document, Path(folder))
-            if document == README:
-                (IMAGES / "overlay.png").write_bytes(next(Path(folder).glob("*/overlay.png")).read_bytes())
+            rewrite_examples(document, Path(folder))
             if document == PLAN:
                 (IMAGES / "plan.png").write_bytes(next(Path(folder).glob("*/plan.png")).read_bytes())
+            if document == MAP:
+                write_map_picture(Path(folder) / "map_output" / "map.png", IMAGES)
     with tempfile.TemporaryDirectory() as folder:
         make_pictures(Path(folder), IMAGES)
     make_study_figures(IMAGES)

@@ -1,4 +1,4 @@
-"""Pictures of docs/segment.md, made from the urban sample by running the command. `make docs` runs it."""
+"""Pictures of docs/segment.md and docs/map.md, made from the samples by running the command. `make docs` runs it."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ Picture = NDArray[np.uint8]
 ROOT = Path(__file__).resolve().parent.parent
 URBAN = ROOT / "sample_data" / "urban"
 WIDTH, THIRD = 900, 440  # px of a single picture, and of one of three side by side
-MOST_BYTES = 150_000
+MOST_BYTES, MAP_BYTES = 150_000, 400_000
 PAPER, INK = (250, 250, 250), (40, 40, 40)
 GRADIENT, COMPONENTS, MERGED = "step1_gradient.png", "step2_components.png", "step3_merged.png"
 
@@ -65,6 +65,11 @@ def make_pictures(folder: Path, images: Path) -> None:
     _write(images / "segment_model.jpg", _side_by_side([render(*model, *view) for view in VIEWS], ["", ""]))
 
 
+def write_map_picture(source: Path, images: Path) -> None:
+    """Write a map at its own size: its legend has small text."""
+    _write(images / "map.jpg", cv2.imread(str(source)), MAP_BYTES)
+
+
 def _segmented(folder: Path, options: Sequence[str]) -> Path:
     """Output folder of a run with these options, which is run if it was not."""
     out = folder / ("segment" + "".join(options))
@@ -100,11 +105,11 @@ def _side_by_side(pictures: Sequence[Picture], captions: Sequence[str]) -> Pictu
     return np.hstack(columns[:-1])
 
 
-def _write(path: Path, picture: Picture) -> None:
+def _write(path: Path, picture: Picture, most_bytes: int = MOST_BYTES) -> None:
     """Write a JPEG as good as its size allows."""
     for quality in range(88, 30, -4):
         _, coded = cv2.imencode(".jpg", picture, [cv2.IMWRITE_JPEG_QUALITY, quality])
-        if len(coded) < MOST_BYTES:
+        if len(coded) < most_bytes:
             break
     path.parent.mkdir(exist_ok=True)
     path.write_bytes(coded.tobytes())

@@ -5,6 +5,7 @@ from __future__ import annotations
 import ast
 import importlib
 import inspect
+import json
 import re
 import runpy
 from dataclasses import fields
@@ -14,9 +15,14 @@ import pytest
 
 from slopecli.batch import COLUMNS, TRANSIENT, Outcome, run
 from slopecli.cli import PAIRINGS
+from slopecli.findings import CODES
+from slopecli.ground import cell_grid, footprint_planes, lander, map_task, safety, sites, tilt_uncertainty
+from slopecli.look import dense_depth
 from slopecli.look import gradient_components as segmentation
+from slopecli.options import MapOptions
 from slopecli.patches.regions import REGION
 from slopecli.plan import Plan, PlannedWindow, baseline, prediction
+from slopecli.products import BANDS, MAP_PRODUCTS
 from slopecli.report import kinds
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -27,6 +33,7 @@ SEGMENT = (ROOT / "docs" / "segment.md").read_text(encoding="utf-8")
 BATCH = (ROOT / "docs" / "batch.md").read_text(encoding="utf-8")
 PLAN = (ROOT / "docs" / "plan.md").read_text(encoding="utf-8")
 SOLVE = (ROOT / "docs" / "solve.md").read_text(encoding="utf-8")
+MAP = (ROOT / "docs" / "map.md").read_text(encoding="utf-8")
 LARGE_PERCENT = 2.0  # planes of the example that any build of OpenCV finds alike
 
 
@@ -197,3 +204,88 @@ def test_plan_page_has_every_key_and_the_limits_of_the_code() -> None:
     assert prediction.TRIALS == 20
     assert "at least half of themselves in image 2" in PLAN
     assert pytest.approx(0.5) == baseline.LEAST_MATCHED
+
+
+# ---- docs/map.md ----
+
+
+@pytest.fixture(scope="module")
+def mapped(tmp_path_factory: pytest.TempPathFactory) -> tuple[str, str, Path]:
+    """What the page says the first command prints, what it prints now, and the folder it ran in."""
+    folder = tmp_path_factory.mktemp("map")
+    example = GENERATE["EXAMPLE"].search(MAP)
+    return example["output"], GENERATE["run_example"](example["command"], folder), folder
+
+
+def compare_maps(shown: str, now: str) -> None:
+    """Sites in number and the size of the best, and the shares of the ground: cells differ with the build of OpenCV."""
+    assert now.splitlines()[0].split() == shown.splitlines()[0].split()
+    rows = [re.findall(r"^ +\d+ .* (\d+) px = +([\d.]+) m", text, re.MULTILINE) for text in (shown, now)]
+    assert len(rows[0]) == len(rows[1]) > 0
+    assert [float(size) for size in rows[1][0]] == pytest.approx([float(size) for size in rows[0][0]], rel=0.1)
+    grounds = [re.search(r"^ground: (.*)$", text, re.MULTILINE)[1] for text in (shown, now)]
+    assert NUMBER.sub("#", grounds[0]) == NUMBER.sub("#", grounds[1])
+    shares = [list(map(float, NUMBER.findall(ground))) for ground in grounds]
+    assert shares[1] == pytest.approx(shares[0], abs=1.5, rel=0.02)
+
+
+def test_map_example_is_what_the_command_prints(mapped: tuple[str, str, Path]) -> None:
+    compare_maps(*mapped[:2])
+
+
+@pytest.mark.slow
+def test_map_example_with_a_lander_is_what_the_command_prints(tmp_path: Path) -> None:
+    _, example = GENERATE["EXAMPLE"].finditer(MAP)
+    compare_maps(example["output"], GENERATE["run_example"](example["command"], tmp_path))
+
+
+def test_map_of_the_demo_agrees_with_the_truth(
+    mapped: tuple[str, str, Path], capsys: pytest.CaptureFixture[str]
+) -> None:
+    check = runpy.run_path(str(ROOT / "sample_data" / "check_demo.py"))["main"]
+    slopes, truth = mapped[2] / "map_output" / "slopes.json", ROOT / "sample_data" / "descent" / "truth.json"
+    assert check(str(slopes), str(truth)) == 0
+    assert "9 of 9 discs" in capsys.readouterr().out
+    wrong = json.loads(slopes.read_text(encoding="utf-8"))
+    wrong["sites"][0]["centre_px"] = [400.0, 400.0]
+    (slopes.parent / "wrong.json").write_text(json.dumps(wrong), encoding="utf-8")
+    assert check(str(slopes.parent / "wrong.json"), str(truth)) == 1
+
+
+def test_code_of_the_map_page_runs(
+    mapped: tuple[str, str, Path], monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(mapped[2])
+    (code,) = re.findall(r"```python\n(.*?)```", MAP, re.DOTALL)
+    exec(code, {})
+    assert "safe with" in capsys.readouterr().out
+
+
+def test_map_page_has_every_band_and_the_numbers_of_the_code() -> None:
+    assert [band for band in BANDS if f"\n| `{band}` | " not in MAP] == []
+    assert [one.file for one in MAP_PRODUCTS if f"| `{one.file}` | " not in MAP] == []
+    text = " ".join(MAP.split())
+    for said in (
+        f"less than {100 * footprint_planes.LEAST_SHARE:g} % of the footprint",
+        f"be at least {cell_grid.LEAST_FOOTPRINT_PX:g} px",
+        f"for at least {100 * tilt_uncertainty.STEP_LENGTH:g} % of that diameter",
+        f"Images larger than {dense_depth.MOST_PIXELS / 1e6:.1f} megapixels",
+        f"less than {dense_depth.ACROSS_PX:g} px, where nothing",
+        f"within {dense_depth.BESIDE_PX} px",
+        f"by {safety.FLATTENED_GSD:g} pixels of ground on average, with a sigma of {safety.FLATTENED_SIGMA_GSD:g}",
+        f"{safety.least_limit(1.0, 0.99):.1f} g for 0.99",
+        f"P(safe) is at most {map_task.WITHHELD:g}",
+        f"After {sites.MOST_FAILURES} places",
+        f"{lander.HEADING_STEP_DEG:g}° or less apart",
+        f"up to `--sites N` ({MapOptions().sites})",
+    ):
+        assert said in text, said
+    assert (cell_grid.SIXTEENTH, cell_grid.CELLS_A_FOOTPRINT, cell_grid.MOST_FOOTPRINT) == (16.0, 8.0, 0.5)
+    assert (footprint_planes.BLOCKS, dense_depth.ROUNDS) == (12, 3)
+    assert pytest.approx(0.25) == tilt_uncertainty.STEP_SHARE  # "a quarter of the footprint's diameter"
+    forbidding = {code.code for code in CODES if code.forbids_safe}
+    assert [code for code in sorted(forbidding - {"level-assumed"}) if f"`{code}`" not in text] == []
+
+
+def test_picture_of_the_map_is_small() -> None:
+    assert (ROOT / "docs" / "images" / "map.jpg").stat().st_size < 400_000
