@@ -8,10 +8,14 @@ import compare
 import numpy as np
 import peers
 import pytest
+import rectified_stereo
 import solvers
 from documents import write_between
+from true_ground import camera_rays, disc_planes
 
+from slopecli.geometry import rotation_from_vector
 from slopecli.study import make_scene
+from slopecli.types import Camera
 
 ROOT = Path(__file__).parents[1]
 
@@ -67,3 +71,55 @@ def test_a_document_without_marks_is_left_alone(tmp_path: Path) -> None:
     page.write_text("a\n<!-- table: begin -->\nold\n<!-- table: end -->\nb\n")
     write_between(page, "table", "new")
     assert page.read_text() == "a\n<!-- table: begin -->\n\nnew\n\n<!-- table: end -->\nb\n"
+
+
+# ---- maps ----
+
+CAMERA = Camera(160, 120, 150.0, 150.0, 79.5, 59.5, "brown", (-0.1, 0.02, 0.001, -0.001))
+GROUND = np.array([0.2, -0.1, -1.0]) / np.linalg.norm([0.2, -0.1, -1.0])  # normal; the plane is 10 from camera 1
+
+
+def plane_points() -> np.ndarray:
+    """(h, w, 3) points of the pixels on the plane."""
+    rays = camera_rays(CAMERA)
+    return rays * (-10.0 / (rays @ GROUND))[..., None]
+
+
+def test_true_planes_of_discs() -> None:
+    """On a plane they are that plane; a disc at the corner has a quarter of its ground, and one without any none."""
+    points = plane_points()
+    planes = disc_planes(points, 4, 21.0)
+    assert planes.normal.shape == (30, 40, 3)
+    assert np.degrees(np.arccos(np.clip(planes.normal @ GROUND, -1, 1))).max() < 1e-4
+    assert planes.share[15, 20] == 1.0
+    assert 0.25 < planes.share[0, 0] < 0.45  # the first is centred two pixels inside
+    points[:, 80:] = np.nan
+    half = disc_planes(points, 4, 21.0)
+    assert half.share[15, 19] == pytest.approx(0.5, abs=0.15)
+    assert np.isnan(half.slope_deg(np.array([0.0, 0.0, -1.0]))[:, 30:]).all()
+
+
+@pytest.mark.parametrize("T", [(2.0, 0.1, 0.0), (0.1, -2.0, 0.2), (-1.4, 0.2, 1.4), (1.0, 1.1, -0.9)])
+def test_rectified_images_give_points_their_place(T: tuple[float, ...]) -> None:
+    """The disparities of a plane, on the rays of image 1, are that plane again."""
+    R, motion = rotation_from_vector(np.array([0.02, -0.03, 0.3])), np.array(T)
+    turns = rectified_stereo.rotations(CAMERA, R, motion)
+    assert np.allclose(turns[1] @ R, turns[0])  # both see the ground from the same side
+    x = plane_points().reshape(-1, 3) @ turns[0].T
+    pair = rectified_stereo.window_of(turns, CAMERA.focal_px, x[x[:, 2] > 0])
+    u, v = np.meshgrid(*(np.arange(n) for n in pair.size))
+    rays = np.dstack([(u + pair.first[0]) / pair.focal_px, (v + pair.first[1]) / pair.focal_px, np.ones(u.shape)])
+    baseline = turns[0] @ motion
+    assert np.allclose(baseline[1:], 0.0, atol=1e-9)
+    depth = -10.0 / (rays @ (turns[0] @ GROUND))
+    points = rectified_stereo.on_rays(CAMERA, pair, pair.focal_px * baseline[0] / depth, float(baseline[0]))
+    known = np.isfinite(points).all(axis=2)
+    assert known.mean() > 0.9
+    assert np.abs(points[known] @ GROUND + 10.0).max() < 0.01
+
+
+def test_page_of_maps_has_its_tables() -> None:
+    page = (ROOT / "docs" / "map.md").read_text(encoding="utf-8")
+    for name in ("map-errors", "map-verdicts", "map-probability", "map-sgbm"):
+        table = page.split(f"<!-- {name}: begin -->")[1].split(f"<!-- {name}: end -->")[0]
+        assert table.strip().startswith("| "), f"{name} was never filled in"
