@@ -1,4 +1,4 @@
-"""Answer jobs in this process: read the inputs, estimate, store the files. Every failure of a pair is an outcome."""
+"""Answer jobs in this process: read the inputs, answer, store the files. Every failure of a pair is an outcome."""
 
 from __future__ import annotations
 
@@ -12,12 +12,13 @@ from pathlib import PurePath
 
 from slopecli.batch.jobs import Answer, Job, Outcome, Shipped, camera_file, failure, fingerprint_of, finished, store
 from slopecli.errors import InputError, NoAnswer, SlopemapError
+from slopecli.ground.slope_map import SlopeMap
 from slopecli.io.cameras.reading import camera_for, read_camera_file
 from slopecli.io.images import decode_image, read_image_file
 from slopecli.look.features import FeatureMemory
 from slopecli.options import CameraChoice
-from slopecli.pipeline import estimate
-from slopecli.products import encode_products
+from slopecli.pipeline import estimate, slope_map
+from slopecli.products import MAP_PRODUCTS, encode_products
 from slopecli.types import Camera, Image, Report
 
 N_IMAGES = 2  # decoded images kept: neighbouring pairs share one
@@ -128,6 +129,11 @@ def _estimate(job: Job, inputs: Shipped) -> tuple[Outcome, dict[str, bytes]]:
         (image1, camera1), (image2, camera2) = (_load(path, choice, inputs.files) for path, choice in _sides(job))
     except InputError:
         raise InputError("; ".join(_problems(job, inputs.files))) from None
+    if job.wanted is not None:
+        pair = image1, image2, camera1, camera2
+        ground = slope_map(*pair, job.options, job.wanted, memory=_memory.features)
+        contents = encode_products(ground, image1, job.keep, MAP_PRODUCTS)
+        return _outcome_of_map(job, ground, inputs.fingerprint, tuple(contents)), contents
     report = estimate(image1, image2, camera1, camera2, job.options, memory=_memory.features)
     contents = encode_products(report, image1, job.keep)
     return _outcome_of(job, report, inputs.fingerprint, tuple(contents)), contents
@@ -157,6 +163,28 @@ def _outcome_of(job: Job, report: Report, fingerprint: str, files: tuple[str, ..
         ambiguity=report.ambiguity.status,
         noise_px=_rounded(report.fit.noise_px),
         diagnostics=tuple(diagnostic.code for diagnostic in report.diagnostics),
+    )
+
+
+def _outcome_of_map(job: Job, ground: SlopeMap, fingerprint: str, files: tuple[str, ...]) -> Outcome:
+    share = ground.area_share
+    outcome = replace(
+        _outcome_of(job, ground.report, fingerprint, files),
+        safe_share=_rounded(share["safe"]),
+        unsafe_share=_rounded(share["unsafe"]),
+        undecided_share=_rounded(share["undecided"]),
+        unknown_share=_rounded(share["unknown"]),
+        n_sites=len(ground.sites),
+    )
+    if not ground.sites:
+        return outcome
+    largest = max(ground.sites, key=lambda site: site.radius_px)
+    return replace(
+        outcome,
+        site_radius_px=_rounded(largest.radius_px),
+        site_radius=_rounded(largest.radius),
+        site_slope_deg=_rounded(largest.slope_deg),
+        site_slope_sigma_deg=_rounded(largest.slope_sigma_deg),
     )
 
 

@@ -17,7 +17,7 @@ from slopecli.errors import DiskFull
 from slopecli.io.cameras.reading import split_name
 from slopecli.io.files import DISK_FULL
 from slopecli.io.outputs import has_files, read_record, store_pair
-from slopecli.options import CameraChoice, Options
+from slopecli.options import CameraChoice, MapOptions, Options
 from slopecli.products import CHOICES, keep_files
 
 TRANSIENT = frozenset({"crashed", "timeout", "memory", "unexpected", "unreadable", "output"})  # failures tried again
@@ -57,7 +57,8 @@ class Shipped:
 class Job:
     """One pair with everything a worker needs. Can be pickled.
 
-    keep : the user's choices of files, of `slopecli.products.CHOICES`.
+    keep : the user's choices of files, of `slopecli.products.CHOICES`, or of those of `MAP_PRODUCTS` for a map.
+    wanted : options of a map; None for an estimate.
     folder : where the files go, absolute.  base : folder that relative paths of the pair start from.
     shipped : None where the worker reads and writes files itself.
     """
@@ -68,6 +69,7 @@ class Job:
     folder: str
     base: str = ""
     shipped: Shipped | None = None
+    wanted: MapOptions | None = None
 
 
 @dataclass(frozen=True)
@@ -110,10 +112,16 @@ def fingerprint_of(job: Job, digests: Mapping[str, str]) -> str:
         "version": __version__,
         "options": asdict(job.options),
         "keep": {choice: choice in job.keep for choice in CHOICES},
+        **_map_print(job),
         "images": [digests[pair.image1], digests[pair.image2]],
         "cameras": [_camera_print(choice, job.base, digests) for choice in (pair.camera1, pair.camera2)],
     }
     return hashlib.sha256(json.dumps(document, sort_keys=True).encode("ascii")).hexdigest()
+
+
+def _map_print(job: Job) -> dict[str, object]:
+    """What determines a map besides."""
+    return {} if job.wanted is None else {"map": asdict(job.wanted), "files of the map": sorted(job.keep)}
 
 
 def _camera_print(choice: CameraChoice | None, base: str, digests: Mapping[str, str]) -> object:

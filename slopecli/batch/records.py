@@ -36,6 +36,9 @@ class Outcome:
     n_rejected : windows without an answer.
     steepest_deg, steepest_sigma_deg : slope of the steepest plane of status ok, and its 1-sigma; of the root in which
         it is steeper, where there are two.  steepest_other_deg, steepest_other_sigma_deg : of the other root.
+    safe_share, unsafe_share, undecided_share, unknown_share : of the cells of a map, by verdict; None without a map.
+    n_sites : landing sites of a map.  site_radius_px, site_radius, site_slope_deg, site_slope_sigma_deg : of the
+        largest, its radius in px of image 1 and in the unit of the scale.
     ambiguity : status as in slopes.json.  noise_px : of the fit.  diagnostics : their codes.
     """
 
@@ -58,9 +61,28 @@ class Outcome:
     steepest_sigma_deg: float | None = None
     steepest_other_deg: float | None = None
     steepest_other_sigma_deg: float | None = None
+    safe_share: float | None = None
+    unsafe_share: float | None = None
+    undecided_share: float | None = None
+    unknown_share: float | None = None
+    n_sites: int = 0
+    site_radius_px: float | None = None
+    site_radius: float | None = None
+    site_slope_deg: float | None = None
+    site_slope_sigma_deg: float | None = None
     ambiguity: str | None = None
     noise_px: float | None = None
     diagnostics: tuple[str, ...] = ()
+
+    @property
+    def is_map(self) -> bool:
+        """Whether this is the answer of `slopemap map`."""
+        return self.safe_share is not None
+
+    @property
+    def shares(self) -> tuple[float | None, float | None, float | None, float | None]:
+        """Shares of the cells of a map that are safe, unsafe, undecided and unknown."""
+        return self.safe_share, self.unsafe_share, self.undecided_share, self.unknown_share
 
     @property
     def steepest(self) -> tuple[tuple[float, float | None], ...]:
@@ -114,7 +136,8 @@ def _is(value: object, kind: Any) -> bool:
 
 def _is_consistent(outcome: Outcome, digests: Mapping[str, str]) -> bool:
     """Whether the attributes can be of one answer or of one failure."""
-    counts = (outcome.n_ok, outcome.n_safe, outcome.n_unsafe, outcome.n_undecided, outcome.n_rejected, outcome.n_planes)
+    n_planes = outcome.n_ok, outcome.n_safe, outcome.n_unsafe, outcome.n_undecided, outcome.n_rejected, outcome.n_planes
+    counts = (*n_planes, outcome.n_sites)
     verdicts = outcome.n_safe + outcome.n_unsafe + outcome.n_undecided
     return (
         outcome.files == tuple(digests)

@@ -19,7 +19,7 @@ from slopecli.errors import DiskFull, InputError, SlopemapError
 from slopecli.io.files import DISK_FULL, remove_temporary, write_atomically
 from slopecli.io.lock import locked
 from slopecli.io.outputs import RECORD, check_directory, replaced_input
-from slopecli.options import Options
+from slopecli.options import MapOptions, Options
 from slopecli.products import OUTPUT_NAMES
 
 CHUNK = 8  # jobs in a call on a cluster: neighbours share images, but a lost worker costs a chunk
@@ -37,6 +37,7 @@ def run(
     keep: frozenset[str],
     directory: str | Path,
     *,
+    wanted: MapOptions | None = None,
     jobs: int | None = None,
     timeout_s: float | None = None,
     memory_gb: float | None = None,
@@ -47,12 +48,12 @@ def run(
 ) -> list[Outcome]:
     """Estimate many pairs and write the results to one folder, in which finished pairs are kept.
 
-    Each pair has a folder in `directory` as `slopemap estimate -o` writes it; beside them are summary.csv,
+    Each pair has a folder in `directory` as `slopemap estimate -o` or `map -o` writes it, beside summary.csv,
     results.jsonl and index.html. The same call continues a stopped run. Returns outcomes in the order of `pairs`.
 
     Parameters
     ----------
-    keep : the user's choices of files, of `slopecli.products.CHOICES`.
+    keep : the user's choices of files, of `PRODUCTS` or `MAP_PRODUCTS`.  wanted : options of maps; None for estimates.
     jobs : number of worker processes on this machine; None: one a core.
     timeout_s : time limit of a pair.  memory_gb : memory limit of a worker, 1e9 bytes (Linux).
     cluster : scheduler's address of a Dask cluster that is used instead.  executor : any executor, likewise.
@@ -62,15 +63,14 @@ def run(
     Raises
     ------
     InputError : no pairs, two of one name, the folder is unusable or in use by another batch, or no worker is left.
-    DiskFull : there is no space left. Finished pairs are kept.
-    KeyboardInterrupt : passed on; the summary files then have the finished pairs.
+    DiskFull, KeyboardInterrupt : no space is left, or interrupted; finished pairs are kept and in the summary files.
     """
     if not pairs:
         raise InputError("there are no pairs to compare; needed at least two images")
     if len({pair.name for pair in pairs}) < len(pairs):
         raise InputError("two pairs have the same name; every pair needs a folder of its own")
     folder = Path(directory).absolute()
-    work = [Job(pair, options, keep, str(folder / pair.name), os.getcwd()) for pair in pairs]
+    work = [Job(pair, options, keep, str(folder / pair.name), os.getcwd(), wanted=wanted) for pair in pairs]
     results = _Results(work, on_progress)
     limits = Limits(timeout_s, memory_gb)
     with _locked(folder, pairs) as lock, _summarised(folder, pairs, results):

@@ -15,7 +15,7 @@ from urllib.parse import quote
 from slopecli import __version__
 from slopecli.batch.jobs import Outcome
 from slopecli.errors import visible
-from slopecli.products import OVERLAY
+from slopecli.products import MAP_PICTURE, OVERLAY
 
 FILES = SUMMARY, RESULTS, PAGE = "summary.csv", "results.jsonl", "index.html"
 LAST, NOT_SHOWN = ("message", "remedy"), ("fingerprint", "files")
@@ -80,6 +80,11 @@ class Cell(NamedTuple):
 
 
 HEADERS = "# picture pair result steepest safe unsafe undecided poor refused notes files"
+MAP_HEADERS = "# picture pair result safe unsafe undecided unknown sites radius slope notes files"
+WHAT, WHAT_OF_MAPS = (
+    "Slopes in degrees; counts are of windows or planes.",
+    "Percentages of image 1; sites to land on, and the largest of them: radius in px, slope in degrees.",
+)
 STYLE = """
 :root { color-scheme: light dark; --ink: #1b1d21; --dim: #5f6672; --paper: #fff; --band: #f3f4f6; --line: #d9dce1;
   --link: #0b57b8; --bad: #b3261e; --bad-paper: #fdeeec; --good: #1b6e33; }
@@ -145,14 +150,15 @@ def index_html(outcomes: Iterable[Outcome]) -> bytes:
     relative to the folder of the batch.
     """
     numbered = list(enumerate(outcomes, 1))
+    maps = any(one.is_map for _, one in numbered)
     failed = sum(one.exit_status != 0 for _, one in numbered)
     rows = sorted(numbered, key=lambda row: row[1].exit_status == 0)
     answered = f"{len(rows) - failed} answered, {failed} without an answer" if failed else "all answered"
     headline = f"{len(rows)} pair{'s' * (len(rows) != 1)}, {answered}"
-    return _encode_text(_page(headline, "\n".join(_row(*row) for row in rows)))
+    return _encode_text(_page(headline, "\n".join(_row(*row, maps) for row in rows), maps))
 
 
-def _page(headline: str, rows: str) -> str:
+def _page(headline: str, rows: str, maps: bool) -> str:
     return f"""<!DOCTYPE html>
 <html lang="en">
 <head>
@@ -163,11 +169,11 @@ def _page(headline: str, rows: str) -> str:
 </head>
 <body>
 <h1>{headline}</h1>
-<p>Slopes in degrees; counts are of windows or planes. The same as a table: <a href="{SUMMARY}">{SUMMARY}</a>,
+<p>{WHAT_OF_MAPS if maps else WHAT} The same as a table: <a href="{SUMMARY}">{SUMMARY}</a>,
 for programs: <a href="{RESULTS}">{RESULTS}</a>.</p>
 <label hidden>Show rows with <input type="search" placeholder="a name, a code, a word"></label>
 <table>
-<thead><tr>{"".join(map(_header, HEADERS.split()))}</tr></thead>
+<thead><tr>{"".join(map(_header, (MAP_HEADERS if maps else HEADERS).split()))}</tr></thead>
 <tbody>
 {rows}
 </tbody>
@@ -186,8 +192,8 @@ def _header(title: str) -> str:
     return f'<th scope="col" data-by="{by}"><button type="button">{title}</button></th>'
 
 
-def _row(number: int, outcome: Outcome) -> str:
-    shown = "".join(map(_cell, _cells(number, outcome)))
+def _row(number: int, outcome: Outcome, maps: bool) -> str:
+    shown = "".join(map(_cell, _cells(number, outcome, maps)))
     return f'<tr class="{"failed" if outcome.exit_status else "answered"}">{shown}</tr>'
 
 
@@ -197,10 +203,7 @@ def _cell(cell: Cell) -> str:
     return f"<td{attributes}>{cell.html}</td>"
 
 
-def _cells(number: int, outcome: Outcome) -> tuple[Cell, ...]:
-    poor = outcome.n_planes - outcome.n_ok
-    counts = (outcome.n_safe, outcome.n_unsafe, outcome.n_undecided, poor, outcome.n_rejected)
-    known = outcome.exit_status == 0
+def _cells(number: int, outcome: Outcome, maps: bool) -> tuple[Cell, ...]:
     images = "<br>".join(_text(path) for path in (outcome.image1, outcome.image2) if path)
     files = "".join(f'<a href="{_address(outcome, name)}">{escape(name)}</a>' for name in outcome.files)
     return (
@@ -208,11 +211,34 @@ def _cells(number: int, outcome: Outcome) -> tuple[Cell, ...]:
         _picture(outcome),
         Cell(f"{_text(outcome.name)}<small>{images}</small>", outcome.name, "pair"),
         _result(outcome),
-        _steepest(outcome),
-        *(Cell(str(count), str(count), "number") if known else Cell("", kind="number") for count in counts),
+        *(_ground_cells(outcome) if maps else _plane_cells(outcome)),
         _notes(outcome),
         Cell(files, kind="files"),
     )
+
+
+def _plane_cells(outcome: Outcome) -> list[Cell]:
+    poor, known = outcome.n_planes - outcome.n_ok, outcome.exit_status == 0
+    counts = (outcome.n_safe, outcome.n_unsafe, outcome.n_undecided, poor, outcome.n_rejected)
+    return [_steepest(outcome), *(_number(str(count) if known else "") for count in counts)]
+
+
+def _ground_cells(outcome: Outcome) -> list[Cell]:
+    """Shares of a map, and its largest site."""
+    shares = [_number("" if share is None else f"{100 * share:.1f}", " %") for share in outcome.shares]
+    radius, slope, sigma = outcome.site_radius_px, outcome.site_slope_deg, outcome.site_slope_sigma_deg
+    within = "" if sigma is None else f" ± {sigma:.2f}°"
+    return [
+        *shares,
+        _number(str(outcome.n_sites) if outcome.is_map else ""),
+        _number("" if radius is None else f"{radius:.0f}", " px"),
+        _number("" if slope is None else f"{slope:.2f}", within),
+    ]
+
+
+def _number(value: str, unit: str = "") -> Cell:
+    """A number, or an empty cell where it is not known."""
+    return Cell(f"{value}{unit}", value, "number") if value else Cell("", kind="number")
 
 
 def _text(text: str) -> str:
@@ -221,9 +247,10 @@ def _text(text: str) -> str:
 
 
 def _picture(outcome: Outcome) -> Cell:
-    if OVERLAY not in outcome.files:
+    shown = next((name for name in (OVERLAY, MAP_PICTURE) if name in outcome.files), None)
+    if shown is None:
         return Cell("")
-    address = _address(outcome, OVERLAY)
+    address = _address(outcome, shown)
     # a fixed size keeps the page still while pictures load; some browsers ignore `loading` after `src`
     attributes = 'loading="lazy" decoding="async" width="160" height="120"'
     picture = f'<img {attributes} src="{address}" alt="slopes of {escape(visible(outcome.name))}">'

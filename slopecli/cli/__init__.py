@@ -8,7 +8,7 @@ __getattr__, __dir__ = lazy_names(
     __name__,
     {
         "app": "run slopemap",
-        "batch": "batch_table",
+        "batch": "batch_table maps_table",
         "parameter_types": "PAIRINGS",
         "progress": "BatchProgress",
         "report_table": "result_table talk_lines",

@@ -16,6 +16,7 @@ from slopecli.cli.checks import (
     check_estimate,
     check_planes,
     given,
+    map_options_from,
     options_from,
     refuse,
 )
@@ -33,8 +34,10 @@ if TYPE_CHECKING:
 SOME_WITHOUT_ANSWER = 4
 SEGMENT = {"planes": "regions", "up": "dominant-plane"}  # what `slopemap segment` does differently
 PAIRS, WORKERS = "Pairs", "Workers"
+MAP_HEADER = ("pair", "result", "safe", "unsafe", "undecided", "unknown", "sites", "largest site", "slope", "note")
 HEADER = ("pair", "result", "steepest", "safe", "unsafe", "undecided", "poor", "refused", "note")
 
+COMMANDS = click.Choice(["estimate", "segment", "map"])
 PAIRING_HELP = (
     "Each image with the next (consecutive) or the N-th after it (stride); a pair a folder (folders); or a list of "
     "rows image1,image2[,camera1,camera2]"
@@ -42,9 +45,11 @@ PAIRING_HELP = (
 pair_options = (
     Option(PAIRS, "--pairing", "HOW|FILE.csv", PAIRING, PAIRING_HELP, "consecutive"),
     Option(PAIRS, "--stride", "N", click.IntRange(1), "For stride: how many images further"),
-    Option(PAIRS, "--command", None, click.Choice(["estimate", "segment"]), "What is done with each pair", "estimate"),
+    Option(PAIRS, "--command", "NAME", COMMANDS, "estimate, segment, or map with options of its own", "estimate"),
     Flag(PAIRS, "--dry-run", "List pairs and cameras; write nothing"),
 )
+# `slopemap map --help` lists them: two more lists in this help, which is long, would serve nobody
+map_options = tuple(map(shared.unlisted, (*shared.map_options, *shared.map_file_options)))
 worker_options = (
     Option(WORKERS, "--jobs", "N", click.IntRange(1), "Worker processes", shown="one per core"),
     Option(WORKERS, "--timeout timeout_s", "SECONDS", POSITIVE, "Give up a pair that takes longer", shown="none"),
@@ -65,6 +70,7 @@ worker_options = (
         *shared.window_options,
         *shared.finder_options,
         *shared.region_options,
+        *map_options,
         *shared.frame_options("camera", "camera; segment: dominant-plane"),
         *shared.solving_options,
         *shared.matching_options,
@@ -74,7 +80,7 @@ worker_options = (
 @click.argument("folder", type=PATH)
 @click.pass_context
 def batch(ctx: click.Context, folder: str, **parameters: Any) -> None:
-    """Every pair of images in FOLDER, each answered as by estimate or segment.
+    """Every pair of images in FOLDER, answered as by estimate, segment or map.
 
     Prints a table. DIR gets a folder for each pair, a table of all (summary.csv, results.jsonl) and a page to look at
     (index.html). Without a camera option, a camera file beside the images is used. After a stop, the same command
@@ -95,7 +101,7 @@ def batch(ctx: click.Context, folder: str, **parameters: Any) -> None:
         print_table(Table(("pair", "image 1", "image 2", "camera", "note"), list(map(_dry_cells, found.pairs))))
         return
     outcomes = _run(found, parameters, talk)
-    print_table(batch_table(outcomes))
+    print_table(maps_table(outcomes) if parameters["command"] == "map" else batch_table(outcomes))
     failed = sum(outcome.exit_status != 0 for outcome in outcomes)
     pairs = "1 pair" if len(outcomes) == 1 else f"{len(outcomes)} pairs"
     talk.say(f"{pairs}: {len(outcomes) - failed} answered, {failed} without an answer")
@@ -107,8 +113,9 @@ def batch(ctx: click.Context, folder: str, **parameters: Any) -> None:
 
 def _check_usage(ctx: click.Context) -> None:
     check_estimate(ctx)
-    at_most_one(ctx, ("jobs", "cluster"))
+    at_most_one(ctx, ("jobs", "cluster"), ("footprint_px", "footprint_m"))
     segment, stride = ctx.params["command"] == "segment", ctx.params["pairing"] == "stride"
+    _check_command(ctx, is_map=ctx.params["command"] == "map")
     check_planes(ctx, SEGMENT["planes"] if segment else ctx.params["planes"])
     nowhere = "Nowhere to put the answers: give -o DIR, or --dry-run to list the pairs."
     refuse(
@@ -120,6 +127,14 @@ def _check_usage(ctx: click.Context) -> None:
         (not stride and given(ctx, "stride"), "--stride is for --pairing stride; leave one out."),
         (not given(ctx, "output", "dry_run"), nowhere),
     )
+
+
+def _check_command(ctx: click.Context, *, is_map: bool) -> None:
+    """Refuse options of maps with another command, and those of other commands with map."""
+    of_planes = (*shared.window_options, *shared.finder_options, *shared.region_options, *shared.file_options)
+    wrong = given(ctx, *(str(option.name) for option in (of_planes if is_map else map_options)))
+    where = "estimate or segment" if is_map else "map"
+    refuse(ctx, (wrong, f"{wrong[0] if wrong else ''} is for --command {where}; leave one out."))
 
 
 def _find_pairs(folder: str, parameters: dict[str, Any]) -> FoundPairs:
@@ -139,13 +154,16 @@ def _find_pairs(folder: str, parameters: dict[str, Any]) -> FoundPairs:
 
 def _run(found: FoundPairs, parameters: dict[str, Any], talk: Talk) -> list[Outcome]:
     from slopecli.batch import run
-    from slopecli.products import kept_choices
+    from slopecli.products import MAP_PRODUCTS, PRODUCTS, kept_choices
 
-    keep = kept_choices(parameters)
+    is_map = parameters["command"] == "map"
+    keep = kept_choices(parameters, MAP_PRODUCTS if is_map else PRODUCTS)
+    wanted = map_options_from(parameters) if is_map else None
+    options, output = options_from(parameters), parameters["output"]
     how = {name: parameters[name] for name in ("jobs", "timeout_s", "memory_gb", "cluster", "ship")}
     with BatchProgress(talk) as progress:
         try:
-            return run(found.pairs, options_from(parameters), keep, parameters["output"], **how, on_progress=progress)
+            return run(found.pairs, options, keep, output, wanted=wanted, **how, on_progress=progress)
         except KeyboardInterrupt:
             progress.interrupted()
             raise
@@ -156,17 +174,41 @@ def batch_table(outcomes: Sequence[Outcome]) -> Table:
     return Table(HEADER, [_cells(outcome) for outcome in outcomes])
 
 
+def maps_table(outcomes: Sequence[Outcome]) -> Table:
+    """A row for each pair of a batch of maps; shares are of image 1, the largest site has its radius in px."""
+    return Table(MAP_HEADER, [_map_cells(outcome) for outcome in outcomes])
+
+
+def _map_cells(outcome: Outcome) -> tuple[str, ...]:
+    if outcome.exit_status:
+        return _without_answer(outcome, MAP_HEADER)
+    shares = ("-" if share is None else f"{100 * share:.1f} %" for share in outcome.shares)
+    largest, slope = "-", "-"
+    if outcome.site_radius_px is not None and outcome.site_slope_deg is not None:
+        largest = f"{outcome.site_radius_px:.0f} px"
+        sigma = outcome.site_slope_sigma_deg
+        slope = f"{outcome.site_slope_deg:.2f} ± {'-' if sigma is None else f'{sigma:.2f}'}°"
+    return outcome.name, "answered", *shares, str(outcome.n_sites), largest, slope, _note(outcome)
+
+
+def _without_answer(outcome: Outcome, header: Sequence[str]) -> tuple[str, ...]:
+    result = "no answer" if outcome.exit_status == 3 else "failed"
+    return outcome.name, result, *"-" * (len(header) - 3), outcome.code or ""
+
+
+def _note(outcome: Outcome) -> str:
+    ambiguous = ["two answers"] if outcome.ambiguity == "unresolved" else []
+    return ", ".join([*ambiguous, *dict.fromkeys(outcome.diagnostics)])
+
+
 def _cells(outcome: Outcome) -> tuple[str, ...]:
     if outcome.exit_status:
-        result = "no answer" if outcome.exit_status == 3 else "failed"
-        return outcome.name, result, *"-" * (len(HEADER) - 3), outcome.code or ""
+        return _without_answer(outcome, HEADER)
     verdicts = outcome.n_safe, outcome.n_unsafe, outcome.n_undecided
     counts = map(str, (*verdicts, outcome.n_planes - outcome.n_ok, outcome.n_rejected))
     # the steepest slope for each of the motions that remain
     steepest = [f"{slope:.2f} ± {'-' if sigma is None else f'{sigma:.2f}'}°" for slope, sigma in outcome.steepest]
-    ambiguous = ["two answers"] if outcome.ambiguity == "unresolved" else []
-    note = ", ".join([*ambiguous, *dict.fromkeys(outcome.diagnostics)])
-    return outcome.name, "answered", " or ".join(steepest) or "-", *counts, note
+    return outcome.name, "answered", " or ".join(steepest) or "-", *counts, _note(outcome)
 
 
 def _dry_cells(pair: Pair) -> tuple[str, ...]:

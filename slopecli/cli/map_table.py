@@ -68,9 +68,7 @@ def _cells(site: Site, unit: str) -> tuple[str, ...]:
 
 def ground_line(answer: SlopeMap) -> str:
     """Shares of the map by verdict, and the size of a footprint."""
-    verdicts = answer.verdicts
-    shares = {name: 100.0 * float((verdicts == name).mean()) for name in ("safe", "unsafe", "undecided", "unknown")}
-    told = ", ".join(f"{share:.1f} % {name}" for name, share in shares.items())
+    told = ", ".join(f"{100.0 * share:.1f} % {name}" for name, share in answer.area_share.items())
     size = f" = {answer.footprint:.3g} m" if answer.report.scale.unit == "m" else ""
     unit = "" if answer.report.scale.unit == "m" else "; lengths are in baselines (b)"
     return f"ground: {told}; slopes of discs of {answer.footprint_px:.4g} px{size}{unit}"

@@ -7,6 +7,7 @@ Names of parameters are those of `Options`, and so are the defaults. A command t
 from __future__ import annotations
 
 from collections.abc import Sequence
+from copy import copy
 from functools import partial
 from typing import Any
 
@@ -68,6 +69,13 @@ class Option(click.Option):
         return record and (record[0], self.line)
 
 
+def unlisted(option: Option) -> Option:
+    """The same option, not shown by `--help`."""
+    hidden = copy(option)
+    hidden.hidden = True
+    return hidden
+
+
 class Flag(Option):
     """An option without a value."""
 
@@ -121,7 +129,8 @@ def _product_flag(choice: str, rows: Sequence[Product] = PRODUCTS) -> Flag:
 file_options = tuple(map(_product_flag, sorted(CHOICES, key=lambda choice: choice not in BY_DEFAULT)))
 _folder = Option(OUTPUT, "-o --output", "DIR", PATH, "Folder for the results; optional with --json")
 output_options = (_folder, json_flag, *file_options)
-map_output_options = (_folder, json_flag, *(_product_flag(choice, MAP_PRODUCTS) for choice in ("pictures", "ply")))
+map_file_options = tuple(_product_flag(choice, MAP_PRODUCTS) for choice in ("pictures", "ply"))
+map_output_options = (_folder, json_flag, *map_file_options)
 
 _map = partial(Option, of=MapOptions)
 map_options = (

@@ -9,6 +9,8 @@ from numpy.typing import NDArray
 
 from slopecli.types import BoolArray, FloatArray, Report, Verdict
 
+AREAS = "safe", "unsafe", "undecided", "unknown"  # verdicts of cells
+
 
 @dataclass(frozen=True, eq=False)
 class Site:
@@ -99,6 +101,12 @@ class SlopeMap:
     def known(self) -> BoolArray:
         """Cells with a slope."""
         return np.asarray(np.isfinite(self.slope_deg))
+
+    @property
+    def area_share(self) -> dict[str, float]:
+        """Share of all cells by verdict; together they are 1."""
+        verdicts = self.verdicts
+        return {name: float((verdicts == name).sum() / max(verdicts.size, 1)) for name in AREAS}
 
     @property
     def verdicts(self) -> NDArray[np.str_]:

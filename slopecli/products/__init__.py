@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from slopecli.ground.slope_map import SlopeMap
     from slopecli.types import Image, Report
 
-RESULT, OVERLAY = "slopes.json", "overlay.png"
+RESULT, OVERLAY, MAP_PICTURE = "slopes.json", "overlay.png", "map.png"
 
 
 @dataclass(frozen=True)
@@ -84,7 +84,9 @@ PRODUCTS = (
     Product(RESULT, "the answer, complete", "slopes_json:encode"),
 )
 MAP_PRODUCTS = (
-    Product("map.png", "image 1 with the slope of every place, and landing sites", "map_picture:draw_map", "pictures"),
+    Product(
+        MAP_PICTURE, "image 1 with the slope of every place, and landing sites", "map_picture:draw_map", "pictures"
+    ),
     Product("map_sigma.png", "image 1 with the 1-sigma of these slopes", "map_picture:draw_sigma", "pictures"),
     Product("cloud.ply", "the ground as a cloud of points, by slope", "cloud_ply:encode", "ply", by_default=False),
     Product("slope_map.tif", "the map as bands of numbers", "map_tiff:encode"),

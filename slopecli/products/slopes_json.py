@@ -16,7 +16,6 @@ from slopecli.products.map_tiff import BANDS, MAP_FILE
 from slopecli.types import Image, Report
 
 SCHEMA_VERSION = "2.1"
-AREAS = "safe", "unsafe", "undecided", "unknown"  # verdicts of cells
 SIGNIFICANT_DIGITS = 9  # 1e-9 of a rotation is 6e-8 deg; more digits would only record the processor's rounding
 # written as labels.png, drawn on overlay.png and the steps; properties that follow from other keys
 _NOT_IN_JSON = {"labels", "epipole1_px", "segmentation", "slope_known", "noun", "found", "size_given", "note"}
@@ -35,15 +34,14 @@ def encode_map(slope_map: SlopeMap, image: Image) -> bytes:
 
 def map_to_json(slope_map: SlopeMap) -> str:
     """Serialise a map as `report_to_json` does its report, without its cells, which are in slope_map.tif."""
-    verdicts, count = slope_map.verdicts, max(slope_map.verdicts.size, 1)
     info = MapInfo(
         file=MAP_FILE,
         spacing_px=slope_map.spacing_px,
         footprint_px=slope_map.footprint_px,
         footprint=slope_map.footprint,
         bands=BANDS,
-        valid_share=float(slope_map.known.sum() / count),
-        area_share={name: float((verdicts == name).sum() / count) for name in AREAS},
+        valid_share=float(slope_map.known.sum() / max(slope_map.known.size, 1)),
+        area_share=slope_map.area_share,
     )
     return to_json({**_document(slope_map.report), "map": info, "sites": slope_map.sites})
 
