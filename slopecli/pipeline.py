@@ -54,7 +54,7 @@ def estimate(
     InputError : a window is not inside image 1.
     NoAnswer : the pair has no solution (no overlap, texture or parallax, pure rotation), with reason and remedy.
     """
-    return _estimated((image1, image2), (camera1, camera2), options, memory, _Clock(on_stage))[0]
+    return _estimated((image1, image2), (camera1, camera2), options, memory, _Clock(on_stage), dense=True)[0]
 
 
 def slope_map(
@@ -70,7 +70,8 @@ def slope_map(
 ) -> SlopeMap:
     """Slope, its uncertainty and the probability of being safe all over image 1, and landing sites.
 
-    The windows of the options determine the motion, as in `estimate`; `SlopeMap.report` has their planes.
+    The windows of the options determine the motion, as in `estimate`; `SlopeMap.report` has the planes through
+    their matches.
 
     Parameters
     ----------
@@ -86,9 +87,9 @@ def slope_map(
     from slopecli.look.dense_depth import MOST_PIXELS, measure_depth
 
     clock = _Clock(on_stage)
-    report, answer, scene = _estimated((image1, image2), (camera1, camera2), options, memory, clock)
-    solution, (first, second) = answer.solution, answer.cameras
-    scene = replace(scene, camera1=first, camera2=second, R=solution.R, T=solution.T)
+    report, answer, scene = _estimated((image1, image2), (camera1, camera2), options, memory, clock, dense=False)
+    solution = answer.solution
+    scene = replace(scene, R=solution.R, T=solution.T)
     other = solution.ambiguity.alternative if solution.ambiguity.status == "unresolved" else None
     roots = [Root.of(root, answer.focal_sigma) for root in (solution, other) if root is not None]
     task = MapTask(
@@ -114,12 +115,22 @@ def _estimated(
     options: Options,
     memory: FeatureMemory | None,
     clock: _Clock,
+    *,
+    dense: bool,
 ) -> tuple[Report, Answer, Scene]:
-    """The report of a pair, with the answer and the scene that it comes from."""
+    """The report of a pair, with the answer and the scene that it comes from.
+
+    dense : whether windows over rough ground are to have the planes through all their pixels.
+    """
     refuse_identical(*images)
     answer, changes, scene = _answer(images, cameras, cameras, options, memory, clock)
     if options.free_focal and abs(answer.cameras[0].focal_px / cameras[0].focal_px - 1.0) > AGAIN:
         answer, changes, scene = _answer(images, answer.cameras, cameras, options, memory, clock)
+    scene = replace(scene, camera1=answer.cameras[0], camera2=answer.cameras[1])
+    if dense:
+        joined, solution = with_dense_planes(answer.joined, answer.solution, scene, answer.focal_sigma)
+        answer = replace(answer, joined=joined, solution=solution)
+        clock.tick("dense windows")
 
     # slopes, verdicts and findings
     report = build_report(
@@ -159,12 +170,7 @@ def _answer(
     # joint solution: one motion for all patches, and one scaled normal for each; and what it says of the cameras
     answer = solve_scene(join_patches(found, scene), scene, motions, diagnostics, options, given)
     clock.tick("solve")
-
-    # windows over rough ground: planes through all their pixels
-    scene = replace(scene, camera1=answer.cameras[0], camera2=answer.cameras[1])
-    joined, solution = with_dense_planes(answer.joined, answer.solution, scene, answer.focal_sigma)
-    clock.tick("dense windows")
-    return replace(answer, joined=joined, solution=solution), changes, scene
+    return answer, changes, scene
 
 
 def solve(given: Given, cameras: tuple[Camera, Camera] | None, options: Options, noise: float | None = None) -> Report:

@@ -17,6 +17,7 @@ from slopecli.types import FloatArray
 from slopecli.windows import Window
 
 PLACES = 4.0  # discs along a window's side, whose noise is measured
+LARGEST_PX = 64.0  # radius of these discs; what larger windows have follows from it
 HOLE_PX = 8  # grid px, side of the holes in the ground matched that are wrong independently of each other
 IN_DOUBT = 0.5  # 1-sigma of ground in doubt, in the jumps there
 OFF_PLANE = 2.0  # 1-sigma of ground that is not matched, in the RMS relief of the rest
@@ -66,12 +67,14 @@ class _Discs:
 
     @classmethod
     def of(cls, depth: DenseDepth, points: NDArray[np.float32], width: int, height: int) -> _Discs:
-        radius_px = float(np.sqrt(width * height / np.pi)) * depth.grid.mean_scale
+        full_px = float(np.sqrt(width * height / np.pi)) * depth.grid.mean_scale
+        radius_px = min(full_px, LARGEST_PX)
         step = max(1.0, 2 * radius_px / PLACES)
         rows, columns = depth.w.shape
         u, v = (np.arange(0.5 * step, count, step).astype(np.int64) for count in (columns, rows))
         planes = fit_footprints(points, depth.known, depth.sure, Cells(u, v, radius_px))
-        return cls(planes, matching_variance(depth, planes))
+        # independent errors move a ramp by the inverse square of its length
+        return cls(planes, matching_variance(depth, planes) * (radius_px / full_px) ** 4)
 
     def nearest(self, u: float, v: float) -> FloatArray:
         """(2, 2) that variance of the disc nearest to a grid pixel; NaN where none is matched."""

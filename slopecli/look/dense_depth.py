@@ -18,14 +18,12 @@ from numpy.typing import NDArray
 
 from slopecli.look.dense import flow, match_exposure, spread
 from slopecli.look.depth_transfer import DepthTransfer
-from slopecli.look.features import shrink
 from slopecli.look.noise import LEAST_MATCH_PX, NOISE_GREY
 from slopecli.look.scene import Scene, whole_grid
 from slopecli.look.warp import (
     NODE_STEP,
     FloatImage,
     Grid,
-    Layer,
     covered,
     cut,
     image_gradient,
@@ -90,7 +88,7 @@ def measure_depth(scene: Scene, windows: Sequence[Window] = (), max_pixels: floa
     """Measure the inverse depth of every pixel of image 1 under the motion of the scene.
 
     windows : px of image 1; with some, only the rectangle around them is measured.
-    max_pixels : of image 1, which is shrunk to it.
+    max_pixels : of the working grid; what is measured is shrunk to it.
     """
     grid = _grid_around(scene, windows, max_pixels) if windows else whole_grid(scene, max_pixels)
     transfer = DepthTransfer(scene, grid)
@@ -113,12 +111,13 @@ def measure_depth(scene: Scene, windows: Sequence[Window] = (), max_pixels: floa
 
 def _grid_around(scene: Scene, windows: Sequence[Window], max_pixels: float) -> Grid:
     """Working grid over the rectangle around windows, with a margin as flow is biased at a border."""
-    scale = min(1.0, max_pixels / float(np.prod(scene.shape1))) ** 0.5
     x, y, w, h = np.array(windows, float).T
-    left, top = x.min() - MARGIN_PX / scale, y.min() - MARGIN_PX / scale
-    right, bottom = (x + w).max() + MARGIN_PX / scale, (y + h).max() + MARGIN_PX / scale
-    layer = Layer(*shrink(scene.pyramid1.at(1.0).grey, max_pixels))
-    return cut(layer, left, top, right - left, bottom - top)
+    low, high = np.array([x.min(), y.min()]), np.array([(x + w).max(), (y + h).max()])
+    shrink_by = max(1.0, float(np.prod(high - low) / max_pixels) ** 0.5)
+    low, high = low - MARGIN_PX * shrink_by, high + MARGIN_PX * shrink_by
+    side = None if shrink_by == 1.0 else round(float((high - low).max()) / shrink_by)
+    (x0, y0), (width, height) = low, high - low
+    return cut(scene.pyramid1.at(shrink_by), x0, y0, width, height, side)
 
 
 def _start(scene: Scene, grid: Grid) -> FloatArray:

@@ -17,11 +17,10 @@ from slopecli.look.scene import Scene
 from slopecli.patches.join import Joined
 from slopecli.types import BoolArray, FloatArray, IntArray, Solution
 
+MOST_PIXELS = 1.0e6  # that are measured: the planes of large windows need no more
 ROUGH_PX = 0.5  # RMS relief of the matches, px on the ground, from which on a window is not flat
-LEAST_SURE = 0.8  # share of a window's pixels that must be matched without doubt
-SAME_GROUND = (
-    1.3  # times the relief of the matches: pixels that have more show other things, which the matches left out
-)
+LEAST_SURE = 0.6  # share of a window's pixels that must be matched without doubt; the rest is in the covariance
+SAME_GROUND = 1.6  # times the relief of the matches: with more, the pixels show what the matches left out
 AGREES = 9.21  # chi-square that the difference of two right tilts exceeds once in 100 times
 
 
@@ -38,7 +37,7 @@ def with_dense_planes(joined: Joined, solution: Solution, scene: Scene, focal_si
     index = np.flatnonzero(rough)
     windows = [joined.patches[k].footprint.bounds for k in index]
     root = Root.of(solution, focal_sigma)
-    dense = fit_windows(measure_depth(replace(scene, R=solution.R, T=solution.T), windows), windows, root)
+    dense = fit_windows(measure_depth(replace(scene, R=solution.R, T=solution.T), windows, MOST_PIXELS), windows, root)
     better = _better(dense, solution, joined, index)
     if not better.any():
         return joined, solution
