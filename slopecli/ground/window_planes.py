@@ -13,7 +13,7 @@ from slopecli.ground.footprints import Cells
 from slopecli.ground.tilt_uncertainty import Root, matching_variance, normal_covariance, span_of
 from slopecli.look.dense_depth import DenseDepth
 from slopecli.look.warp import FloatImage, block_sum
-from slopecli.types import FloatArray
+from slopecli.types import BoolArray, FloatArray
 from slopecli.windows import Window
 
 PLACES = 4.0  # discs along a window's side, whose noise is measured
@@ -27,13 +27,16 @@ OFF_PLANE = 2.0  # 1-sigma of ground that is not matched, in the RMS relief of t
 class WindowPlanes:
     """The plane of every window nearest, by perpendicular distance, to all its ground: `planes`, in one row.
 
-    covariance (n, 3, 3): of the scaled normals.  sure (n,): share of a window's pixels that are matched without doubt;
-    0 where there is no plane.
+    covariance (n, 3, 3): of the scaled normals, infinite where there is no plane.
     """
 
     planes: FootprintPlanes
     covariance: FloatArray
-    sure: FloatArray
+
+    @property
+    def told(self) -> BoolArray:
+        """(n,) windows that are matched nearly all over, as footprints must be."""
+        return np.asarray(self.planes.answered[0] & np.isfinite(self.covariance).all((1, 2)))
 
     @property
     def normal(self) -> FloatArray:
@@ -51,11 +54,9 @@ def fit_windows(depth: DenseDepth, windows: Sequence[Window], root: Root) -> Win
     points, span = ground_points(depth), span_of(depth)
     sizes = {(w, h): _Discs.of(depth, points, w, h) for w, h in {window[2:] for window in windows}}
     fitted = [_fit(depth, points, span, _part(depth, window), sizes[window[2:]]) for window in windows]
-    normal, middle, relief, sure, gradient = (np.stack(values)[None] for values in zip(*fitted, strict=True))
-    planes = FootprintPlanes(Cells(np.arange(len(windows)), np.arange(1), 0.0), normal, middle, relief, sure, sure)
-    covariance = normal_covariance(planes, root, gradient)[0]
-    known = np.isfinite(covariance).all((1, 2))
-    return WindowPlanes(planes, covariance, np.where(known, sure[0], 0.0))
+    normal, middle, relief, share, sure, gradient = (np.stack(values)[None] for values in zip(*fitted, strict=True))
+    planes = FootprintPlanes(Cells(np.arange(len(windows)), np.arange(1), 0.0), normal, middle, relief, share, sure)
+    return WindowPlanes(planes, normal_covariance(planes, root, gradient)[0])
 
 
 @dataclass(frozen=True, eq=False)
@@ -95,11 +96,11 @@ def _part(depth: DenseDepth, window: Window) -> tuple[slice, slice]:
 
 def _fit(
     depth: DenseDepth, points: NDArray[np.float32], span: FloatImage, part: tuple[slice, slice], discs: _Discs
-) -> tuple[FloatArray, FloatArray, float, float, FloatArray]:
-    """Normal, middle, relief, share without doubt, and variance of the gradient of ln w, of one window."""
+) -> tuple[FloatArray, FloatArray, float, float, float, FloatArray]:
+    """Normal, middle, relief, shares matched and without doubt, and variance of the gradient of ln w, of one window."""
     known, sure = depth.known[part], depth.sure[part]
     if known.sum() < 3:
-        return np.array([0.0, 0.0, -1.0]), np.ones(3), 0.0, 0.0, np.full((2, 2), np.nan)
+        return np.array([0.0, 0.0, -1.0]), np.ones(3), 0.0, 0.0, 0.0, np.full((2, 2), np.nan)
     ground = points[part][known].astype(np.float64)
     middle = ground.mean(axis=0)
     offsets = ground - middle
@@ -107,13 +108,8 @@ def _fit(
     normal = vectors[:, 0] * -np.sign(vectors[:, 0] @ middle)
     relief = float(np.sqrt(max(values[0], 0.0)))
     near = discs.nearest(0.5 * (part[1].start + part[1].stop), 0.5 * (part[0].start + part[0].stop))
-    return (
-        normal,
-        middle,
-        relief,
-        float(sure.mean()),
-        near + _gaps(depth.rays[part], span[part], known, sure, relief / middle[2]),
-    )
+    gaps = _gaps(depth.rays[part], span[part], known, sure, relief / middle[2])
+    return normal, middle, relief, float(known.mean()), float(sure.mean()), near + gaps
 
 
 def _gaps(

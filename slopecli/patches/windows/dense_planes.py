@@ -57,7 +57,7 @@ def _better(dense: WindowPlanes, solution: Solution, joined: Joined, index: IntA
     sparse = sparse + np.array([joined.patches[k].tilt_sigma_rad ** 2 for k in index])
     units = [one / np.linalg.norm(one, axis=1, keepdims=True) for one in (normals, dense.normal)]
     apart = 2.0 * np.arcsin(np.minimum(np.linalg.norm(units[0] - units[1], axis=1) / 2.0, 1.0))
-    same = (dense.sure >= LEAST_SURE) & (dense.relief < SAME_GROUND * solution.relief[index])
+    same = dense.told & (dense.planes.sure[0] >= LEAST_SURE) & (dense.relief < SAME_GROUND * solution.relief[index])
     return np.asarray(same & (own < sparse) & (apart**2 < AGREES * (own + sparse)))
 
 
