@@ -12,7 +12,7 @@ from campaign import seeds
 
 from slopecli import load_camera, load_image
 from slopecli.geometry import solve_planes
-from slopecli.geometry.solver import Settled, Sightings, changed, free_focal, free_parameter, score_camera
+from slopecli.geometry.solver import Settled, Sightings, changed, free_focal, free_parameter, score_camera, with_planes
 from slopecli.options import Options
 from slopecli.patches import Given
 from slopecli.pipeline import estimate, solve
@@ -56,6 +56,30 @@ def test_other_parameters_are_recovered_exactly_without_noise(parameter: str, by
     freed = free_parameter(sightings, Settled.of(solution), parameter)
     assert freed is not None
     assert freed.value == pytest.approx(-by, abs=1e-5)
+
+
+def test_matches_have_more_noise_under_a_false_focal_length() -> None:
+    noises = []
+    for factor in (1.0, 0.9):
+        sightings, solution = seen_through(scene_of(8), changed(PINHOLE, "f", np.log(factor)))
+        freed = free_focal(sightings, Settled.of(solution))
+        assert freed is not None
+        noises.append(freed.less_noise)
+    assert noises[0] == pytest.approx(1.0, abs=0.02)
+    assert noises[1] > 1.2
+
+
+def test_a_plane_with_two_points_left_does_not_stop_the_test() -> None:
+    sightings, solution = seen_through(scene_of(9), PINHOLE)
+    whole = score_camera(sightings, Settled.of(solution))
+    kept = (sightings.patch != 4) | (np.cumsum(sightings.patch == 4) <= 2)
+    left, settled = with_planes(sightings.take(kept), Settled.of(solution))
+    assert len(settled.scaled_normals) == len(solution.scaled_normals) - 1
+    assert (left.patch == -1).sum() == 2
+    assert left.patch.max() == len(settled.scaled_normals) - 1
+    score = score_camera(left, settled)
+    assert abs(score.step[0]) < 4.0 * score.sigma[0]
+    assert score.sigma[0] < 2.0 * whole.sigma[0]
 
 
 def test_the_normals_follow_the_focal_length_as_the_score_says() -> None:

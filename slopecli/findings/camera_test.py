@@ -12,6 +12,7 @@ import numpy as np
 from slopecli.errors import DegenerateConfiguration, SlopemapError
 from slopecli.findings.pair_checks import check_lens
 from slopecli.findings.wording import finding
+from slopecli.geometry.epipolar import epipolar_distance, essential_matrix
 from slopecli.geometry.motion import LensMisfit
 from slopecli.geometry.solver.free_camera import Freed, free_focal, free_parameter
 from slopecli.geometry.solver.intrinsics import (
@@ -21,6 +22,7 @@ from slopecli.geometry.solver.intrinsics import (
     Sightings,
     changed,
     score_camera,
+    with_planes,
 )
 from slopecli.look.scene import Scene
 from slopecli.measure import measure
@@ -33,9 +35,12 @@ from slopecli.types import Camera, Diagnostic, Solution
 Cameras = tuple[Camera, Camera]
 Again = Callable[[Joined, Cameras, Settled], Solution]  # solves matches again, seen by other cameras, from a start
 
-ASKED, ASKED_SHARE = 1.5, 0.02  # sigmas and size of the step from which on the focal length is freed
 CONTRADICTED = 5.0  # sigmas of a freed focal length
 LEAST_WRONG = 0.035  # share by which it must be off: photographs of right cameras ask for up to 3 %
+UNLIKELY = 2.58  # sigmas that 1 in 100 exceeds: enough where the matches are clearly nearer with another focal length
+SYSTEMATIC = 0.015  # 1-sigma of the focal length that photographs of right cameras ask for, beyond their own sigmas
+FAINT = 0.5  # of the noise: change of residuals by a parameter below which a large sigma is no fault of the camera's
+FAR, FARTHEST_SHARE = 4.0, 0.1  # times as far from epipolar lines as the matches: the farthest tenth of the overview
 CENTRE_SHARE = 0.03  # of the focal length: step of the principal point from which on it is freed
 CENTRE_BETTER = 1.15  # ratio of noises from which on another principal point is believed; right cameras reach 1.09
 UNTOLD = "the images contradict the camera, and it cannot be told in which of its numbers"
@@ -79,34 +84,65 @@ class CameraTest:
 def examine_cameras(
     joined: Joined, solution: Solution, cameras: Cameras, scene: Scene | None = None, *, free: bool = False
 ) -> CameraTest:
-    """Test the cameras by the residuals of the joint solution; about 5 ms, and half a second where these ask for more.
+    """Test the cameras by the residuals of the joint solution; 5 to 10 ms, and 0.1 to 0.3 s where these ask for more.
 
     scene : of the matches, None for a user's own correspondences.  free : free the focal length in any case.
     """
     spare = 2 * int(solution.inlier.sum()) - 5 - 3 * len(solution.scaled_normals)
     if cameras[1] is RAYS or spare < FEW_FREE:
         return CameraTest()
-    sightings, start = sightings_of(joined, solution, cameras), Settled.of(solution)
+    sightings, start = with_planes(sightings_of(joined, solution, cameras), Settled.of(solution))
     try:
         score = score_camera(sightings, start)
     except DegenerateConfiguration:  # what the solution kept is too little for a plane
         return CameraTest()
     alone = cache(partial(free_parameter, sightings, start))
     test = CameraTest(score=score, sightings=sightings, centre=_centre_is_wrong(alone, score), alone=alone)
-    step, sigma = float(score.step[0]), float(score.sigma[0])  # too large a sigma under a wrong camera
-    if not free and (abs(step) < max(ASKED * sigma, ASKED_SHARE) or sigma > 1.0):
-        return replace(test, step=step, sigma=_sigma(score))
-    freed = free_focal(every_sighting(joined, cameras, solution.noise_gain, scene), start)
+    every = every_sighting(joined, cameras, solution.noise_gain, scene)
+    if not free and not _may_be_wrong(score) and not _overview_contradicts(joined, every, start):
+        return replace(test, step=float(score.step[0]), sigma=_sigma(score))
+    freed = free_focal(every, start)
     if freed is None:
         return test
-    step, sigma = freed.value, _sigma(freed.score)
-    wrong = abs(np.expm1(step)) > LEAST_WRONG and sigma < TELLING and abs(step) > CONTRADICTED * sigma
-    return replace(test, step=step, sigma=sigma, suspect=wrong, start=freed.settled)
+    wrong = _is_wrong(freed)
+    sigma = float(freed.score.sigma[0]) if wrong else _sigma(freed.score)
+    return replace(test, step=freed.value, sigma=sigma, suspect=wrong, start=freed.settled)
+
+
+def _may_be_wrong(score: CameraScore) -> bool:
+    """Whether a focal length that is wrong enough to be told is within 1 sigma of the step of the score.
+
+    Both are only roughly right under a wrong camera.
+    """
+    step, sigma = float(score.step[0]), float(score.sigma[0])
+    told = sigma < TELLING or (sigma < 1.0 and score.px[0] > FAINT * score.noise_px)
+    return bool(told and abs(step) + sigma > LEAST_WRONG)
+
+
+def _overview_contradicts(joined: Joined, every: Sightings, start: Settled) -> bool:
+    """Whether cells of the overview miss the epipolar lines by far more than the matches do, chosen to fit these."""
+    count = len(joined.plane)
+    if len(every.patch) < count + FEW_FREE:
+        return False
+    miss = np.abs(epipolar_distance(essential_matrix(start.R, start.T), *every.rays()))
+    of_matches, of_cells = (np.quantile(some, 1.0 - FARTHEST_SHARE) for some in (miss[:count], miss[count:]))
+    return bool(of_cells > FAR * of_matches)
+
+
+def _is_wrong(freed: Freed) -> bool:
+    """Whether the best focal length contradicts the one given: by 5 sigmas, or by fewer and clearly less noise."""
+    step, sigma = abs(freed.value), float(freed.score.sigma[0])
+    if abs(np.expm1(freed.value)) < LEAST_WRONG or sigma > TELLING:
+        return False
+    if freed.less_noise > CLEARLY and step > UNLIKELY * np.hypot(sigma, SYSTEMATIC):
+        return True
+    return step > CONTRADICTED * _sigma(freed.score)
 
 
 def _centre_is_wrong(alone: Callable[[str], Freed | None], score: CameraScore) -> bool:
     """Whether another principal point explains the matches, and clearly better than another focal length does."""
-    asked = [k for k in (1, 2) if abs(score.step[k]) > max(CONTRADICTED * score.sigma[k], CENTRE_SHARE)]
+    told = score.px > FAINT * score.noise_px
+    asked = [k for k in (1, 2) if told[k] and abs(score.step[k]) > max(CONTRADICTED * score.sigma[k], CENTRE_SHARE)]
     noises = []
     for k in asked:
         freed = alone(PARAMETERS[k])

@@ -7,7 +7,7 @@ __getattr__, __dir__ = lazy_names(
     {
         "coplanar": "AT merge_coplanar",
         "free_camera": "Freed free_focal free_parameter",
-        "intrinsics": "PARAMETERS Settled Sightings changed score_camera thinned",
+        "intrinsics": "PARAMETERS Settled Sightings changed score_camera thinned with_planes",
         "mismatches": "chi2_quantile",
         "observations": "linearise observe predict",
         "one_thread": "SharedLimit one_blas_thread",

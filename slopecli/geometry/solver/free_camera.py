@@ -21,8 +21,16 @@ from slopecli.geometry.solver.intrinsics import (
     changed,
     score_camera,
     thinned,
+    with_planes,
 )
-from slopecli.geometry.solver.observations import Observations, QuadraticForm, linearise, observe, predict
+from slopecli.geometry.solver.observations import (
+    FINEST_RESIDUAL,
+    Observations,
+    QuadraticForm,
+    linearise,
+    observe,
+    predict,
+)
 from slopecli.geometry.solver.one_thread import one_blas_thread
 from slopecli.geometry.solver.refinement import State, levenberg_marquardt
 from slopecli.geometry.solver.relief import estimate_relief
@@ -30,6 +38,8 @@ from slopecli.geometry.solver.solve import solve_planes
 from slopecli.types import FloatArray
 
 FOCAL_STEPS = (0.1, 0.2, 0.35, 0.5, 0.7)  # of the logarithm of the focal length, to either side
+ENOUGH_FOR_STEPS = 1000  # points by which steps are compared; what they find is refined with all
+MOST_RISES = 2  # of the cost in a row, after which steps to one side end
 LONGEST_STEP = {"f": 0.3, "cx": 0.1, "cy": 0.1, "k1": 0.2}  # of Gauss-Newton, in the units of `intrinsics.changed`
 
 
@@ -37,12 +47,14 @@ class Freed(NamedTuple):
     """The best value of one parameter of both cameras, as of `intrinsics.changed`, and the solution under it.
 
     cost : twice the negative logarithm of the likelihood, less a constant.  score : of the changed cameras.
+    less_noise : noise of the solution under the value given over that under this one, each of the points that fit it.
     """
 
     value: float
     settled: Settled
     cost: float
     score: CameraScore
+    less_noise: float = 1.0
 
 
 class _Tried(NamedTuple):
@@ -61,7 +73,7 @@ def free_parameter(sightings: Sightings, start: Settled, parameter: str, steps: 
     if best is None:
         return None
     if parameter == "f" and steps:
-        best = min([best, *_either_side(sightings, best)], key=lambda one: one.cost)
+        best = _stepped(sightings, best)
     return _gauss_newton(sightings, parameter, best)
 
 
@@ -73,7 +85,7 @@ def free_focal(every: Sightings, start: Settled) -> Freed | None:
 
     every : all points, mismatches included.  start : the solution under the cameras given.
     """
-    total, freed, left = 0.0, None, every
+    total, freed, left, noises = 0.0, None, every, list[float]()
     for round_number in range(4):
         try:
             solution = solve_planes(
@@ -81,8 +93,9 @@ def free_focal(every: Sightings, start: Settled) -> Freed | None:
             )
         except (SlopemapError, np.linalg.LinAlgError):
             return None
-        kept = thinned(left.take(solution.inlier), gain=every.gain)
-        freed = free_parameter(kept, Settled.of(solution), "f", steps=not round_number)
+        kept, settled = with_planes(thinned(left.take(solution.inlier), gain=every.gain), Settled.of(solution))
+        noises.append(solution.noise * left.cameras[1].focal_px)
+        freed = free_parameter(kept, settled, "f", steps=not round_number)
         if freed is None:
             return None
         total += freed.value
@@ -92,21 +105,35 @@ def free_focal(every: Sightings, start: Settled) -> Freed | None:
             return None
         if abs(freed.value) < max(0.001, 0.3 * float(freed.score.sigma[0])):
             break
-    return freed and freed._replace(value=total)
+    return freed and freed._replace(value=total, less_noise=noises[0] / max(noises[-1], FINEST_RESIDUAL))
+
+
+def _stepped(sightings: Sightings, middle: _Tried) -> _Tried:
+    """The best of a solution and those at steps of the focal length, which are compared by a share of the points."""
+    some = thinned(sightings, ENOUGH_FOR_STEPS)
+    start = _settle(some, "f", middle.value, middle.settled)
+    if start is None:
+        return middle
+    best = min([start, *_either_side(some, start)], key=lambda one: one.cost)
+    tried = None if best is start else _settle(sightings, "f", best.value, best.settled)
+    return middle if tried is None or tried.cost > middle.cost else tried
 
 
 def _either_side(sightings: Sightings, middle: _Tried) -> list[_Tried]:
     """The solutions at all steps of the focal length, each from its neighbour nearer to the start."""
     found = []
     for side in (-1.0, 1.0):
-        last = middle
+        last, rises = middle, 0
         for size in FOCAL_STEPS:
             moved = _refocused(last.settled, side * size - last.value)
             tried = _settle(sightings, "f", side * size, moved)
             if tried is None:
                 break
+            rises = rises + 1 if tried.cost > last.cost else 0
             last = tried
             found.append(last)
+            if rises == MOST_RISES:
+                break
     return found
 
 

@@ -112,6 +112,15 @@ class Settled(NamedTuple):
         return cls(solution.R, solution.T, solution.scaled_normals, solution.noise, solution.relief)
 
 
+def with_planes(sightings: Sightings, settled: Settled) -> tuple[Sightings, Settled]:
+    """The same without the planes that fewer than three of the points are on; these points are then on none."""
+    count = np.bincount(sightings.patch + 1, minlength=len(settled.scaled_normals) + 1)[1:]
+    enough = count >= 3
+    number = np.append(np.where(enough, np.cumsum(enough) - 1, -1), -1)
+    planes = settled._replace(scaled_normals=settled.scaled_normals[enough], relief=settled.relief[enough])
+    return replace(sightings, patch=number[sightings.patch]), planes
+
+
 class CameraScore(NamedTuple):
     """What the matches ask for of each of `PARAMETERS` (4,), free alone, and how motion and normals follow the first.
 
