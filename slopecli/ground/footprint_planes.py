@@ -13,6 +13,7 @@ from slopecli.look.dense_depth import DenseDepth
 from slopecli.types import BoolArray, FloatArray
 
 LEAST_SHARE = 0.85  # of a footprint's pixels that must be matched for its plane to be told
+LEAST_POINTS, AHEAD = 3, np.array([0.0, 0.0, 1.0])  # a footprint of fewer points has a plane of no meaning
 BLOCKS = 12  # blocks of pixels along a footprint's diameter, the highest and lowest of which are looked at
 
 
@@ -51,7 +52,7 @@ def ground_points(depth: DenseDepth) -> NDArray[np.float32]:
 
 def fit_footprints(points: NDArray[np.float32], known: BoolArray, sure: BoolArray, cells: Cells) -> FootprintPlanes:
     """Fit the plane of every footprint to its known points (h, w, 3); sure (h, w): those of them without doubt."""
-    centre = points[known].mean(0, dtype=np.float64) if known.any() else np.zeros(3)
+    centre = points[known].mean(0, dtype=np.float64) if known.any() else AHEAD
     x, y, z = (np.where(known, points[..., k] - np.float32(centre[k]), np.float32(0.0)) for k in range(3))
     squares = x * x, x * y, x * z, y * y, y * z, z * z
     n, certain, *sums = disc_sums((known, sure, x, y, z, *squares), cells)
@@ -60,6 +61,7 @@ def fit_footprints(points: NDArray[np.float32], known: BoolArray, sure: BoolArra
     scatter = second[..., [0, 1, 2, 1, 3, 4, 2, 4, 5]].reshape(*cells.shape, 3, 3)
     values, vectors = np.linalg.eigh(scatter - mean[..., :, None] * mean[..., None, :])
     normal, middle = vectors[..., 0], mean + centre
+    normal[n < LEAST_POINTS], middle[n < LEAST_POINTS] = AHEAD, AHEAD
     away = (normal * middle).sum(-1) > 0
     share, certain = (np.minimum(pixels / disc_area(cells.radius_px), 1.0) for pixels in (n, certain))
     relief = np.sqrt(np.maximum(values[..., 0], 0.0))
