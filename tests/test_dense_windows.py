@@ -104,4 +104,4 @@ def test_flat_windows_keep_the_planes_of_their_matches(monkeypatch: pytest.Monke
     images = Image(pair.grey1), Image(pair.grey2)
     monkeypatch.setattr("slopecli.patches.windows.dense_planes.measure_depth", None)
     report = estimate(*images, pair.camera1, pair.camera2, Options(windows=((140, 40, 120, 150),)))
-    assert report.planes[0].roughness == 0.0
+    assert report.planes[0].roughness < 1e-3
