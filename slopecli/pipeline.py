@@ -71,7 +71,8 @@ def slope_map(
     """Slope, its uncertainty and the probability of being safe all over image 1, and landing sites.
 
     The windows of the options determine the motion, as in `estimate`; `SlopeMap.report` has the planes through
-    their matches.
+    their matches. Where the largest plane is to be level, planes are found in the image instead, as windows may lie
+    across several.
 
     Parameters
     ----------
@@ -87,6 +88,8 @@ def slope_map(
     from slopecli.look.dense_depth import MOST_PIXELS, measure_depth
 
     clock = _Clock(on_stage)
+    if options.up == "dominant-plane" and options.planes == "windows":
+        options = replace(options, planes="ransac")
     report, answer, scene = _estimated((image1, image2), (camera1, camera2), options, memory, clock, dense=False)
     solution = answer.solution
     scene = replace(scene, R=solution.R, T=solution.T)
