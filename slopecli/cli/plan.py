@@ -27,6 +27,7 @@ HEADER = ("id", "sigma", "parallax", "in image 2", "note")
 TRAJECTORY_HELP = "Instead: angle from the vertical; 0 descends, 90 flies level towards the image's right"
 SIGMA_HELP = "Instead: the shortest baseline for this 1-sigma of slopes; a share of the height without --height"
 POINTS_HELP = "Independent matches in a window: a quarter of those that estimate counts"
+FOOTPRINT_HELP = "Diameter of a disc of `slopemap map`"
 _option = partial(Option, of=PlanOptions)
 
 flight_options = (
@@ -47,6 +48,9 @@ match_options = (
     _option(MATCHES, "--points", "N", click.IntRange(6, 1_000_000), POINTS_HELP),
     _option(MATCHES, "--noise noise_px", "PX", POSITIVE, "1-sigma of a match in image 2"),
 )
+map_options = (
+    _option(MATCHES, "--footprint footprint_px", "PX", POSITIVE, FOOTPRINT_HELP, shown="1/16 of short side"),
+)
 frame_options = (
     _option(shared.FRAME, "--up", "VERTICAL", UP, "What is up: camera (looks straight down), or a vector X,Y,Z"),
     *shared.frame_options()[1:],
@@ -65,6 +69,7 @@ frame_options = (
         *shared.window_options,
         *ground_options,
         *match_options,
+        *map_options,
         *frame_options,
         *shared.talk_options("Time taken"),
     ],
@@ -177,6 +182,8 @@ def _summary(plan: Plan) -> Iterator[str]:
     said = "likely" if second.likely else "possible" if second.share else "unlikely"
     alone = f"; the first by itself is off by {sigma_text(second.first_error_deg)}" if second.share else ""
     yield f"two answers: {said} ({100 * second.share:.0f} % of simulated pairs){alone}"
+    worst, median = sigma_text(plan.map.worst_sigma_deg), sigma_text(plan.map.median_sigma_deg)
+    yield f"map: {median} in the median window, {worst} in the worst, for discs of {plan.map.footprint_px:.4g} px"
     if any(one.in_part for one in plan.windows):
         yield "the rest: sigma is for the part of a window that image 2 shows; estimate adds uncertainty for the rest"
 

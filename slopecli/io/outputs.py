@@ -165,7 +165,7 @@ def _exchange(folder: Path, beside: Path, new: Sequence[str], names: Sequence[st
 def plan_to_json(plan: Plan) -> str:
     """Serialise a plan as the text of plan.json, without a final newline; keys as in `Plan`, the same bytes always."""
     body = {field.name: getattr(plan, field.name) for field in fields(plan)}
-    return to_json({"schema_version": "1.0", "slopemap_version": __version__, **body})
+    return to_json({"schema_version": "1.1", "slopemap_version": __version__, **body})
 
 
 def write_plan(plan: Plan, directory: str | Path) -> list[Path]:

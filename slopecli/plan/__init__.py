@@ -11,9 +11,10 @@ __getattr__, __dir__ = lazy_names(
     {
         "baseline": "needed_baseline",
         "flight": "Flight Window ground_normals horizontal unseen_tilts",
+        "footprint_sigma": "PIXEL_NOISE footprint_of footprint_sigmas",
         "plan_map": "draw_plan sigma_colours",
         "plan_options": "PlanOptions",
         "prediction": "Forecast forecast",
-        "result": "Plan PlannedWindow make_plan sigma_text",
+        "result": "Plan PlannedMap PlannedWindow make_plan sigma_text",
     },
 )

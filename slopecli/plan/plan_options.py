@@ -33,6 +33,7 @@ class PlanOptions:
     # natural ground: estimate reports 0.001 to 0.005, more among rocks, 0 on pavement
     roughness: float = 0.002
     points: int = 100  # a window; estimate finds 300 to 400, of which about four share their errors
+    footprint_px: float | None = None  # diameter of a disc of `slopemap map`; None: its default
     noise_px: float = 0.1  # estimate measures 0.03 to 0.1 in rendered images, 0.1 to 0.3 in photographs
     up: str | Vector = "camera"
     up_sigma_deg: float = 0.0

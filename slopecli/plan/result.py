@@ -17,6 +17,7 @@ from slopecli.geometry.slope import CAMERA_UP
 from slopecli.options import Options
 from slopecli.plan.baseline import needed_baseline, sigma_of
 from slopecli.plan.flight import LEAST_SHARE, Flight, Window, ground_normals, horizontal
+from slopecli.plan.footprint_sigma import footprint_of, footprint_sigmas
 from slopecli.plan.plan_options import Of, PlanOptions, Vector
 from slopecli.plan.prediction import TRIALS, Forecast, forecast
 from slopecli.report.answered_planes import LEAST_MATCHED
@@ -76,6 +77,19 @@ class PlannedWindow:
         return self.slope_sigma_deg is not None and (self.unseen_deg or 0.0) > 0.5 * self.slope_sigma_deg
 
 
+@dataclass(frozen=True)
+class PlannedMap:
+    """1-sigma of the slope of a disc of `slopemap map` in the middle of every window, by the noise of matching.
+
+    footprint_px : its diameter.  worst_sigma_deg, median_sigma_deg : of the windows whose middle image 2 shows and
+        whose slope is not left open; None without any.
+    """
+
+    footprint_px: float
+    worst_sigma_deg: float | None
+    median_sigma_deg: float | None
+
+
 @dataclass(frozen=True, eq=False)
 class Plan:
     """What plan.json, plan.png and the table are made from; lengths in `unit`."""
@@ -96,6 +110,7 @@ class Plan:
     parallax_px: float
     zoom: float
     second_answer: SecondAnswer
+    map: PlannedMap
     windows: tuple[PlannedWindow, ...]
     diagnostics: tuple[Diagnostic, ...]
     epipole1_px: tuple[float, float] | None = None
@@ -187,6 +202,8 @@ def make_plan(camera: Camera, windows: Sequence[Window], options: PlanOptions) -
             baseline = height * needed_baseline(flight, sigma_rad, options.of)
     cast = forecast(flight, baseline / height)
     focus = _focus(flight)
+    footprint_px = footprint_of(flight, options.footprint_px)
+    discs = footprint_sigmas(flight, baseline / height, footprint_px)
     planned = tuple(_window(i, flight, cast) for i in range(len(windows)))
     return Plan(
         camera=camera,
@@ -205,6 +222,7 @@ def make_plan(camera: Camera, windows: Sequence[Window], options: PlanOptions) -
         parallax_px=cast.median_parallax_px,
         zoom=cast.zoom,
         second_answer=SecondAnswer(cast.two_answers_likely, cast.second_answer, _degrees(cast.first_error_rad)),
+        map=_planned_map(footprint_px, discs),
         windows=planned,
         diagnostics=tuple(diagnostics_of(cast, planned, focus, options)),
         epipole1_px=focus,
@@ -263,6 +281,13 @@ def _window(i: int, flight: Flight, cast: Forecast) -> PlannedWindow:
     status, reason = window_status(share, sigma)
     unseen = None if sigma is None else _degrees(float(cast.unseen_rad[i]))
     return PlannedWindow(i + 1, flight.windows[i], sigma, parallax, share, status, reason, unseen)
+
+
+def _planned_map(footprint_px: float, sigma_rad: FloatArray) -> PlannedMap:
+    known = sigma_rad[~np.isnan(sigma_rad)]
+    if not len(known):
+        return PlannedMap(footprint_px, None, None)
+    return PlannedMap(footprint_px, _degrees(float(known.max())), _degrees(float(np.median(known))))
 
 
 def _degrees(sigma_rad: float) -> float | None:
