@@ -70,9 +70,7 @@ def slope_map(
 ) -> SlopeMap:
     """Slope, its uncertainty and the probability of being safe all over image 1, and landing sites.
 
-    The windows of the options determine the motion, as in `estimate`; `SlopeMap.report` has the planes through
-    their matches. Where the largest plane is to be level, planes are found in the image instead, as windows may lie
-    across several.
+    As in `estimate`, the windows of the options determine the motion; `SlopeMap.report` has planes through matches.
 
     Parameters
     ----------
@@ -88,9 +86,8 @@ def slope_map(
     from slopecli.look.dense_depth import MOST_PIXELS, measure_depth
 
     clock = _Clock(on_stage)
-    if options.up == "dominant-plane" and options.planes == "windows":
-        options = replace(options, planes="ransac")
-    report, answer, scene = _estimated((image1, image2), (camera1, camera2), options, memory, clock, dense=False)
+    options, images, cameras = _with_largest_plane(options), (image1, image2), (camera1, camera2)
+    report, answer, scene = _estimated(images, cameras, options, memory, clock, dense=False)
     solution = answer.solution
     scene = replace(scene, R=solution.R, T=solution.T)
     other = solution.ambiguity.alternative if solution.ambiguity.status == "unresolved" else None
@@ -110,6 +107,12 @@ def slope_map(
     result = build_map(depth, cells, task)
     clock.tick("ground")
     return result
+
+
+def _with_largest_plane(options: Options) -> Options:
+    """Options that find planes in the image where the largest is to be level, as windows may lie across several."""
+    sought = options.up == "dominant-plane" and options.planes == "windows"
+    return replace(options, planes="ransac") if sought else options
 
 
 def _estimated(
