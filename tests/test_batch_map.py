@@ -9,14 +9,16 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import cv2
 import pytest
-from batch_factory import make_images, make_job, make_pairs, tree
+from batch_factory import DESCENT, make_images, make_job, make_pairs, tree
 from command import Done, slopemap
 
 from slopecli.batch import Outcome, fingerprint_of, index_html, read_outcome
 from slopecli.cli import maps_table
 from slopecli.options import Lander, MapOptions
 
+SIDE = 256  # px
 ASKED = ("--footprint", "24", "--sites", "3", "--altitude", "13")
 SHARES = ("safe", "unsafe", "undecided", "unknown")
 FILES = {"slopes.json", "slope_map.tif", "map.png", "map_sigma.png"}
@@ -27,8 +29,13 @@ Run = tuple[Done, Path, Path]
 def flight(tmp_path_factory: pytest.TempPathFactory) -> Run:
     """Three images, the last of which is torn, and a batch of maps of them."""
     images = tmp_path_factory.mktemp("flight")
-    paths = make_images(images, 3)
-    paths[2].write_bytes(paths[2].read_bytes()[:900])
+    for number, view in enumerate((1, 2, 1)):
+        sample = cv2.imread(str(DESCENT / f"image{view}.png"), cv2.IMREAD_GRAYSCALE)
+        small = cv2.resize(sample, (SIDE, SIDE), interpolation=cv2.INTER_AREA)
+        cv2.imwrite(str(images / f"view00{number}.png"), small)
+    torn = images / "view002.png"
+    torn.write_bytes(torn.read_bytes()[:900])
+    shutil.copy(DESCENT / "camera.json", images)
     out = tmp_path_factory.mktemp("out")
     return slopemap("batch", str(images), "--command", "map", *ASKED, "-o", str(out), "--jobs", "1"), images, out
 
