@@ -22,7 +22,7 @@ from slopecli.types import BoolArray, FloatArray, Solution
 
 NOISE = 0.9  # error of a plane by noise over that measured by ramps across the epipolar lines
 EDGE, EDGE_PX = 1.1, 64.0  # of edges of relief, see `_edge_variance`
-UNMATCHED, UNMATCHED_JUMP = 2.0, 1.0  # of unmatched ground, in its relief and in the largest jump nearby
+UNMATCHED, UNMATCHED_JUMP = 3.0, 1.0  # of unmatched ground, in its relief and in the largest jump nearby
 NEIGHBOURS = 1.5  # footprints, sigma of the Gaussian over which the variance of noise is averaged
 JUMP_SIDE_PX = 5  # grid px, side of the neighbourhood over which a jump of depth is measured
 STEP_MARGIN_PX = 12  # grid px around a footprint where a step still moves its edge
@@ -30,6 +30,7 @@ RANGE = 2.5  # of the noise over that square, in its sigmas
 STEP_SHARE = 0.25  # height of a step, of the footprint's diameter, from which on a slope across it has no meaning
 STEP_LENGTH = 0.15  # pixels on it, of the footprint's diameter
 STEP_OFF_PX = 6  # grid px by which matching misplaces a step, towards the ground below it
+STEP_OFF_SHARE = 1 / 8  # of the footprint's diameter: most of that, so that small footprints keep their places
 DELTA = 1e-4  # rad and relative, of numerical derivatives
 
 
@@ -197,7 +198,8 @@ def largest_jump(depth: DenseDepth, planes: FootprintPlanes) -> FloatArray:
 def across_step(depth: DenseDepth, planes: FootprintPlanes, jump: FloatArray) -> BoolArray:
     """(rows, columns) whether a footprint lies across a step, rather than on ground that is steep or rough."""
     diameter = 2 * planes.cells.radius_px
-    wider = replace(planes.cells, radius_px=planes.cells.radius_px + STEP_OFF_PX)
+    off_px = min(STEP_OFF_PX, STEP_OFF_SHARE * diameter)
+    wider = replace(planes.cells, radius_px=planes.cells.radius_px + off_px)
     pixels = disc_sums((depth.step,), wider)[0]
     high = jump > STEP_SHARE * diameter / depth.focal_px
     return np.asarray(high & (pixels > STEP_LENGTH * diameter))
