@@ -41,6 +41,7 @@ UNLIKELY = 2.58  # sigmas that 1 in 100 exceeds: enough where the matches are cl
 SYSTEMATIC = 0.015  # 1-sigma of the focal length that photographs of right cameras ask for, beyond their own sigmas
 FAINT = 0.5  # of the noise: change of residuals by a parameter below which a large sigma is no fault of the camera's
 FAR, FARTHEST_SHARE = 4.0, 0.1  # times as far from epipolar lines as the matches: the farthest tenth of the overview
+FLOOR_PX = 0.01  # systematic residual that a wrong focal length could explain; lens models and interpolation leave 0.02
 CENTRE_SHARE = 0.03  # of the focal length: step of the principal point from which on it is freed
 CENTRE_BETTER = 1.15  # ratio of noises from which on another principal point is believed; right cameras reach 1.09
 UNTOLD = "the images contradict the camera, and it cannot be told in which of its numbers"
@@ -136,6 +137,8 @@ def _is_wrong(freed: Freed) -> bool:
         return False
     if freed.less_noise > CLEARLY and step > UNLIKELY * np.hypot(sigma, SYSTEMATIC):
         return True
+    if freed.less_noise < 1.0:  # the matches are no nearer: what is left may be what lenses and interpolation leave
+        return step > CONTRADICTED * np.hypot(_sigma(freed.score), FLOOR_PX / max(float(freed.score.px[0]), 1e-9))
     return step > CONTRADICTED * _sigma(freed.score)
 
 

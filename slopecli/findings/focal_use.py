@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from slopecli.findings.camera_test import Cameras, CameraTest
+from slopecli.findings.camera_test import FLOOR_PX, Cameras, CameraTest
 from slopecli.findings.wording import finding
 from slopecli.geometry.solver.intrinsics import changed
 from slopecli.options import Options
@@ -16,7 +16,6 @@ from slopecli.types import Camera, Diagnostic
 FIELD_OF_VIEW = "field of view"  # source of a camera that is known to no better than `FIELD_OF_VIEW_PERCENT`
 FIELD_OF_VIEW_PERCENT = 3.0  # 1-sigma of its focal length: data sheets round, and sensors are cropped
 FREED_BELOW = 0.015  # 1-sigma of the logarithm from which on the images are taken to know it better than the prior
-FLOOR_PX = 0.01  # systematic residual that a wrong focal length could explain; lens models and interpolation leave 0.02
 
 
 class FocalUse(NamedTuple):
