@@ -80,7 +80,11 @@ def four_point_homographies(x1: FloatArray, x2: FloatArray) -> FloatArray:
     rows = homography_rows(homogeneous(x1), x2)
     # the small ridge keeps the systems of collinear samples and of repeated points regular
     ridge = 1e-12 * max(1.0, float(np.abs(rows).max()))
-    h = np.linalg.solve(rows[..., :8] + ridge * np.eye(8), -rows[..., 8:])[..., 0]
+    systems, right = rows[..., :8] + ridge * np.eye(8), -rows[..., 8:]
+    try:
+        h = np.linalg.solve(systems, right)[..., 0]
+    except np.linalg.LinAlgError:  # the ridge happened to cancel a pivot of one of them
+        h = (np.linalg.pinv(systems) @ right)[..., 0]
     return np.concatenate([h, np.ones((len(h), 1))], axis=1).reshape(-1, 3, 3)
 
 
