@@ -71,7 +71,7 @@ def segmented(path: Path) -> Segmented:
     seconds = time.process_time() - start
     compared = [pair for mask, normal in planes for pair in _compared(report, mask, normal)]
     found = [error for error, _ in compared]
-    wrong = sum(ours.status == "ok" and error > 1 + 4 * ours.slope_sigma_deg for error, ours in compared)
+    wrong = sum(ours.status == "ok" and error > 1 + 4 * (ours.slope_sigma_deg or 0.0) for error, ours in compared)
     unexplained = float((report.labels == 0).mean())
     name = path.parent.name if path.name == "truth.json" else path.name.removesuffix(".truth.json")
     return Segmented(name, found, len(planes) - len(found), wrong, len(report.planes), unexplained, seconds)
