@@ -83,7 +83,7 @@ def slope_map(
     """
     from slopecli.ground.map_task import MapTask, build_map, sizes_of
     from slopecli.ground.tilt_uncertainty import Root
-    from slopecli.look.dense_depth import MOST_PIXELS, measure_depth
+    from slopecli.look.dense_depth import DEPTH, measure_depth
 
     clock = _Clock(on_stage)
     options, images, cameras = _with_largest_plane(options), (image1, image2), (camera1, camera2)
@@ -101,7 +101,7 @@ def slope_map(
         options=options,
         wanted=wanted or MapOptions(),
     )
-    cells = sizes_of(task, min(1.0, MOST_PIXELS / image1.grey.size) ** 0.5)
+    cells = sizes_of(task, min(1.0, DEPTH.most_pixels / image1.grey.size) ** 0.5)
     depth = measure_depth(scene)
     clock.tick("dense")
     result = build_map(depth, cells, task)

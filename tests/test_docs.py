@@ -264,15 +264,15 @@ def test_code_of_the_map_page_runs(
 def test_map_page_has_every_band_and_the_numbers_of_the_code() -> None:
     assert [band for band in BANDS if f"\n| `{band}` | " not in MAP] == []
     assert [one.file for one in MAP_PRODUCTS if f"| `{one.file}` | " not in MAP] == []
-    text = " ".join(MAP.split())
+    text, heights = " ".join(MAP.split()), safety.SAFETY
     for said in (
         f"less than {100 * footprint_planes.LEAST_SHARE:g} % of the footprint",
-        f"be at least {cell_grid.LEAST_FOOTPRINT_PX:g} px",
-        f"for at least {100 * tilt_uncertainty.STEP_LENGTH:g} % of that diameter",
-        f"Images larger than {dense_depth.MOST_PIXELS / 1e6:.1f} megapixels",
-        f"less than {dense_depth.ACROSS_PX:g} px, where nothing",
-        f"within {dense_depth.BESIDE_PX} px",
-        f"by {safety.FLATTENED_GSD:g} pixels of ground on average, with a sigma of {safety.FLATTENED_SIGMA_GSD:g}",
+        f"be at least {cell_grid.GRID.least_footprint_px:g} px",
+        f"for at least {100 * tilt_uncertainty.TILT.step_length:g} % of that diameter",
+        f"Images larger than {dense_depth.DEPTH.most_pixels / 1e6:.1f} megapixels",
+        f"less than {dense_depth.DEPTH.across_px:g} px, where nothing",
+        f"within {dense_depth.DEPTH.beside_px} px",
+        f"by {heights.flattened_gsd:g} pixels of ground on average, with a sigma of {heights.flattened_sigma_gsd:g}",
         f"{safety.least_limit(1.0, 0.99):.1f} g for 0.99",
         f"P(safe) is at most {map_task.WITHHELD:g}",
         f"After {sites.MOST_FAILURES} places",
@@ -280,9 +280,13 @@ def test_map_page_has_every_band_and_the_numbers_of_the_code() -> None:
         f"up to `--sites N` ({MapOptions().sites})",
     ):
         assert said in text, said
-    assert (cell_grid.SIXTEENTH, cell_grid.CELLS_A_FOOTPRINT, cell_grid.MOST_FOOTPRINT) == (16.0, 8.0, 0.5)
-    assert (footprint_planes.BLOCKS, dense_depth.ROUNDS) == (12, 3)
-    assert pytest.approx(0.25) == tilt_uncertainty.STEP_SHARE  # "a quarter of the footprint's diameter"
+    assert (cell_grid.GRID.sixteenth, cell_grid.GRID.cells_a_footprint, cell_grid.GRID.most_footprint) == (
+        16.0,
+        8.0,
+        0.5,
+    )
+    assert (footprint_planes.BLOCKS, dense_depth.DEPTH.rounds) == (12, 3)
+    assert pytest.approx(0.25) == tilt_uncertainty.TILT.step_share  # "a quarter of the footprint's diameter"
     forbidding = {code.code for code in CODES if code.forbids_safe}
     assert [code for code in sorted(forbidding - {"level-assumed"}) if f"`{code}`" not in text] == []
 

@@ -11,11 +11,19 @@ from slopecli.ground.footprints import Cells
 from slopecli.look.warp import Grid
 from slopecli.types import FloatArray
 
-SIXTEENTH = 16.0  # footprints along the short side of the image, by default
-CELLS_A_FOOTPRINT = 8.0  # cells along a footprint's diameter, by default
-LEAST_FOOTPRINT_PX = 12.0  # grid px: smaller discs have no plane that is known to a few degrees
-MOST_FOOTPRINT = 0.5  # of the short side of the image
-MOST_CELLS = 4_000_000  # of a map: 36 MB of numbers a million
+
+@dataclass(frozen=True)
+class GridTunables:
+    """Sizes of cells and footprints."""
+
+    sixteenth: float = 16.0  # footprints along the short side of the image, by default
+    cells_a_footprint: float = 8.0  # cells along a footprint's diameter, by default
+    least_footprint_px: float = 12.0  # grid px: smaller discs have no plane that is known to a few degrees
+    most_footprint: float = 0.5  # of the short side of the image
+    most_cells: int = 4_000_000  # of a map: 36 MB of numbers a million
+
+
+GRID = GridTunables()
 
 
 @dataclass(frozen=True)
@@ -53,17 +61,17 @@ def choose_cells(
     InputError : the footprint is too small to have a plane, or too large for the image; or the cells are too many.
     """
     short = min(width, height)
-    footprint_px = float(footprint_px or max(short / SIXTEENTH, LEAST_FOOTPRINT_PX / grid_scale))
-    least, most = LEAST_FOOTPRINT_PX / grid_scale, MOST_FOOTPRINT * short
+    footprint_px = float(footprint_px or max(short / GRID.sixteenth, GRID.least_footprint_px / grid_scale))
+    least, most = GRID.least_footprint_px / grid_scale, GRID.most_footprint * short
     if not least - 1e-9 <= footprint_px <= most:
         raise InputError(
             f"a footprint of {footprint_px:.4g} px of image 1 has no plane that can be told; it must be between "
             f"{least:.3g} and {most:.4g} px ({width}x{height} px); change --footprint or --footprint-m"
         )
-    spacing_px = spacing_px or max(1, round(footprint_px / CELLS_A_FOOTPRINT))
+    spacing_px = spacing_px or max(1, round(footprint_px / GRID.cells_a_footprint))
     if spacing_px > short:
         raise InputError(f"cells {spacing_px} px apart leave none in an image of {width}x{height} px; lower --spacing")
     count = (width // spacing_px) * (height // spacing_px)
-    if count > MOST_CELLS:
-        raise InputError(f"cells {spacing_px} px apart are {count:,}, more than {MOST_CELLS:,}; raise --spacing")
+    if count > GRID.most_cells:
+        raise InputError(f"cells {spacing_px} px apart are {count:,}, more than {GRID.most_cells:,}; raise --spacing")
     return CellGrid(spacing_px, footprint_px)

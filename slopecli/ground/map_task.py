@@ -23,7 +23,7 @@ from slopecli.look.scene import Scene
 from slopecli.options import MapOptions, Options
 from slopecli.types import FloatArray, Report
 
-NEAR = 0.05  # quantile of the distance of the ground that stands for its nearest part
+NEAREST_SHARE = 0.05  # quantile of the distance of the ground that stands for its nearest part
 WITHHELD = 0.5  # largest probability of a safe footprint where a diagnostic forbids to call anything safe
 
 
@@ -82,7 +82,7 @@ def sizes_of(task: MapTask, grid_scale: float) -> CellGrid:
 def _refuse_height(task: MapTask, grid_scale: float) -> None:
     if task.wanted.max_height is None:
         return
-    pixel = task.ground_px(NEAR) / grid_scale
+    pixel = task.ground_px(NEAREST_SHARE) / grid_scale
     least = least_limit(pixel, task.options.confidence)
     if task.wanted.max_height < least:
         raise InputError(

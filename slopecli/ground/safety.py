@@ -11,11 +11,20 @@ from slopecli.geometry.epipolar import tangent_basis
 from slopecli.geometry.slope import ASPECT_SIGMAS, aspects
 from slopecli.types import FloatArray
 
-FLATTENED_GSD, FLATTENED_SIGMA_GSD = 0.7, 2.0  # ground px by which the matcher flattens what stands out, and 1-sigma
-REACH = 4.5  # sigmas of a tilt to either side over which its probability is integrated: all but 1e-5 of it
-CHANCE_NODES = 14  # of that quadrature
-LEAST_VARIANCE = 1e-14  # rad^2: a tilt without an error is one of a very small error
-NODES = 5  # of the quadrature of a slope's sigma along either axis: good to a few percent
+
+@dataclass(frozen=True)
+class SafetyTunables:
+    """Tunables of slopes' sigmas and of probabilities."""
+
+    flattened_gsd: float = 0.7  # ground px by which the matcher flattens what stands out, and 1-sigma
+    flattened_sigma_gsd: float = 2.0  # 1-sigma of that
+    reach: float = 4.5  # sigmas of a tilt to either side over which its probability is integrated: all but 1e-5 of it
+    chance_nodes: int = 14  # of that quadrature
+    least_variance: float = 1e-14  # rad^2: a tilt without an error is one of a very small error
+    nodes: int = 5  # of the quadrature of a slope's sigma along either axis: good to a few percent
+
+
+SAFETY = SafetyTunables()
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,11 +51,11 @@ class Tilts:
         """
         mean, half = 0.5 * (self.along + self.across), 0.5 * (self.along - self.across)
         radius, turn = np.hypot(half, self.both), 0.5 * np.arctan2(self.both, half)
-        narrow, wide = (np.sqrt(np.maximum(mean + sign * radius, LEAST_VARIANCE)) for sign in (-1.0, 1.0))
+        narrow, wide = (np.sqrt(np.maximum(mean + sign * radius, SAFETY.least_variance)) for sign in (-1.0, 1.0))
         x0, y0 = self.slope_rad * np.sin(turn), self.slope_rad * np.cos(turn)
         # x = tolerance sin(angle) keeps the integrand smooth where the disc ends
         first, last = (
-            np.arcsin(np.clip((x0 + sign * REACH * narrow) / tolerance_rad, -1.0, 1.0)) for sign in (-1.0, 1.0)
+            np.arcsin(np.clip((x0 + sign * SAFETY.reach * narrow) / tolerance_rad, -1.0, 1.0)) for sign in (-1.0, 1.0)
         )
         total = np.zeros_like(self.slope_rad)
         for node, weight in zip(*_legendre(), strict=True):
@@ -92,13 +101,13 @@ def slope_sigma(slope: FloatArray, along: FloatArray, across: FloatArray) -> Flo
 
 @cache
 def _hermite() -> tuple[FloatArray, FloatArray]:
-    nodes, weights = np.polynomial.hermite_e.hermegauss(NODES)
+    nodes, weights = np.polynomial.hermite_e.hermegauss(SAFETY.nodes)
     return nodes, weights / weights.sum()
 
 
 @cache
 def _legendre() -> tuple[FloatArray, FloatArray]:
-    return np.polynomial.legendre.leggauss(CHANCE_NODES)
+    return np.polynomial.legendre.leggauss(SAFETY.chance_nodes)
 
 
 def probability_low(height: FloatArray, limit: float, ground_px: FloatArray, scale_sigma: float) -> FloatArray:
@@ -107,15 +116,15 @@ def probability_low(height: FloatArray, limit: float, ground_px: FloatArray, sca
     height : largest distance off the plane that was seen.  ground_px : size of a pixel on the ground, as the limit.
     scale_sigma : relative 1-sigma of lengths.
     """
-    variance = (FLATTENED_SIGMA_GSD * ground_px) ** 2 + (scale_sigma * height) ** 2
-    return normal_cdf((limit - height - FLATTENED_GSD * ground_px) / np.sqrt(variance))
+    variance = (SAFETY.flattened_sigma_gsd * ground_px) ** 2 + (scale_sigma * height) ** 2
+    return normal_cdf((limit - height - SAFETY.flattened_gsd * ground_px) / np.sqrt(variance))
 
 
 def least_limit(ground_px: float, confidence: float) -> float:
     """Smallest limit of heights that pixels of this size on the ground can promise with a confidence."""
     from statistics import NormalDist
 
-    return ground_px * (FLATTENED_GSD + FLATTENED_SIGMA_GSD * NormalDist().inv_cdf(confidence))
+    return ground_px * (SAFETY.flattened_gsd + SAFETY.flattened_sigma_gsd * NormalDist().inv_cdf(confidence))
 
 
 def normal_cdf(x: FloatArray) -> FloatArray:

@@ -20,18 +20,30 @@ from slopecli.look.dense_depth import DenseDepth
 from slopecli.look.warp import FloatImage
 from slopecli.types import BoolArray, FloatArray, Solution
 
-NOISE = 0.9  # error of a plane by noise over that measured by ramps across the epipolar lines
-EDGE, EDGE_PX = 1.1, 64.0  # of edges of relief, see `_edge_variance`
-UNMATCHED, UNMATCHED_JUMP = 3.0, 1.0  # of unmatched ground, in its relief and in the largest jump nearby
-NEIGHBOURS = 1.5  # footprints, sigma of the Gaussian over which the variance of noise is averaged
-JUMP_SIDE_PX = 5  # grid px, side of the neighbourhood over which a jump of depth is measured
-STEP_MARGIN_PX = 12  # grid px around a footprint where a step still moves its edge
-RANGE = 2.5  # of the noise over that square, in its sigmas
-STEP_SHARE = 0.25  # height of a step, of the footprint's diameter, from which on a slope across it has no meaning
-STEP_LENGTH = 0.15  # pixels on it, of the footprint's diameter
-STEP_OFF_PX = 6  # grid px by which matching misplaces a step, towards the ground below it
-STEP_OFF_SHARE = 1 / 8  # of the footprint's diameter: most of that, so that small footprints keep their places
-DELTA = 1e-4  # rad and relative, of numerical derivatives
+
+@dataclass(frozen=True)
+class TiltTunables:
+    """Tunables of the uncertainty of planes of footprints; they are fitted to rendered ground with known depth."""
+
+    noise: float = 0.9  # error of a plane by noise over that measured by ramps across the epipolar lines
+    edge: float = 1.1  # of edges of relief, see `_edge_variance`
+    edge_px: float = 64.0  # grid px, diameter of the footprints that it was fitted to
+    unmatched: float = 3.0  # 1-sigma of ground that is not matched, in the relief of its footprint
+    unmatched_jump: float = 1.0  # the same, in the largest jump nearby
+    neighbours: float = 1.5  # footprints, sigma of the Gaussian over which the variance of noise is averaged
+    jump_side_px: int = 5  # grid px, side of the neighbourhood over which a jump of depth is measured
+    step_margin_px: int = 12  # grid px around a footprint where a step still moves its edge
+    noise_range: float = 2.5  # of the noise over that square, in its sigmas
+    # height of a step, of the footprint's diameter, from which on a slope across it has no meaning
+    step_share: float = 0.25
+    step_length: float = 0.15  # pixels on it, of the footprint's diameter
+    step_off_px: int = 6  # grid px by which matching misplaces a step, towards the ground below it
+    # of the footprint's diameter: most of that, so that small footprints keep their places
+    step_off_share: float = 1 / 8
+    delta: float = 1e-4  # rad and relative, of numerical derivatives
+
+
+TILT = TiltTunables()
 
 
 @dataclass(frozen=True, eq=False)
@@ -109,12 +121,12 @@ def matching_variance(depth: DenseDepth, planes: FootprintPlanes) -> FloatArray:
 def _motion_covariance(planes: FootprintPlanes, root: Root) -> FloatArray:
     """(rows, columns, 3, 3) of the scaled normals, by the motion that all share and by the focal length."""
     here = planes.scaled_normal
-    steps = DELTA * np.eye(5)
-    by_motion = np.stack([(normals_under(planes, root, *root.moved(step)) - here) / DELTA for step in steps], -1)
+    steps = TILT.delta * np.eye(5)
+    by_motion = np.stack([(normals_under(planes, root, *root.moved(step)) - here) / TILT.delta for step in steps], -1)
     covariance = by_motion @ root.covariance @ by_motion.swapaxes(-1, -2)
     if root.focal_sigma:
-        small = DELTA / root.focal_sigma
-        other = normals_under(planes, root, *root.moved(small * root.focal_motion), zoom=float(np.exp(-DELTA)))
+        small = TILT.delta / root.focal_sigma
+        other = normals_under(planes, root, *root.moved(small * root.focal_motion), zoom=float(np.exp(-TILT.delta)))
         shift = (other - here) / small
         covariance = covariance + shift[..., :, None] * shift[..., None, :]
     return np.asarray(covariance)
@@ -137,11 +149,11 @@ def _noise_variance(depth: DenseDepth, planes: FootprintPlanes) -> FloatArray:
     products = np.where(answered, ramp[..., [0, 0, 1]] * ramp[..., [0, 1, 1]], 0.0)
     cells = planes.cells
     spacing = float(np.diff(cells.u).mean()) if len(cells.u) > 1 else 1.0
-    sigma = NEIGHBOURS * 2 * cells.radius_px / spacing
+    sigma = TILT.neighbours * 2 * cells.radius_px / spacing
     stack = np.dstack([products, answered]).astype(np.float32)
     smooth = cv2.GaussianBlur(stack, (0, 0), sigma, borderType=cv2.BORDER_CONSTANT).astype(float)
     a, b, c = np.moveaxis(smooth[..., :3] / np.maximum(smooth[..., 3:], 1e-9), -1, 0)
-    return NOISE**2 * np.stack([a, b, b, c], -1).reshape(*cells.shape, 2, 2)
+    return TILT.noise**2 * np.stack([a, b, b, c], -1).reshape(*cells.shape, 2, 2)
 
 
 def _edge_variance(depth: DenseDepth, planes: FootprintPlanes) -> FloatArray:
@@ -154,7 +166,7 @@ def _edge_variance(depth: DenseDepth, planes: FootprintPlanes) -> FloatArray:
     n, first, second = disc_sums((depth.known, span * depth.known, span * span * depth.known), planes.cells)
     n, rise = np.maximum(n, 1.0), _rise(depth, planes)
     jumps = np.maximum(second / n - 2 * rise * first / n + rise**2, 0.0)
-    return np.asarray(EDGE**2 * EDGE_PX * jumps * depth.focal_px**2 / (2 * planes.cells.radius_px) ** 4)
+    return np.asarray(TILT.edge**2 * TILT.edge_px * jumps * depth.focal_px**2 / (2 * planes.cells.radius_px) ** 4)
 
 
 def _gap_variance(depth: DenseDepth, planes: FootprintPlanes, jump: FloatArray) -> FloatArray:
@@ -164,20 +176,22 @@ def _gap_variance(depth: DenseDepth, planes: FootprintPlanes, jump: FloatArray) 
     """
     relief = planes.relief / planes.middle[..., 2]
     lever = (1.0 - planes.sure) * depth.focal_px / (2 * planes.cells.radius_px)
-    return np.asarray(lever**2 * ((UNMATCHED * relief) ** 2 + (UNMATCHED_JUMP * jump) ** 2))
+    return np.asarray(lever**2 * ((TILT.unmatched * relief) ** 2 + (TILT.unmatched_jump * jump) ** 2))
 
 
 def span_of(depth: DenseDepth) -> FloatImage:
-    """(h, w) range of ln w over a square of `JUMP_SIDE_PX`, beyond what its noise has."""
-    logarithm, kernel = np.log(depth.w), np.ones((JUMP_SIDE_PX, JUMP_SIDE_PX), np.uint8)
+    """(h, w) range of ln w over a square of `TILT.jump_side_px`, beyond what its noise has."""
+    logarithm, kernel = np.log(depth.w), np.ones((TILT.jump_side_px, TILT.jump_side_px), np.uint8)
     noise = robust_sigma(depth.across_px[depth.known].astype(float)) / depth.shift_px if depth.known.any() else 0.0
-    return np.asarray(np.maximum(cv2.dilate(logarithm, kernel) - cv2.erode(logarithm, kernel) - RANGE * noise, 0.0))
+    return np.asarray(
+        np.maximum(cv2.dilate(logarithm, kernel) - cv2.erode(logarithm, kernel) - TILT.noise_range * noise, 0.0)
+    )
 
 
 def _rise(depth: DenseDepth, planes: FootprintPlanes) -> FloatArray:
     """(rows, columns) that range on the plane of a footprint."""
     rise = np.abs(planes.scaled_normal[..., :2]).sum(-1) * planes.middle[..., 2]
-    return np.asarray(rise * (JUMP_SIDE_PX - 1) / depth.focal_px)
+    return np.asarray(rise * (TILT.jump_side_px - 1) / depth.focal_px)
 
 
 def largest_jump(depth: DenseDepth, planes: FootprintPlanes) -> FloatArray:
@@ -185,10 +199,10 @@ def largest_jump(depth: DenseDepth, planes: FootprintPlanes) -> FloatArray:
 
     What the plane of the footprint itself rises by is subtracted.
     """
-    cells, span, side = planes.cells, span_of(depth), JUMP_SIDE_PX - 1
+    cells, span, side = planes.cells, span_of(depth), TILT.jump_side_px - 1
     rows, columns = (n // side for n in span.shape)
     blocks = span[: rows * side, : columns * side].reshape(rows, side, columns, side).max((1, 3))
-    reach = int(np.ceil((cells.radius_px + STEP_MARGIN_PX) / side))
+    reach = int(np.ceil((cells.radius_px + TILT.step_margin_px) / side))
     disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * reach + 1, 2 * reach + 1))
     largest = cv2.dilate(blocks, disc)
     at = np.ix_(np.minimum(cells.v // side, rows - 1), np.minimum(cells.u // side, columns - 1))
@@ -198,8 +212,8 @@ def largest_jump(depth: DenseDepth, planes: FootprintPlanes) -> FloatArray:
 def across_step(depth: DenseDepth, planes: FootprintPlanes, jump: FloatArray) -> BoolArray:
     """(rows, columns) whether a footprint lies across a step, rather than on ground that is steep or rough."""
     diameter = 2 * planes.cells.radius_px
-    off_px = min(STEP_OFF_PX, STEP_OFF_SHARE * diameter)
+    off_px = min(TILT.step_off_px, TILT.step_off_share * diameter)
     wider = replace(planes.cells, radius_px=planes.cells.radius_px + off_px)
     pixels = disc_sums((depth.step,), wider)[0]
-    high = jump > STEP_SHARE * diameter / depth.focal_px
-    return np.asarray(high & (pixels > STEP_LENGTH * diameter))
+    high = jump > TILT.step_share * diameter / depth.focal_px
+    return np.asarray(high & (pixels > TILT.step_length * diameter))

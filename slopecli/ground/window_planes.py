@@ -16,11 +16,19 @@ from slopecli.look.warp import FloatImage, block_sum
 from slopecli.types import BoolArray, FloatArray
 from slopecli.windows import Window
 
-PLACES = 4.0  # discs along a window's side, whose noise is measured
-LARGEST_PX = 64.0  # radius of these discs; what larger windows have follows from it
-HOLE_PX = 8  # grid px, side of the holes in the ground matched that are wrong independently of each other
-IN_DOUBT = 0.5  # 1-sigma of ground in doubt, in the jumps there
-OFF_PLANE = 2.0  # 1-sigma of ground that is not matched, in the RMS relief of the rest
+
+@dataclass(frozen=True)
+class WindowPlaneTunables:
+    """Tunables of the planes of windows."""
+
+    places: float = 4.0  # discs along a window's side, whose noise is measured
+    largest_px: float = 64.0  # radius of these discs; what larger windows have follows from it
+    hole_px: int = 8  # grid px, side of the holes in the ground matched that are wrong independently of each other
+    in_doubt: float = 0.5  # 1-sigma of ground in doubt, in the jumps there
+    off_plane: float = 2.0  # 1-sigma of ground that is not matched, in the RMS relief of the rest
+
+
+FIT = WindowPlaneTunables()
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,9 +76,10 @@ class _Discs:
 
     @classmethod
     def of(cls, depth: DenseDepth, points: NDArray[np.float32], width: int, height: int) -> _Discs:
+        """The discs for windows of this size, px of image 1."""
         full_px = float(np.sqrt(width * height / np.pi)) * depth.grid.mean_scale
-        radius_px = min(full_px, LARGEST_PX)
-        step = max(1.0, 2 * radius_px / PLACES)
+        radius_px = min(full_px, FIT.largest_px)
+        step = max(1.0, 2 * radius_px / FIT.places)
         rows, columns = depth.w.shape
         u, v = (np.arange(0.5 * step, count, step).astype(np.int64) for count in (columns, rows))
         planes = fit_footprints(points, depth.known, depth.sure, Cells(u, v, radius_px))
@@ -121,23 +130,23 @@ def _gaps(
     far as half of the jumps.
     """
     variance = np.zeros((2, 2))
-    for part, off2 in ((~known, (OFF_PLANE * relief) ** 2), (known & ~sure, 0.0)):
+    for part, off2 in ((~known, (FIT.off_plane * relief) ** 2), (known & ~sure, 0.0)):
         if part.any():
             jumps = float((span[part] ** 2).mean())
-            variance += (off2 + jumps if off2 else IN_DOUBT**2 * jumps) * _lever(rays, part)
+            variance += (off2 + jumps if off2 else FIT.in_doubt**2 * jumps) * _lever(rays, part)
     return variance
 
 
 def _lever(rays: FloatImage, part: NDArray[np.bool_]) -> FloatArray:
     """(2, 2) variance of the gradient fitted to a window per variance of the ground in a part of it.
 
-    Either all of that part is off to one side, or every hole of `HOLE_PX` independently; the sum of both is taken.
+    Either all of that part is off to one side, or every hole of `FIT.hole_px` independently; the sum of both is taken.
     """
     x = (rays.reshape(-1, 2) - rays.reshape(-1, 2).mean(0)).astype(np.float64)
     inverse = np.linalg.inv(x.T @ x + 1e-18 * np.eye(2))
     common = inverse @ x[part.ravel()].sum(0)
-    if min(part.shape) < HOLE_PX:
+    if min(part.shape) < FIT.hole_px:
         return np.outer(common, common)
     shifted = x.reshape(*part.shape, 2) * part[..., None]
-    holes = np.stack([block_sum(shifted[..., k].astype(np.float32), HOLE_PX).ravel() for k in (0, 1)], -1)
+    holes = np.stack([block_sum(shifted[..., k].astype(np.float32), FIT.hole_px).ravel() for k in (0, 1)], -1)
     return np.asarray(np.outer(common, common) + inverse @ (holes.T @ holes) @ inverse)

@@ -33,22 +33,34 @@ from slopecli.look.warp import (
 from slopecli.types import FloatArray
 from slopecli.windows import Window
 
-MOST_PIXELS = 4.2e6  # of the working grid: 2048 x 2048; larger images are shrunk to it
-ROUNDS = 3  # of alignment along the epipolar lines
-WINDOW_NOISE = NOISE_GREY**2 / 8.0  # of a mean over the window: a window of 60 px, errors shared by some 8 of them
-WINDOW_PX = 2.5  # grid px, sigma of the Gaussian window of the alignment
-MEDIAN_PX = 5  # grid px, side of the median filter between rounds
-SHADING_PX = 6.0  # grid px, sigma of the Gaussian below which differences of the two images are texture, not shading
-MARGIN_PX = 24  # grid px around windows
-FLOW_PX = 0.1  # grid px, 1-sigma of flow
-RELIEF = 0.05  # 1-sigma of the logarithm of inverse depth before the images are asked: relief, errors of matches
-REACH_PX = 0.5  # grid px, 1-sigma of what is left to align after the flow
-TOLD = 0.3  # least share of a correction that the images determine, rather than these two assumptions
-MOST_CHANGE, MOST_STEP = 0.5, 0.2  # of the logarithm of inverse depth, by the flow and by a round
-ACROSS_PX = 1.0  # grid px, largest residual across the epipolar line that is believed
-STEP_GRADIENT = 0.4  # of the displacement, px per px: ground of 45 degrees has a tenth to a fifth
-BESIDE_PX = 4  # grid px to either side of a step that may have the depth of the other side
-HIDDEN = 0.02  # difference of the logarithms of inverse depth from which on a surface hides another
+
+@dataclass(frozen=True)
+class DepthTunables:
+    """Tunables of the dense depth."""
+
+    most_pixels: float = 4.2e6  # of the working grid: 2048 x 2048; larger images are shrunk to it
+    rounds: int = 3  # of alignment along the epipolar lines
+    # of a mean over the window: a window of 60 px, errors shared by some 8 of them
+    window_noise: float = NOISE_GREY**2 / 8.0
+    window_px: float = 2.5  # grid px, sigma of the Gaussian window of the alignment
+    median_px: int = 5  # grid px, side of the median filter between rounds
+    # grid px, sigma of the Gaussian below which differences of the two images are texture, not shading
+    shading_px: float = 6.0
+    margin_px: int = 24  # grid px around windows
+    flow_px: float = 0.1  # grid px, 1-sigma of flow
+    # 1-sigma of the logarithm of inverse depth before the images are asked: relief, errors of matches
+    relief: float = 0.05
+    reach_px: float = 0.5  # grid px, 1-sigma of what is left to align after the flow
+    told: float = 0.3  # least share of a correction that the images determine, rather than these two assumptions
+    most_change: float = 0.5  # of the logarithm of inverse depth, by the flow and by a round
+    most_step: float = 0.2  # the same, by a round of alignment
+    across_px: float = 1.0  # grid px, largest residual across the epipolar line that is believed
+    step_gradient: float = 0.4  # of the displacement, px per px: ground of 45 degrees has a tenth to a fifth
+    beside_px: int = 4  # grid px to either side of a step that may have the depth of the other side
+    hidden: float = 0.02  # difference of the logarithms of inverse depth from which on a surface hides another
+
+
+DEPTH = DepthTunables()
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,7 +96,7 @@ class DenseDepth:
         return (len(row) - 1) / float(row[-1] - row[0])
 
 
-def measure_depth(scene: Scene, windows: Sequence[Window] = (), max_pixels: float = MOST_PIXELS) -> DenseDepth:
+def measure_depth(scene: Scene, windows: Sequence[Window] = (), max_pixels: float = DEPTH.most_pixels) -> DenseDepth:
     """Measure the inverse depth of every pixel of image 1 under the motion of the scene.
 
     windows : px of image 1; with some, only the rectangle around them is measured.
@@ -97,14 +109,14 @@ def measure_depth(scene: Scene, windows: Sequence[Window] = (), max_pixels: floa
     w = _between_nodes(nodes, grid)
     pair = _Alignment(scene, grid, transfer, shifts)
     w, across = pair.by_flow(w)
-    for _ in range(ROUNDS):
+    for _ in range(DEPTH.rounds):
         w = pair.along(w)
     uv2, told, left = pair.check(w)
     shown = covered(uv2, scene.shape2, 1.0)
-    known = shown & told & (np.abs(across) < ACROSS_PX) & (np.abs(left) < ACROSS_PX)
+    known = shown & told & (np.abs(across) < DEPTH.across_px) & (np.abs(left) < DEPTH.across_px)
     known &= ~_hidden(w, uv2, known, scene)
     step = _steps(w, shifts) & shown
-    side = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * BESIDE_PX + 1, 2 * BESIDE_PX + 1))
+    side = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * DEPTH.beside_px + 1, 2 * DEPTH.beside_px + 1))
     sure = known & (cv2.dilate(step.astype(np.uint8), side) == 0)
     return DenseDepth(grid, w, known, sure, step, transfer.rays, uv2, shifts, left)
 
@@ -114,7 +126,7 @@ def _grid_around(scene: Scene, windows: Sequence[Window], max_pixels: float) -> 
     x, y, w, h = np.array(windows, float).T
     low, high = np.array([x.min(), y.min()]), np.array([(x + w).max(), (y + h).max()])
     shrink_by = max(1.0, float(np.prod(high - low) / max_pixels) ** 0.5)
-    low, high = low - MARGIN_PX * shrink_by, high + MARGIN_PX * shrink_by
+    low, high = low - DEPTH.margin_px * shrink_by, high + DEPTH.margin_px * shrink_by
     side = None if shrink_by == 1.0 else round(float((high - low).max()) / shrink_by)
     (x0, y0), (width, height) = low, high - low
     return cut(scene.pyramid1.at(shrink_by), x0, y0, width, height, side)
@@ -124,7 +136,7 @@ def _start(scene: Scene, grid: Grid) -> FloatArray:
     """(rows, columns) inverse depths of the nodes of a map over the grid, from the matches of the overview."""
     found = scene.evidence
     error = LEAST_MATCH_PX / found.focal_px / np.maximum(found.leverage * found.w, 1e-12)
-    weight = RELIEF**2 / (RELIEF**2 + error**2)
+    weight = DEPTH.relief**2 / (DEPTH.relief**2 + error**2)
     places = grid.inside(found.uv1) + 0.5 + NODE_STEP  # the first node lies before the border, see `map_nodes`
     rows, columns = node_shape(grid.shape)
     shape = rows * NODE_STEP, columns * NODE_STEP
@@ -148,7 +160,7 @@ class _Alignment:
         self._grey = grid.grey.astype(np.float32)
         self._shifts = shifts
         self._length2 = shifts[..., 0] ** 2 + shifts[..., 1] ** 2
-        self._hold = WINDOW_NOISE * (1.0 / RELIEF**2 + self._length2 / REACH_PX**2)
+        self._hold = DEPTH.window_noise * (1.0 / DEPTH.relief**2 + self._length2 / DEPTH.reach_px**2)
 
     def _resampled(self, w: FloatImage) -> tuple[FloatImage, FloatImage]:
         """Px of image 2 (h, w, 2), and its grey values (h, w), of the pixels at these inverse depths."""
@@ -160,10 +172,10 @@ class _Alignment:
         uv2, pulled = self._resampled(w)
         shown = covered(uv2, self._scene.shape2)
         moved = flow(self._grid.grey, match_exposure(pulled, self._grid.grey, shown), 1)
-        along = shown * (moved * self._shifts).sum(2) / (self._length2 + (FLOW_PX / RELIEF) ** 2)
+        along = shown * (moved * self._shifts).sum(2) / (self._length2 + (DEPTH.flow_px / DEPTH.relief) ** 2)
         side = moved[..., 1] * self._shifts[..., 0] - moved[..., 0] * self._shifts[..., 1]
         across = side / np.sqrt(self._length2 + 1e-12)
-        return w * np.exp(np.clip(along, -MOST_CHANGE, MOST_CHANGE)), across
+        return w * np.exp(np.clip(along, -DEPTH.most_change, DEPTH.most_change)), across
 
     def _compared(self, w: FloatImage) -> tuple[FloatImage, FloatImage, FloatImage, FloatImage]:
         uv2, pulled = self._resampled(w)
@@ -178,7 +190,9 @@ class _Alignment:
         _, difference, gx, gy = self._compared(w)
         slope = gx * self._shifts[..., 0] + gy * self._shifts[..., 1]
         step = _window(slope * difference) / (_window(slope * slope) + self._hold)
-        return np.asarray(cv2.medianBlur(w * np.exp(np.clip(step, -MOST_STEP, MOST_STEP)), MEDIAN_PX), np.float32)
+        return np.asarray(
+            cv2.medianBlur(w * np.exp(np.clip(step, -DEPTH.most_step, DEPTH.most_step)), DEPTH.median_px), np.float32
+        )
 
     def check(self, w: FloatImage) -> tuple[FloatImage, NDArray[np.bool_], FloatImage]:
         """Px of image 2, whether the images tell the depth, and the residual across the line, grid px."""
@@ -187,25 +201,25 @@ class _Alignment:
         slope = gx * self._shifts[..., 0] + gy * self._shifts[..., 1]
         side = (gy * self._shifts[..., 0] - gx * self._shifts[..., 1]) / length
         told = _window(slope * slope)
-        across = _window(side * difference) / (_window(side * side) + WINDOW_NOISE / REACH_PX**2)
-        return uv2, told > TOLD * (told + self._hold), across
+        across = _window(side * difference) / (_window(side * side) + DEPTH.window_noise / DEPTH.reach_px**2)
+        return uv2, told > DEPTH.told * (told + self._hold), across
 
 
 def _exposed_alike(pulled: FloatImage, grey: FloatImage, valid: NDArray[np.bool_]) -> FloatImage:
     """Image 2 with the contrast of image 1, and with its shading."""
     gain = float(np.clip(grey[valid].std() / max(float(pulled[valid].std()), 1e-3), 0.5, 2.0)) if valid.any() else 1.0
     pulled = pulled * np.float32(gain)
-    return np.asarray(pulled + cv2.GaussianBlur(grey - pulled, (0, 0), SHADING_PX))
+    return np.asarray(pulled + cv2.GaussianBlur(grey - pulled, (0, 0), DEPTH.shading_px))
 
 
 def _window(values: FloatImage) -> FloatImage:
-    return np.asarray(cv2.GaussianBlur(values, (0, 0), WINDOW_PX))
+    return np.asarray(cv2.GaussianBlur(values, (0, 0), DEPTH.window_px))
 
 
 def _steps(w: FloatImage, shifts: FloatImage) -> NDArray[np.bool_]:
-    """(h, w) whether the displacement changes by `STEP_GRADIENT` px or more from one pixel to the next."""
+    """(h, w) whether the displacement changes by `DEPTH.step_gradient` px or more from one pixel to the next."""
     gx, gy = image_gradient(np.log(w))
-    return np.asarray(np.hypot(gx, gy) * np.sqrt((shifts**2).sum(2)) > STEP_GRADIENT)
+    return np.asarray(np.hypot(gx, gy) * np.sqrt((shifts**2).sum(2)) > DEPTH.step_gradient)
 
 
 def _hidden(w: FloatImage, uv2: FloatImage, known: NDArray[np.bool_], scene: Scene) -> NDArray[np.bool_]:
@@ -218,4 +232,4 @@ def _hidden(w: FloatImage, uv2: FloatImage, known: NDArray[np.bool_], scene: Sce
     logarithm = np.log(w)
     nearest[:] = -np.inf
     np.maximum.at(nearest, place[known], logarithm[known])
-    return np.asarray(nearest[place] - logarithm > HIDDEN)
+    return np.asarray(nearest[place] - logarithm > DEPTH.hidden)

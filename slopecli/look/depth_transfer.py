@@ -12,7 +12,7 @@ from slopecli.look.warp import NOWHERE, FloatImage, Grid, map_nodes, node_shape,
 from slopecli.types import FloatArray
 
 LENS_STEP = 8  # px of image 2 between exactly computed nodes of its lens; bilinear in between
-DELTA = 1e-3  # relative change of depth, and change of a normalised coordinate, of numerical derivatives
+SMALL_STEP = 1e-3  # relative change of depth, and change of a normalised coordinate, of numerical derivatives
 
 
 class DepthTransfer:
@@ -49,8 +49,8 @@ class DepthTransfer:
             X = rays @ self._turn.T - inverse[:, None] * self._epipole
             return np.asarray(X[:, :2] / np.where(X[:, 2:] > 1e-9, X[:, 2:], np.nan))
 
-        here, aside, below = moved(p, w), p + np.array([DELTA, 0, 0]), p + np.array([0, DELTA, 0])
-        by_depth = moved(p, w * (1.0 + DELTA)) - here
+        here, aside, below = moved(p, w), p + np.array([SMALL_STEP, 0, 0]), p + np.array([0, SMALL_STEP, 0])
+        by_depth = moved(p, w * (1.0 + SMALL_STEP)) - here
         by_place = np.stack([moved(aside, w) - here, moved(below, w) - here], axis=2)
         regular = np.isfinite(by_place).all((1, 2)) & np.isfinite(by_depth).all(1)
         by_place[~regular], by_depth[~regular] = np.eye(2), 0.0

@@ -19,7 +19,7 @@ import numpy as np
 from slopecli.geometry.epipolar import homogeneous
 from slopecli.ground.cell_grid import choose_cells
 from slopecli.ground.safety import tilts
-from slopecli.look.dense_depth import MOST_PIXELS, WINDOW_PX
+from slopecli.look.dense_depth import DEPTH
 from slopecli.plan.flight import Flight, horizontal, in_image2
 from slopecli.plan.prediction import UNKNOWN_DEG
 from slopecli.types import FloatArray
@@ -53,7 +53,7 @@ def footprint_sigmas(flight: Flight, baseline: float, footprint_px: float) -> Fl
     shift = w[:, None] * (x * flight.T[2] - flight.T[:2]) / (1.0 - w * flight.T[2])[:, None]
     shift_px = np.maximum(flight.camera.focal_px * np.linalg.norm(shift, axis=1), 1e-9)  # 0 where the camera heads for
     error = PIXEL_NOISE * flight.noise_px / shift_px
-    area, diameter = 4.0 * np.pi * WINDOW_PX**2, footprint_px * _shrunk(flight)
+    area, diameter = 4.0 * np.pi * DEPTH.window_px**2, footprint_px * _shrunk(flight)
     per_px = error * np.sqrt(area) * 8.0 / (np.sqrt(np.pi) * diameter**2)
     gradient = per_px * flight.camera.focal_px * _shrunk(flight)
     spread = w[:, None, None] * np.concatenate([np.broadcast_to(np.eye(2), (len(x), 2, 2)), -x[:, None, :]], axis=1)
@@ -65,4 +65,4 @@ def footprint_sigmas(flight: Flight, baseline: float, footprint_px: float) -> Fl
 
 def _shrunk(flight: Flight) -> float:
     """Px of the working grid of a map per px of image 1."""
-    return float(min(1.0, MOST_PIXELS / (flight.camera.width * flight.camera.height)) ** 0.5)
+    return float(min(1.0, DEPTH.most_pixels / (flight.camera.width * flight.camera.height)) ** 0.5)

@@ -36,7 +36,7 @@ from slopecli.products.map_legend import (
 )
 from slopecli.types import Image
 
-RELIEF, MOST_RELIEF = 0.5, 24  # contrast of the image in a class, grey levels: less than half a step between classes
+DETAIL, MOST_RELIEF = 0.5, 24  # contrast of the image in a class, grey levels: less than half a step between classes
 SURROUNDINGS = 0.04  # side of the square whose mean grey the image is compared with, over the long side
 PALE = 0.45  # share of light grey mixed into the image where nothing is known
 
@@ -94,7 +94,7 @@ def _painted(
     """The image in the colours of its cells, (h, w, 3) RGB, and (h, w) the class of every pixel."""
     grey, shown = resized(image.grey, frame.scale), _pixels(cells, frame, spacing_px, UNKNOWN)
     side = round(SURROUNDINGS * max(grey.shape)) // 2 * 2 + 1
-    detail = RELIEF * cv2.subtract(grey, cv2.blur(grey, (side, side)), dtype=cv2.CV_32F)
+    detail = DETAIL * cv2.subtract(grey, cv2.blur(grey, (side, side)), dtype=cv2.CV_32F)
     relief = np.clip(np.rint(detail), -MOST_RELIEF, MOST_RELIEF).astype(np.int16)
     picture = np.asarray(cv2.add(_coloured(shown, classes), cv2.merge([relief] * 3), dtype=cv2.CV_8U), np.uint8)
     unknown = shown == UNKNOWN

@@ -6,7 +6,7 @@ its ground, for which all pixels count, and no match may be left out as an outli
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -17,11 +17,20 @@ from slopecli.look.scene import Scene
 from slopecli.patches.join import Joined
 from slopecli.types import BoolArray, FloatArray, IntArray, Solution
 
-MOST_PIXELS = 1.0e6  # that are measured: the planes of large windows need no more
-ROUGH_PX = 0.5  # RMS relief of the matches, px on the ground, from which on a window is not flat
-LEAST_SURE = 0.6  # share of a window's pixels that must be matched without doubt; the rest is in the covariance
-SAME_GROUND = 1.6  # times the relief of the matches: with more, the pixels show what the matches left out
-AGREES = 9.21  # chi-square that the difference of two right tilts exceeds once in 100 times
+
+@dataclass(frozen=True)
+class DenseTunables:
+    """When the plane through all pixels takes the place of that through the matches."""
+
+    most_pixels: float = 1.0e6  # that are measured: the planes of large windows need no more
+    rough_px: float = 0.5  # RMS relief of the matches, px on the ground, from which on a window is not flat
+    # share of a window's pixels that must be matched without doubt; the rest is in the covariance
+    least_sure: float = 0.6
+    same_ground: float = 1.6  # times the relief of the matches: with more, the pixels show what the matches left out
+    agrees: float = 9.21  # chi-square that the difference of two right tilts exceeds once in 100 times
+
+
+DENSE = DenseTunables()
 
 
 def with_dense_planes(joined: Joined, solution: Solution, scene: Scene, focal_sigma: float) -> tuple[Joined, Solution]:
@@ -31,13 +40,15 @@ def with_dense_planes(joined: Joined, solution: Solution, scene: Scene, focal_si
     """
     px = scene.camera1.focal_px
     from_matches = np.array([p.source == "window" and p.origin == "own" for p in joined.patches])
-    rough = from_matches & (solution.relief * px > ROUGH_PX)
+    rough = from_matches & (solution.relief * px > DENSE.rough_px)
     if solution.solver != "mle" or solution.joint_normals is not None or not rough.any():
         return joined, solution
     index = np.flatnonzero(rough)
     windows = [joined.patches[k].footprint.bounds for k in index]
     root = Root.of(solution, focal_sigma)
-    dense = fit_windows(measure_depth(replace(scene, R=solution.R, T=solution.T), windows, MOST_PIXELS), windows, root)
+    dense = fit_windows(
+        measure_depth(replace(scene, R=solution.R, T=solution.T), windows, DENSE.most_pixels), windows, root
+    )
     better = _better(dense, solution, joined, index)
     if not better.any():
         return joined, solution
@@ -57,8 +68,12 @@ def _better(dense: WindowPlanes, solution: Solution, joined: Joined, index: IntA
     sparse = sparse + np.array([joined.patches[k].tilt_sigma_rad ** 2 for k in index])
     units = [one / np.linalg.norm(one, axis=1, keepdims=True) for one in (normals, dense.normal)]
     apart = 2.0 * np.arcsin(np.minimum(np.linalg.norm(units[0] - units[1], axis=1) / 2.0, 1.0))
-    same = dense.told & (dense.planes.sure[0] >= LEAST_SURE) & (dense.relief < SAME_GROUND * solution.relief[index])
-    return np.asarray(same & (own < sparse) & (apart**2 < AGREES * (own + sparse)))
+    same = (
+        dense.told
+        & (dense.planes.sure[0] >= DENSE.least_sure)
+        & (dense.relief < DENSE.same_ground * solution.relief[index])
+    )
+    return np.asarray(same & (own < sparse) & (apart**2 < DENSE.agrees * (own + sparse)))
 
 
 def _tilt_variance(normals: FloatArray, covariance: FloatArray) -> FloatArray:
