@@ -23,6 +23,9 @@ class WindowPlaneTunables:
 
     places: float = 4.0  # discs along a window's side, whose noise is measured
     largest_px: float = 64.0  # radius of these discs; what larger windows have follows from it
+    # power of the length by which the variance of a ramp falls: 4 for independent errors, some of which are not
+    falls: int = 3
+    widened: float = 1.2  # of sigmas: without it, intervals of faint ground hold 92 instead of 95 %
     hole_px: int = 8  # grid px, side of the holes in the ground matched that are wrong independently of each other
     in_doubt: float = 0.5  # 1-sigma of ground in doubt, in the jumps there
     off_plane: float = 2.0  # 1-sigma of ground that is not matched, in the RMS relief of the rest
@@ -83,8 +86,8 @@ class _Discs:
         rows, columns = depth.w.shape
         u, v = (np.arange(0.5 * step, count, step).astype(np.int64) for count in (columns, rows))
         planes = fit_footprints(points, depth.known, depth.sure, Cells(u, v, radius_px))
-        # independent errors move a ramp by the inverse square of its length
-        return cls(planes, matching_variance(depth, planes) * (radius_px / full_px) ** 4)
+        variance = FIT.widened**2 * matching_variance(depth, planes)
+        return cls(planes, variance * (radius_px / full_px) ** FIT.falls)
 
     def nearest(self, u: float, v: float) -> FloatArray:
         """(2, 2) that variance of the disc nearest to a grid pixel; NaN where none is matched."""
