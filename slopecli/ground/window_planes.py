@@ -63,8 +63,13 @@ class WindowPlanes:
 def fit_windows(depth: DenseDepth, windows: Sequence[Window], root: Root) -> WindowPlanes:
     """Fit the planes of windows, px of image 1."""
     points, span = ground_points(depth), span_of(depth)
-    sizes = {(w, h): _Discs.of(depth, points, w, h) for w, h in {window[2:] for window in windows}}
-    fitted = [_fit(depth, points, span, _part(depth, window), sizes[window[2:]]) for window in windows]
+    radii = [_radius_px(depth, window) for window in windows]
+    discs = {radius_px: _Discs.of(depth, points, radius_px) for radius_px in {min(r, FIT.largest_px) for r in radii}}
+    fitted = []
+    for window, radius_px in zip(windows, radii, strict=True):
+        measured = min(radius_px, FIT.largest_px)
+        smaller = (measured / radius_px) ** FIT.falls
+        fitted.append(_fit(depth, points, span, _part(depth, window), discs[measured], smaller))
     normal, middle, relief, share, sure, gradient = (np.stack(values)[None] for values in zip(*fitted, strict=True))
     planes = FootprintPlanes(Cells(np.arange(len(windows)), np.arange(1), 0.0), normal, middle, relief, share, sure)
     return WindowPlanes(planes, normal_covariance(planes, root, gradient)[0])
@@ -72,22 +77,19 @@ def fit_windows(depth: DenseDepth, windows: Sequence[Window], root: Root) -> Win
 
 @dataclass(frozen=True, eq=False)
 class _Discs:
-    """Discs as large as windows of one size, all over the image, with the variance of the gradient of ln w."""
+    """Discs of one size all over the image, with the variance of the gradient of ln w."""
 
     planes: FootprintPlanes
     gradient: FloatArray
 
     @classmethod
-    def of(cls, depth: DenseDepth, points: NDArray[np.float32], width: int, height: int) -> _Discs:
-        """The discs for windows of this size, px of image 1."""
-        full_px = float(np.sqrt(width * height / np.pi)) * depth.grid.mean_scale
-        radius_px = min(full_px, FIT.largest_px)
+    def of(cls, depth: DenseDepth, points: NDArray[np.float32], radius_px: float) -> _Discs:
+        """The discs of this radius, grid px."""
         step = max(1.0, 2 * radius_px / FIT.places)
         rows, columns = depth.w.shape
         u, v = (np.arange(0.5 * step, count, step).astype(np.int64) for count in (columns, rows))
         planes = fit_footprints(points, depth.known, depth.sure, Cells(u, v, radius_px))
-        variance = FIT.widened**2 * matching_variance(depth, planes)
-        return cls(planes, variance * (radius_px / full_px) ** FIT.falls)
+        return cls(planes, FIT.widened**2 * matching_variance(depth, planes))
 
     def nearest(self, u: float, v: float) -> FloatArray:
         """(2, 2) that variance of the disc nearest to a grid pixel; NaN where none is matched."""
@@ -96,6 +98,11 @@ class _Discs:
         if not answered.any():
             return np.full((2, 2), np.nan)
         return self.gradient[np.unravel_index(np.where(answered, away, np.inf).argmin(), away.shape)]
+
+
+def _radius_px(depth: DenseDepth, window: Window) -> float:
+    """Radius of the disc that is as large as a window, to whole grid px."""
+    return max(1.0, round(float(np.sqrt(window[2] * window[3] / np.pi)) * depth.grid.mean_scale))
 
 
 def _part(depth: DenseDepth, window: Window) -> tuple[slice, slice]:
@@ -107,9 +114,17 @@ def _part(depth: DenseDepth, window: Window) -> tuple[slice, slice]:
 
 
 def _fit(
-    depth: DenseDepth, points: NDArray[np.float32], span: FloatImage, part: tuple[slice, slice], discs: _Discs
+    depth: DenseDepth,
+    points: NDArray[np.float32],
+    span: FloatImage,
+    part: tuple[slice, slice],
+    discs: _Discs,
+    smaller: float,
 ) -> tuple[FloatArray, FloatArray, float, float, float, FloatArray]:
-    """Normal, middle, relief, shares matched and without doubt, and variance of the gradient of ln w, of one window."""
+    """Normal, middle, relief, shares matched and without doubt, and variance of the gradient of ln w, of one window.
+
+    smaller : by which that variance is smaller than that of the discs.
+    """
     known, sure = depth.known[part], depth.sure[part]
     if known.sum() < 3:
         return np.array([0.0, 0.0, -1.0]), np.ones(3), 0.0, 0.0, 0.0, np.full((2, 2), np.nan)
@@ -121,7 +136,7 @@ def _fit(
     relief = float(np.sqrt(max(values[0], 0.0)))
     near = discs.nearest(0.5 * (part[1].start + part[1].stop), 0.5 * (part[0].start + part[0].stop))
     gaps = _gaps(depth.rays[part], span[part], known, sure, relief / middle[2])
-    return normal, middle, relief, float(known.mean()), float(sure.mean()), near + gaps
+    return normal, middle, relief, float(known.mean()), float(sure.mean()), smaller * near + gaps
 
 
 def _gaps(

@@ -14,6 +14,7 @@ from slopecli.ground.tilt_uncertainty import Root, normals_under
 from slopecli.ground.window_planes import WindowPlanes, fit_windows
 from slopecli.look.dense_depth import measure_depth
 from slopecli.look.scene import Scene
+from slopecli.look.threads import single_threaded
 from slopecli.patches.join import Joined
 from slopecli.types import BoolArray, FloatArray, IntArray, Solution
 
@@ -22,7 +23,7 @@ from slopecli.types import BoolArray, FloatArray, IntArray, Solution
 class DenseTunables:
     """When the plane through all pixels takes the place of that through the matches."""
 
-    most_pixels: float = 1.0e6  # that are measured: the planes of large windows need no more
+    most_pixels: float = 0.5e6  # that are measured: the planes of large windows need no more
     rough_px: float = 0.5  # RMS relief of the matches, px on the ground, from which on a window is not flat
     # share of a window's pixels that must be matched without doubt; the rest is in the covariance
     least_sure: float = 0.6
@@ -46,9 +47,9 @@ def with_dense_planes(joined: Joined, solution: Solution, scene: Scene, focal_si
     index = np.flatnonzero(rough)
     windows = [joined.patches[k].footprint.bounds for k in index]
     root = Root.of(solution, focal_sigma)
-    dense = fit_windows(
-        measure_depth(replace(scene, R=solution.R, T=solution.T), windows, DENSE.most_pixels), windows, root
-    )
+    with single_threaded():
+        depth = measure_depth(replace(scene, R=solution.R, T=solution.T), windows, DENSE.most_pixels)
+        dense = fit_windows(depth, windows, root)
     better = _better(dense, solution, joined, index)
     if not better.any():
         return joined, solution
