@@ -19,7 +19,6 @@ from slopecli.ground import (
     across_step,
     fit_footprints,
     gradient_variance,
-    ground_points,
     largest_jump,
     normal_covariance,
     normals_under,
@@ -39,7 +38,7 @@ def ground() -> tuple[Pair, DenseDepth]:
 
 
 def planes_of(depth: DenseDepth, cells: Cells = CELLS) -> FootprintPlanes:
-    return fit_footprints(ground_points(depth), depth.known, depth.sure, cells)
+    return fit_footprints(depth.points, depth.known, depth.sure, cells)
 
 
 def root_of(covariance: FloatArray | None = None, focal_sigma: float = 0.0) -> Root:

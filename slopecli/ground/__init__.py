@@ -7,7 +7,7 @@ __getattr__, __dir__ = lazy_names(
     {
         "cell_grid": "CellGrid choose_cells",
         "cell_map": "CellMap Demand map_cells",
-        "footprint_planes": "FootprintPlanes fit_footprints ground_points heights",
+        "footprint_planes": "FootprintPlanes fit_footprints heights",
         "footprints": "Cells disc_area disc_halves disc_sums",
         "map_task": "MapTask build_map sizes_of",
         "near_miss": "nearest_miss",
@@ -15,7 +15,7 @@ __getattr__, __dir__ = lazy_names(
         "slope_map": "MapInfo Site SlopeMap",
         "sites": "Ground find_sites least_around least_within safe_radii",
         "tilt_uncertainty": "Root across_step gradient_variance largest_jump matching_variance "
-        "normal_covariance normals_under span_of",
+        "normal_covariance normals_under",
         "window_planes": "WindowPlanes fit_windows",
     },
 )

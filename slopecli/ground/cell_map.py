@@ -8,9 +8,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from slopecli.geometry.epipolar import homogeneous
-from slopecli.ground.footprint_planes import FootprintPlanes, fit_footprints, ground_points, heights
+from slopecli.ground.footprint_planes import FootprintPlanes, fit_footprints, heights
 from slopecli.ground.footprints import Cells
 from slopecli.ground.safety import Tilts, probability_low, tilts
+from slopecli.ground.slope_map import CellArrays
 from slopecli.ground.tilt_uncertainty import (
     Root,
     across_step,
@@ -43,23 +44,9 @@ class Demand:
 
 
 @dataclass(frozen=True, eq=False)
-class CellMap:
-    """Arrays (rows, columns) of a map, as those of `SlopeMap`; lengths in the unit of the scale.
+class CellMap(CellArrays):
+    """The arrays of a map, lengths in the unit of the scale, and ground_px (rows, columns): size of a grid pixel."""
 
-    points (rows, columns, 3) : ground in the middle of a cell.  ground_px : size of a grid pixel there.
-    """
-
-    slope_deg: FloatArray
-    sigma_deg: FloatArray
-    p_safe: FloatArray
-    aspect_deg: FloatArray
-    roughness: FloatArray
-    above_plane_max: FloatArray
-    below_plane_max: FloatArray
-    distance: FloatArray
-    valid_share: FloatArray
-    step: BoolArray
-    points: FloatArray
     ground_px: FloatArray
 
 
@@ -69,14 +56,13 @@ def map_cells(depth: DenseDepth, cells: Cells, roots: Sequence[Root], demand: De
     roots : the motion that the depth was measured with, and the other if it explains the images as well; a footprint
         is safe only where it is so under both.
     """
-    points = ground_points(depth)
-    planes = fit_footprints(points, depth.known, depth.sure, cells)
+    planes = fit_footprints(depth.points, depth.known, depth.sure, cells)
     jump = largest_jump(depth, planes)
     covariance = normal_covariance(planes, roots[0], gradient_variance(depth, planes, jump))
     told = planes.answered & np.isfinite(covariance).all((-1, -2))
     under = [planes.scaled_normal, *(normals_under(planes, roots[0], root.R, root.T) for root in roots[1:])]
     seen = [tilts(N, covariance, up, demand.up_sigma_rad, demand.north) for N in under for up in demand.ups]
-    above, below = (demand.length * height for height in heights(points, depth.known, planes))
+    above, below = (demand.length * height for height in heights(depth.points, depth.known, planes))
     ground_px = demand.length * planes.middle[..., 2] / depth.focal_px
     p_safe = np.min([one.probability_below(demand.tolerance_rad) for one in seen], axis=0)
     if demand.max_height is not None:

@@ -9,7 +9,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from slopecli.ground.footprints import Cells, disc_area, disc_sums
-from slopecli.look.dense_depth import DenseDepth
 from slopecli.types import BoolArray, FloatArray
 
 LEAST_SHARE = 0.85  # of a footprint's pixels that must be matched for its plane to be told
@@ -42,12 +41,6 @@ class FootprintPlanes:
     def scaled_normal(self) -> FloatArray:
         """(rows, columns, 3) N with N.P = 1 on the plane."""
         return self.normal / (self.normal * self.middle).sum(-1, keepdims=True)
-
-
-def ground_points(depth: DenseDepth) -> NDArray[np.float32]:
-    """(h, w, 3) points of the pixels of a working grid, camera-1 axes, baselines; of no meaning where not known."""
-    z = 1.0 / depth.w
-    return np.dstack([depth.rays[..., 0] * z, depth.rays[..., 1] * z, z])
 
 
 def fit_footprints(points: NDArray[np.float32], known: BoolArray, sure: BoolArray, cells: Cells) -> FootprintPlanes:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
 
@@ -12,11 +12,10 @@ from slopecli.geometry.slope import north_direction
 from slopecli.geometry.statistics import median
 from slopecli.ground.cell_grid import CellGrid, choose_cells
 from slopecli.ground.cell_map import CellMap, Demand, map_cells
-from slopecli.ground.footprint_planes import ground_points
 from slopecli.ground.near_miss import nearest_miss
 from slopecli.ground.safety import least_limit
 from slopecli.ground.sites import Ground, find_sites
-from slopecli.ground.slope_map import SlopeMap
+from slopecli.ground.slope_map import CellArrays, SlopeMap
 from slopecli.ground.tilt_uncertainty import Root
 from slopecli.look.dense_depth import DenseDepth
 from slopecli.look.scene import Scene
@@ -115,23 +114,13 @@ def build_map(depth: DenseDepth, cells: CellGrid, task: MapTask) -> SlopeMap:
     radius_px = _site_radius(task)
     sites = find_sites(ground, task.wanted, radius_px)
     return SlopeMap(
-        slope_deg=measured.slope_deg,
-        sigma_deg=measured.sigma_deg,
-        p_safe=measured.p_safe,
-        aspect_deg=measured.aspect_deg,
-        roughness=measured.roughness,
-        above_plane_max=measured.above_plane_max,
-        below_plane_max=measured.below_plane_max,
-        distance=measured.distance,
-        valid_share=measured.valid_share,
-        step=measured.step,
+        **{field.name: getattr(measured, field.name) for field in fields(CellArrays)},
         spacing_px=cells.spacing_px,
         footprint_px=cells.footprint_px,
         footprint=_footprint(measured, cells, depth),
         tolerance_deg=options.tolerance_deg,
         confidence=options.confidence,
         classes_deg=task.wanted.classes_deg,
-        points=measured.points,
         sites=sites,
         no_site="" if sites or not task.wanted.sites else _no_site(ground, task, radius_px),
         north_cam1=options.north,
@@ -177,7 +166,7 @@ def _ground(depth: DenseDepth, cells: CellGrid, measured: CellMap, demand: Deman
         points=measured.points,
         spacing_px=cells.spacing_px,
         footprint_px=cells.footprint_px,
-        surface=ground_points(depth) * np.float32(task.length),
+        surface=depth.points * np.float32(task.length),
         known=depth.known,
         grid_scale=depth.grid.scale,
         shape1=scene.shape1,

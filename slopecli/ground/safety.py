@@ -16,7 +16,7 @@ from slopecli.types import FloatArray
 class SafetyTunables:
     """Tunables of slopes' sigmas and of probabilities."""
 
-    flattened_gsd: float = 0.7  # ground px by which the matcher flattens what stands out, and 1-sigma
+    flattened_gsd: float = 0.7  # ground px by which the matcher flattens what stands out, on average
     flattened_sigma_gsd: float = 2.0  # 1-sigma of that
     reach: float = 4.5  # sigmas of a tilt to either side over which its probability is integrated: all but 1e-5 of it
     chance_nodes: int = 14  # of that quadrature

@@ -59,7 +59,24 @@ class MapInfo:
 
 
 @dataclass(frozen=True, eq=False)
-class SlopeMap:
+class CellArrays:
+    """Ground around every cell of a map: arrays (rows, columns), NaN where not known; `SlopeMap` explains them."""
+
+    slope_deg: FloatArray
+    sigma_deg: FloatArray
+    p_safe: FloatArray
+    aspect_deg: FloatArray
+    roughness: FloatArray
+    above_plane_max: FloatArray
+    below_plane_max: FloatArray
+    distance: FloatArray
+    valid_share: FloatArray
+    step: BoolArray
+    points: FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class SlopeMap(CellArrays):
     """Ground around every cell of a regular grid over image 1: arrays (rows, columns), NaN where it is not known.
 
     The cell of row i and column j has its centre at px ((j + 0.5) spacing_px - 0.5, (i + 0.5) spacing_px - 0.5) of
@@ -75,16 +92,6 @@ class SlopeMap:
     sites : landing sites, best first.  no_site : where there is none, what came nearest and what it lacks.
     """
 
-    slope_deg: FloatArray
-    sigma_deg: FloatArray
-    p_safe: FloatArray
-    aspect_deg: FloatArray
-    roughness: FloatArray
-    above_plane_max: FloatArray
-    below_plane_max: FloatArray
-    distance: FloatArray
-    valid_share: FloatArray
-    step: BoolArray
     spacing_px: int
     footprint_px: float
     footprint: float
@@ -95,7 +102,6 @@ class SlopeMap:
     no_site: str
     north_cam1: tuple[float, float, float] | None
     report: Report
-    points: FloatArray
 
     @property
     def known(self) -> BoolArray:

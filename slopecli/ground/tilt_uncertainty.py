@@ -13,11 +13,9 @@ import numpy as np
 
 from slopecli.geometry.epipolar import homogeneous, rotation_from_vector
 from slopecli.geometry.motion import inverse_depth
-from slopecli.geometry.statistics import robust_sigma
 from slopecli.ground.footprint_planes import FootprintPlanes
 from slopecli.ground.footprints import disc_sums
-from slopecli.look.dense_depth import DenseDepth
-from slopecli.look.warp import FloatImage
+from slopecli.look.dense_depth import DEPTH, DenseDepth
 from slopecli.types import BoolArray, FloatArray, Solution
 
 
@@ -31,15 +29,12 @@ class TiltTunables:
     unmatched: float = 3.0  # 1-sigma of ground that is not matched, in the relief of its footprint
     unmatched_jump: float = 1.0  # the same, in the largest jump nearby
     neighbours: float = 1.5  # footprints, sigma of the Gaussian over which the variance of noise is averaged
-    jump_side_px: int = 5  # grid px, side of the neighbourhood over which a jump of depth is measured
     step_margin_px: int = 12  # grid px around a footprint where a step still moves its edge
-    noise_range: float = 2.5  # of the noise over that square, in its sigmas
     # height of a step, of the footprint's diameter, from which on a slope across it has no meaning
     step_share: float = 0.25
     step_length: float = 0.15  # pixels on it, of the footprint's diameter
     step_off_px: int = 6  # grid px by which matching misplaces a step, towards the ground below it
-    # of the footprint's diameter: most of that, so that small footprints keep their places
-    step_off_share: float = 1 / 8
+    step_off_share: float = 1 / 8  # the same at most, of the footprint's diameter
     delta: float = 1e-4  # rad and relative, of numerical derivatives
 
 
@@ -162,7 +157,7 @@ def _edge_variance(depth: DenseDepth, planes: FootprintPlanes) -> FloatArray:
     It is measured, not derived: in proportion to the mean square of the jumps over a footprint, as their errors are
     independent, and for one and the same ground to the fourth power of the diameter.
     """
-    span = span_of(depth)
+    span = depth.span
     n, first, second = disc_sums((depth.known, span * depth.known, span * span * depth.known), planes.cells)
     n, rise = np.maximum(n, 1.0), _rise(depth, planes)
     jumps = np.maximum(second / n - 2 * rise * first / n + rise**2, 0.0)
@@ -179,19 +174,10 @@ def _gap_variance(depth: DenseDepth, planes: FootprintPlanes, jump: FloatArray) 
     return np.asarray(lever**2 * ((TILT.unmatched * relief) ** 2 + (TILT.unmatched_jump * jump) ** 2))
 
 
-def span_of(depth: DenseDepth) -> FloatImage:
-    """(h, w) range of ln w over a square of `TILT.jump_side_px`, beyond what its noise has."""
-    logarithm, kernel = np.log(depth.w), np.ones((TILT.jump_side_px, TILT.jump_side_px), np.uint8)
-    noise = robust_sigma(depth.across_px[depth.known].astype(float)) / depth.shift_px if depth.known.any() else 0.0
-    return np.asarray(
-        np.maximum(cv2.dilate(logarithm, kernel) - cv2.erode(logarithm, kernel) - TILT.noise_range * noise, 0.0)
-    )
-
-
 def _rise(depth: DenseDepth, planes: FootprintPlanes) -> FloatArray:
-    """(rows, columns) that range on the plane of a footprint."""
+    """(rows, columns) `DenseDepth.span` on the plane of a footprint."""
     rise = np.abs(planes.scaled_normal[..., :2]).sum(-1) * planes.middle[..., 2]
-    return np.asarray(rise * (TILT.jump_side_px - 1) / depth.focal_px)
+    return np.asarray(rise * (DEPTH.jump_side_px - 1) / depth.focal_px)
 
 
 def largest_jump(depth: DenseDepth, planes: FootprintPlanes) -> FloatArray:
@@ -199,7 +185,7 @@ def largest_jump(depth: DenseDepth, planes: FootprintPlanes) -> FloatArray:
 
     What the plane of the footprint itself rises by is subtracted.
     """
-    cells, span, side = planes.cells, span_of(depth), TILT.jump_side_px - 1
+    cells, span, side = planes.cells, depth.span, DEPTH.jump_side_px - 1
     rows, columns = (n // side for n in span.shape)
     blocks = span[: rows * side, : columns * side].reshape(rows, side, columns, side).max((1, 3))
     reach = int(np.ceil((cells.radius_px + TILT.step_margin_px) / side))

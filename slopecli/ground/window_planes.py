@@ -8,9 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from slopecli.ground.footprint_planes import FootprintPlanes, fit_footprints, ground_points
+from slopecli.ground.footprint_planes import FootprintPlanes, fit_footprints
 from slopecli.ground.footprints import Cells
-from slopecli.ground.tilt_uncertainty import Root, matching_variance, normal_covariance, span_of
+from slopecli.ground.tilt_uncertainty import Root, matching_variance, normal_covariance
 from slopecli.look.dense_depth import DenseDepth
 from slopecli.look.warp import FloatImage, block_sum
 from slopecli.types import BoolArray, FloatArray
@@ -38,7 +38,7 @@ FIT = WindowPlaneTunables()
 class WindowPlanes:
     """The plane of every window nearest, by perpendicular distance, to all its ground: `planes`, in one row.
 
-    covariance (n, 3, 3): of the scaled normals, infinite where there is no plane.
+    covariance (n, 3, 3): of the scaled normals, NaN where there is no plane.
     """
 
     planes: FootprintPlanes
@@ -62,14 +62,13 @@ class WindowPlanes:
 
 def fit_windows(depth: DenseDepth, windows: Sequence[Window], root: Root) -> WindowPlanes:
     """Fit the planes of windows, px of image 1."""
-    points, span = ground_points(depth), span_of(depth)
     radii = [_radius_px(depth, window) for window in windows]
-    discs = {radius_px: _Discs.of(depth, points, radius_px) for radius_px in {min(r, FIT.largest_px) for r in radii}}
+    discs = {radius_px: _Discs.of(depth, radius_px) for radius_px in {min(r, FIT.largest_px) for r in radii}}
     fitted = []
     for window, radius_px in zip(windows, radii, strict=True):
         measured = min(radius_px, FIT.largest_px)
         smaller = (measured / radius_px) ** FIT.falls
-        fitted.append(_fit(depth, points, span, _part(depth, window), discs[measured], smaller))
+        fitted.append(_fit(depth, _part(depth, window), discs[measured], smaller))
     normal, middle, relief, share, sure, gradient = (np.stack(values)[None] for values in zip(*fitted, strict=True))
     planes = FootprintPlanes(Cells(np.arange(len(windows)), np.arange(1), 0.0), normal, middle, relief, share, sure)
     return WindowPlanes(planes, normal_covariance(planes, root, gradient)[0])
@@ -83,12 +82,12 @@ class _Discs:
     gradient: FloatArray
 
     @classmethod
-    def of(cls, depth: DenseDepth, points: NDArray[np.float32], radius_px: float) -> _Discs:
+    def of(cls, depth: DenseDepth, radius_px: float) -> _Discs:
         """The discs of this radius, grid px."""
         step = max(1.0, 2 * radius_px / FIT.places)
         rows, columns = depth.w.shape
         u, v = (np.arange(0.5 * step, count, step).astype(np.int64) for count in (columns, rows))
-        planes = fit_footprints(points, depth.known, depth.sure, Cells(u, v, radius_px))
+        planes = fit_footprints(depth.points, depth.known, depth.sure, Cells(u, v, radius_px))
         return cls(planes, FIT.widened**2 * matching_variance(depth, planes))
 
     def nearest(self, u: float, v: float) -> FloatArray:
@@ -115,8 +114,6 @@ def _part(depth: DenseDepth, window: Window) -> tuple[slice, slice]:
 
 def _fit(
     depth: DenseDepth,
-    points: NDArray[np.float32],
-    span: FloatImage,
     part: tuple[slice, slice],
     discs: _Discs,
     smaller: float,
@@ -128,14 +125,14 @@ def _fit(
     known, sure = depth.known[part], depth.sure[part]
     if known.sum() < 3:
         return np.array([0.0, 0.0, -1.0]), np.ones(3), 0.0, 0.0, 0.0, np.full((2, 2), np.nan)
-    ground = points[part][known].astype(np.float64)
+    ground = depth.points[part][known].astype(np.float64)
     middle = ground.mean(axis=0)
     offsets = ground - middle
     values, vectors = np.linalg.eigh(offsets.T @ offsets / len(ground))
     normal = vectors[:, 0] * -np.sign(vectors[:, 0] @ middle)
     relief = float(np.sqrt(max(values[0], 0.0)))
     near = discs.nearest(0.5 * (part[1].start + part[1].stop), 0.5 * (part[0].start + part[0].stop))
-    gaps = _gaps(depth.rays[part], span[part], known, sure, relief / middle[2])
+    gaps = _gaps(depth.rays[part], depth.span[part], known, sure, relief / middle[2])
     return normal, middle, relief, float(known.mean()), float(sure.mean()), smaller * near + gaps
 
 

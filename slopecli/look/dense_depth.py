@@ -16,6 +16,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from slopecli.geometry.statistics import robust_sigma
 from slopecli.look.dense import flow, match_exposure, spread
 from slopecli.look.depth_transfer import DepthTransfer
 from slopecli.look.noise import LEAST_MATCH_PX, NOISE_GREY
@@ -29,6 +30,7 @@ from slopecli.look.warp import (
     image_gradient,
     node_shape,
     resample,
+    spread_table,
 )
 from slopecli.types import FloatArray
 from slopecli.windows import Window
@@ -52,12 +54,14 @@ class DepthTunables:
     relief: float = 0.05
     reach_px: float = 0.5  # grid px, 1-sigma of what is left to align after the flow
     told: float = 0.3  # least share of a correction that the images determine, rather than these two assumptions
-    most_change: float = 0.5  # of the logarithm of inverse depth, by the flow and by a round
-    most_step: float = 0.2  # the same, by a round of alignment
+    most_change: float = 0.5  # largest change of the logarithm of inverse depth by the flow
+    most_step: float = 0.2  # the same by a round of alignment
     across_px: float = 1.0  # grid px, largest residual across the epipolar line that is believed
     step_gradient: float = 0.4  # of the displacement, px per px: ground of 45 degrees has a tenth to a fifth
     beside_px: int = 4  # grid px to either side of a step that may have the depth of the other side
     hidden: float = 0.02  # difference of the logarithms of inverse depth from which on a surface hides another
+    jump_side_px: int = 5  # grid px, side of the square over which a jump of depth is measured
+    noise_range: float = 2.5  # of the noise over that square, in its sigmas
 
 
 DEPTH = DepthTunables()
@@ -89,6 +93,20 @@ class DenseDepth:
         """(h, w) length of `shifts`."""
         return np.sqrt((self.shifts**2).sum(2) + 1e-12)
 
+    @cached_property
+    def points(self) -> FloatImage:
+        """(h, w, 3) points of the pixels, camera-1 axes, baselines; of no meaning where not known."""
+        z = 1.0 / self.w
+        return np.dstack([self.rays[..., 0] * z, self.rays[..., 1] * z, z])
+
+    @cached_property
+    def span(self) -> FloatImage:
+        """(h, w) range of ln w over a square of `DEPTH.jump_side_px`, beyond what its noise has."""
+        logarithm, kernel = np.log(self.w), np.ones((DEPTH.jump_side_px, DEPTH.jump_side_px), np.uint8)
+        noise = robust_sigma(self.across_px[self.known].astype(float)) / self.shift_px if self.known.any() else 0.0
+        span = cv2.dilate(logarithm, kernel) - cv2.erode(logarithm, kernel)
+        return np.asarray(np.maximum(span - DEPTH.noise_range * noise, 0.0))
+
     @property
     def focal_px(self) -> float:
         """Grid px per unit of normalised coordinate, over the middle row of the grid."""
@@ -106,7 +124,7 @@ def measure_depth(scene: Scene, windows: Sequence[Window] = (), max_pixels: floa
     transfer = DepthTransfer(scene, grid)
     nodes = _start(scene, grid)
     shifts = transfer.shifts(nodes)
-    w = _between_nodes(nodes, grid)
+    w = spread_table(nodes, grid.shape)
     pair = _Alignment(scene, grid, transfer, shifts)
     w, across = pair.by_flow(w)
     for _ in range(DEPTH.rounds):
@@ -142,14 +160,6 @@ def _start(scene: Scene, grid: Grid) -> FloatArray:
     shape = rows * NODE_STEP, columns * NODE_STEP
     logarithm = spread(places, np.log(found.w)[:, None], shape, NODE_STEP, weight)[..., 0]
     return np.exp(cv2.medianBlur(logarithm.astype(np.float32), 3).astype(float))
-
-
-def _between_nodes(nodes: FloatArray, grid: Grid) -> FloatImage:
-    rows, columns = nodes.shape
-    size = columns * NODE_STEP, rows * NODE_STEP
-    dense = cv2.resize(nodes.astype(np.float32), size, interpolation=cv2.INTER_LINEAR)
-    height, width = grid.shape
-    return np.ascontiguousarray(dense[NODE_STEP : NODE_STEP + height, NODE_STEP : NODE_STEP + width])
 
 
 class _Alignment:
@@ -228,8 +238,6 @@ def _hidden(w: FloatImage, uv2: FloatImage, known: NDArray[np.bool_], scene: Sce
     height, width = (int(np.ceil(n / step)) for n in scene.shape2)
     at = (np.clip(uv2, 0, [scene.shape2[1] - 1, scene.shape2[0] - 1]) / step).astype(np.int64)
     place = at[..., 1] * width + at[..., 0]
-    nearest = np.zeros(height * width, np.float32)
-    logarithm = np.log(w)
-    nearest[:] = -np.inf
+    nearest, logarithm = np.full(height * width, -np.inf, np.float32), np.log(w)
     np.maximum.at(nearest, place[known], logarithm[known])
     return np.asarray(nearest[place] - logarithm > DEPTH.hidden)

@@ -79,7 +79,7 @@ def map_nodes(grid: Grid) -> FloatArray:
 
 
 def spread_table(table: FloatArray, shape: tuple[int, int]) -> FloatImage:
-    """Map (h, w, 2) float32 of the given shape from its values at `node_shape` nodes (rows, columns, 2)."""
+    """Map (h, w, ...) float32 of the given shape from its values at `node_shape` nodes (rows, columns, ...)."""
     (rows, columns), (height, width) = table.shape[:2], shape
     dense = cv2.resize(
         table.astype(np.float32), (columns * NODE_STEP, rows * NODE_STEP), interpolation=cv2.INTER_LINEAR
