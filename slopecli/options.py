@@ -31,6 +31,24 @@ class Pose:
 
 
 @dataclass(frozen=True)
+class Position:
+    """Where a camera was, WGS 84: degrees north and east, metres up (None where they are not known).
+
+    Some makers count the altitude from the level of the sea, some from the ellipsoid, up to 100 m apart.
+
+    sigma_m : 1-sigma north and east, each.  sigma_up_m : of the altitude.  apart_sigma_m : of the place against another
+    one of the same flight, north and east each: most of the error of satellite fixes minutes apart is the same.
+    """
+
+    latitude_deg: float
+    longitude_deg: float
+    altitude_m: float | None
+    sigma_m: float
+    sigma_up_m: float
+    apart_sigma_m: float
+
+
+@dataclass(frozen=True)
 class Options:
     """Options of `slopemap estimate`.
 

@@ -1,0 +1,165 @@
+"""Focal length and distortion out of the metadata of an image: one row a way in which they are stated.
+
+Two conventions of the "35 mm equivalent" are in use: of equal field of view across the image (36 mm), and of equal
+field of view across the diagonal (43.27 mm, CIPA DCG-001). They are the same for images of 3:2, and 4 % apart for 4:3.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from slopecli.errors import InputError
+from slopecli.io.metadata.attitudes import DJI
+from slopecli.io.metadata.image_metadata import Lens
+from slopecli.io.metadata.image_tags import ImageTags, Tag, number_of
+
+Size = tuple[int, int]
+
+
+@dataclass(frozen=True)
+class LensErrors:
+    """Relative 1-sigmas of a focal length, and the sides of a film image, mm.
+
+    calibrated : of the camera itself, by its maker, which the temperature moves.  nominal : of a lens by its name, as
+    data sheets round and focusing changes it.  convention : between the two equivalents, which are 4 % apart at most.
+    contradiction : between two statements of one file, beyond which neither is believed.
+    """
+
+    calibrated: float = 0.005
+    nominal: float = 0.02
+    convention: float = 0.02
+    contradiction: float = 0.15
+    film_width_mm: float = 36.0
+    film_height_mm: float = 24.0
+
+
+ERRORS = LensErrors()
+
+
+def taken_size(tags: ImageTags) -> Size | None:
+    """(width, height) px of the image as taken, None where EXIF does not state it."""
+    sides = [number_of(tags.exif.get(tag)) for tag in (Tag.WIDTH, Tag.HEIGHT)]
+    width, height = (int(side) if side is not None and 1 <= side < 1e6 else 0 for side in sides)
+    return (width, height) if width and height else None
+
+
+def _dewarp(tags: ImageTags, taken: Size) -> Lens | None:
+    """DJI's calibration: "date;fx,fy,cx,cy,k1,k2,p1,p2,k3", px, principal point from the middle of the image."""
+    text = tags.xmp.get((DJI, "DewarpData"), "").rpartition(";")[2]
+    values = [number_of(part) for part in text.split(",")]
+    if len(values) != 9 or any(value is None for value in values):
+        return None
+    fx, fy, cx, cy, *distortion = (value for value in values if value is not None)
+    if not fx > 0 or not fy > 0:
+        return None
+    undistorted = tags.xmp.get((DJI, "DewarpFlag"), "0").strip() == "1"
+    how = ", distortion already taken out (DewarpFlag)" if undistorted else ""
+    lens = () if undistorted else tuple(distortion)
+    return Lens(taken, fx, fy, ERRORS.calibrated, f"DJI DewarpData{how}", (cx, cy), lens)
+
+
+def _calibrated(tags: ImageTags, taken: Size) -> Lens | None:
+    """DJI's focal length of the model of camera, px."""
+    focal = tags.xmp_number(DJI, "CalibratedFocalLength")
+    if focal is None or focal <= 0:
+        return None
+    return Lens(taken, focal, focal, ERRORS.nominal, f"DJI CalibratedFocalLength {focal:g} px")
+
+
+def _focal_plane(tags: ImageTags, taken: Size) -> Lens | None:
+    """FocalLength in mm times the pixels per mm of FocalPlaneResolution."""
+    focal_mm = number_of(tags.exif.get(Tag.FOCAL_MM))
+    across, down = (number_of(tags.exif.get(tag)) for tag in (Tag.PLANE_X, Tag.PLANE_Y))
+    units_mm = {2: 25.4, 3: 10.0, 4: 1.0, 5: 0.001}
+    unit = units_mm.get(int(number_of(tags.exif.get(Tag.PLANE_UNIT)) or 2))
+    if not focal_mm or not across or unit is None or min(focal_mm, across, down or across) <= 0:
+        return None
+    zoom = max(number_of(tags.exif.get(Tag.ZOOM)) or 1.0, 1.0)
+    fx, fy = (zoom * focal_mm * per / unit for per in (across, down or across))
+    sensor = f"{taken[0] * unit / across:.3g} mm wide sensor"
+    return Lens(taken, fx, fy, ERRORS.nominal, f"FocalLength {focal_mm:g} mm, {sensor}")
+
+
+def _equivalent(tags: ImageTags, taken: Size) -> Lens | None:
+    """FocalLengthIn35mmFilm, by the diagonal: that of the whole sensor, of 4:3 unless the image is of 3:2 or less wide.
+
+    An image of 16:9 is a sensor of 4:3 cut at the top and at the bottom; one of 3:2 is a whole sensor.
+    """
+    film = number_of(tags.exif.get(Tag.FOCAL_35))
+    if film is None or film <= 0:
+        return None
+    longer, shorter = max(taken), min(taken)
+    ratio = longer / shorter
+    sensor_height = shorter if ratio < 1.6 else 0.75 * longer  # 1.6: between 3:2 and 16:9
+    per_mm = math.hypot(longer, sensor_height) / math.hypot(ERRORS.film_width_mm, ERRORS.film_height_mm)
+    sigma = math.hypot(ERRORS.nominal, ERRORS.convention, 0.5 / math.sqrt(3.0) / film)  # a whole number of mm
+    return Lens(taken, film * per_mm, film * per_mm, sigma, f"35 mm equivalent {film:g} mm")
+
+
+@dataclass(frozen=True)
+class LensSource:
+    """One way in which metadata state a focal length.
+
+    name, needs : in docs/drone.md: what it is called, and the tags that it needs.
+    lens : the lens of the image as taken out of its tags, None where they do not state it in this way.
+    """
+
+    name: str
+    needs: str
+    lens: Callable[[ImageTags, Size], Lens | None]
+
+
+# the best first; the first that is stated is used
+LENS_SOURCES = (
+    LensSource("calibration by DJI", "`DewarpData`, `DewarpFlag`", _dewarp),
+    LensSource("focal length by DJI", "`CalibratedFocalLength`", _calibrated),
+    LensSource("millimetres", "`FocalLength`, `FocalPlaneXResolution` with its unit", _focal_plane),
+    LensSource("35 mm equivalent", "`FocalLengthIn35mmFilm`", _equivalent),
+)
+
+
+def lens_of(tags: ImageTags) -> tuple[Lens | None, str]:
+    """The lens of an image as stored, and a note where one is stated that cannot be used."""
+    taken = taken_size(tags) or tags.size
+    found = [lens for row in LENS_SOURCES if (lens := row.lens(tags, taken)) is not None]
+    if not found:
+        focal_mm = number_of(tags.exif.get(Tag.FOCAL_MM))
+        return None, f"it states a focal length of {focal_mm:g} mm, but no size of the sensor" if focal_mm else ""
+    first, *others = found
+    for other in others:
+        if abs(math.log(other.fx / first.fx)) > ERRORS.contradiction:
+            each = f"{first.source} is {first.fx:.4g} px, {other.source} is {other.fx:.4g} px"
+            return None, f"its focal lengths contradict each other: {each}"
+    try:
+        lens = _as_stored(first, tags.size)
+        lens.camera()
+    except InputError as error:
+        return None, f"its focal length cannot be used: {error}"
+    return lens, ""
+
+
+def _as_stored(lens: Lens, stored: Size) -> Lens:
+    """The lens of an image as taken, for the image as stored: resized, or turned by a quarter.
+
+    Raises
+    ------
+    InputError : the image is neither, or it is turned and the principal point is not in the middle.
+    """
+    (width, height), sides = lens.size, f"{lens.size[0]}x{lens.size[1]} px were taken, {stored[0]}x{stored[1]} are here"
+    turned = not is_resized(lens.size, stored) and is_resized((height, width), stored)
+    if not turned and not is_resized(lens.size, stored):
+        raise InputError(f"the image was cut after it was taken ({sides})")
+    if turned and (any(lens.centre_px) or any(lens.distortion)):
+        raise InputError(f"the image was turned after it was taken ({sides})")
+    scale = max(stored) / max(width, height)
+    fx, fy = (lens.fy, lens.fx) if turned else (lens.fx, lens.fy)
+    x, y = lens.centre_px
+    source = lens.source if scale == 1.0 else f"{lens.source}, resized by {scale:.4g}"
+    return Lens(stored, fx * scale, fy * scale, lens.sigma, source, (x * scale, y * scale), lens.distortion)
+
+
+def is_resized(one: Size, other: Size) -> bool:
+    """Whether both sizes have one shape, to within the rounding of a pixel."""
+    return abs(other[1] - one[1] * other[0] / one[0]) < 1 or abs(other[0] - one[0] * other[1] / one[1]) < 1

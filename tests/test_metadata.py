@@ -1,0 +1,289 @@
+"""What is read of an image file besides its pixels: lens, place and attitude, and what is refused, by name."""
+
+from __future__ import annotations
+
+import math
+import struct
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from metadata_factory import (
+    DJI,
+    FOCAL_35,
+    FOCAL_MM,
+    HEIGHT,
+    PLACE,
+    PLANE_UNIT,
+    PLANE_X,
+    PLANE_Y,
+    WIDTH,
+    gimbal,
+    gps_tags,
+    photograph,
+    with_xmp,
+    xmp_packet,
+)
+from numpy.testing import assert_allclose
+
+from slopecli.geometry import ned_displacement, ned_from_camera
+from slopecli.io.metadata import Attitude, Metadata, decode_metadata, read_metadata, xmp_values
+
+SIZE = (400, 300)
+DEWARP = "2021-05-11;3680.5,3681.5,11.25,-7.5,-0.27,0.11,0.0002,-0.0003,-0.03"
+WHOLE = (5472, 3648)
+
+
+def read(size: tuple[int, int] = SIZE, **how: Any) -> Metadata:
+    return decode_metadata(photograph(size, **how), "image.jpg")
+
+
+def dji(**values: Any) -> Metadata:
+    return read(xmp=xmp_packet(values))
+
+
+# ---- attitude ----
+
+
+def axes(attitude: Attitude | None) -> np.ndarray:
+    """Columns: where the image's right, its bottom and the line of sight point, north, east, down."""
+    assert attitude is not None
+    return attitude.ned_from_camera
+
+
+@pytest.mark.parametrize(
+    ("angles", "right", "down", "ahead"),
+    [
+        ((0, 0, 0), (0, 1, 0), (0, 0, 1), (1, 0, 0)),  # looks north, upright
+        ((90, 0, 0), (-1, 0, 0), (0, 0, 1), (0, 1, 0)),  # looks east
+        ((0, -90, 0), (0, 1, 0), (-1, 0, 0), (0, 0, 1)),  # straight down, the top of the image to the north
+        ((90, -90, 0), (-1, 0, 0), (0, -1, 0), (0, 0, 1)),  # straight down, the top to the east
+        ((0, 0, 90), (0, 0, 1), (0, -1, 0), (1, 0, 0)),  # looks north, the camera turned clockwise
+        ((180, -90, 180), (0, 1, 0), (-1, 0, 0), (0, 0, 1)),  # as a gimbal past straight down states it
+    ],
+)
+def test_angles_are_north_east_down(angles: tuple[float, ...], right: Any, down: Any, ahead: Any) -> None:
+    assert_allclose(ned_from_camera(*angles), np.transpose([right, down, ahead]), atol=1e-12)
+
+
+def test_gimbal_gives_up_and_north() -> None:
+    attitude = dji(**gimbal(30.0, -60.0)).attitude
+    assert attitude is not None
+    assert_allclose(attitude.up_cam, (0, -math.cos(math.radians(60)), -math.sin(math.radians(60))), atol=1e-12)
+    assert attitude.north_cam is not None
+    assert_allclose(np.dot(attitude.up_cam, attitude.north_cam), 0, atol=1e-12)
+    assert_allclose(axes(attitude)[:2, 2], 0.5 * np.array([math.cos(math.pi / 6), math.sin(math.pi / 6)]), atol=1e-12)
+
+
+def test_angles_that_are_all_zero_are_not_level() -> None:
+    metadata = dji(**gimbal(0, 0, 0))
+    assert metadata.attitude is None
+    assert "all 0" in " ".join(metadata.notes)
+
+
+def test_angles_of_the_aircraft_are_not_those_of_its_camera() -> None:
+    assert dji(FlightYawDegree="+12", FlightPitchDegree="-3", FlightRollDegree="+1").attitude is None
+
+
+def test_a_heading_may_be_missing() -> None:
+    attitude = dji(GimbalPitchDegree="-80", GimbalRollDegree="0").attitude
+    assert attitude is not None
+    assert attitude.north_cam is None
+    assert attitude.up_cam[2] < -0.98
+
+
+def test_body_angles_look_down_at_zero() -> None:
+    packet = xmp_packet({"Yaw": 90, "Pitch": 0, "Roll": 0}, "http://pix4d.com/camera/1.0", "Camera")
+    assert_allclose(axes(read(xmp=packet).attitude), ned_from_camera(90, -90, 0), atol=1e-12)
+
+
+@pytest.mark.parametrize(("orientation", "turn"), [(6, 90), (8, 270), (3, 180)])
+def test_angles_of_turned_pixels(orientation: int, turn: int) -> None:
+    """Of the two readings that has the top of the image as shown up: angles of what is shown, or of what is stored."""
+    shown = read(xmp=xmp_packet(gimbal(20, -30)), main={274: orientation})
+    stored = read(xmp=xmp_packet(gimbal(20, -30, turn)), main={274: orientation})
+    assert_allclose(axes(shown.attitude), axes(stored.attitude), atol=1e-9)
+    up = np.array(shown.attitude.up_cam) if shown.attitude else np.zeros(3)
+    top = {6: (-1, 0), 8: (1, 0), 3: (0, 1)}[orientation]  # where the top as shown is in the pixels as stored
+    assert_allclose(up[:2] / np.linalg.norm(up[:2]), top, atol=1e-9)
+    assert f"orientation {orientation}" in " ".join(shown.notes)
+
+
+def test_a_mirrored_image_has_no_attitude() -> None:
+    metadata = read(xmp=xmp_packet(gimbal(20, -30)), main={274: 2})
+    assert metadata.attitude is None
+    assert "mirrors" in metadata.notes[0]
+
+
+# ---- place ----
+
+
+def test_place_of_exif_and_of_xmp() -> None:
+    latitude, longitude = PLACE
+    position = read(gps=gps_tags(-latitude, -longitude, 412.3)).position
+    assert position is not None
+    assert_allclose((position.latitude_deg, position.longitude_deg), (-latitude, -longitude), atol=1e-9)
+    assert position.altitude_m == pytest.approx(412.3)
+    misspelt = dji(
+        GpsLatitude="+47.3769", GpsLongtitude="+8.5417", AbsoluteAltitude="+412.30", RelativeAltitude="+30.1"
+    )
+    assert misspelt.position is not None
+    assert (misspelt.position.latitude_deg, misspelt.position.longitude_deg) == PLACE
+    assert misspelt.relative_altitude_m == 30.1
+
+
+def test_a_fix_with_corrections_has_the_sigma_it_states() -> None:
+    fixed = dji(
+        GpsLatitude="47", GpsLongitude="8", RtkFlag="50", RtkStdLat="0.011", RtkStdLon="0.014", RtkStdHgt="0.03"
+    )
+    plain = dji(GpsLatitude="47", GpsLongitude="8")
+    assert fixed.position is not None
+    assert plain.position is not None
+    assert (fixed.position.sigma_m, fixed.position.sigma_up_m) == (0.014, 0.03)
+    assert plain.position.sigma_m > plain.position.apart_sigma_m > 10 * fixed.position.apart_sigma_m
+
+
+@pytest.mark.parametrize(
+    ("gps", "said"),
+    [
+        ({**gps_tags(*PLACE), 1: "X"}, "incomplete"),
+        ({2: gps_tags(*PLACE)[2]}, "incomplete"),
+        (gps_tags(0, 0), "without a fix"),
+        (gps_tags(91, 8), "no globe"),
+        ({**gps_tags(*PLACE), 0x12: "TOKYO"}, "not of WGS 84"),
+    ],
+)
+def test_a_place_that_cannot_be_used_is_named(gps: dict[int, Any], said: str) -> None:
+    metadata = read(gps=gps)
+    assert metadata.position is None
+    assert said in " ".join(metadata.notes)
+
+
+def test_displacements_are_those_of_the_ellipsoid() -> None:
+    """Against the lengths of arcs at 45 degrees of latitude: 111 132 m a degree north, 78 847 m a degree east."""
+    assert_allclose(ned_displacement(45, 179.9995, 45, -179.9995, 0), (0, 78.847, 0), atol=2e-3)
+    assert_allclose(ned_displacement(44.9995, 8, 45.0005, 8, 5), (111.132, 0, -5), atol=2e-3)
+
+
+# ---- lens ----
+
+
+def test_calibration_of_the_maker() -> None:
+    lens = read(
+        WHOLE, xmp=xmp_packet({"DewarpData": DEWARP, "DewarpFlag": "0", "CalibratedFocalLength": "3666.7"})
+    ).lens
+    assert lens is not None
+    camera = lens.camera()
+    assert (camera.fx, camera.fy) == (3680.5, 3681.5)
+    assert (camera.cx, camera.cy) == (5471 / 2 + 11.25, 3647 / 2 - 7.5)
+    assert camera.distortion[:5] == (-0.27, 0.11, 0.0002, -0.0003, -0.03)
+    assert camera.source.startswith("EXIF: DJI DewarpData")
+    assert lens.sigma < 0.01
+
+
+def test_an_image_already_undistorted_has_no_distortion() -> None:
+    lens = read(WHOLE, xmp=xmp_packet({"DewarpData": DEWARP, "DewarpFlag": "1"})).lens
+    assert lens is not None
+    assert lens.camera().model == "pinhole"
+    assert "already taken out" in lens.source
+
+
+def test_focal_length_in_millimetres() -> None:
+    """13.2 mm of sensor across 400 px; the same in other units, and of an image that was made half as large."""
+    exif = {FOCAL_MM: 8.8, PLANE_X: 400 / 1.32, PLANE_Y: 400 / 1.32, PLANE_UNIT: 3, WIDTH: 400, HEIGHT: 300}
+    focal = 8.8 * 400 / 13.2
+    inches = {**exif, PLANE_X: 400 / 13.2 * 25.4, PLANE_Y: 400 / 13.2 * 25.4, PLANE_UNIT: 2}
+    for tags in (exif, inches):
+        lens = read(exif=tags).lens
+        assert lens is not None
+        assert lens.fx == pytest.approx(focal, rel=1e-6)
+    half = read((200, 150), exif=exif).lens
+    assert half is not None
+    assert half.fx == pytest.approx(focal / 2, rel=1e-6)
+    assert "resized by 0.5" in half.source
+    assert half.camera().cx == 99.5
+    turned = read((300, 400), exif=exif).lens
+    assert turned is not None
+    assert turned.fx == pytest.approx(focal, rel=1e-6)
+
+
+@pytest.mark.parametrize("size", [(400, 300), (300, 400), (400, 225), (400, 267)])
+def test_35_mm_equivalent_is_within_its_sigma_of_both_conventions(size: tuple[int, int]) -> None:
+    lens = read(size, exif={FOCAL_35: 24}).lens
+    assert lens is not None
+    across = 24 / 36 * max(size)
+    sensor = math.hypot(400, 300) if size[1] < 240 or 300 in size else math.hypot(*size)
+    diagonal = 24 / math.hypot(36, 24) * sensor
+    assert lens.fx == pytest.approx(diagonal, rel=5e-3)
+    assert abs(math.log(across / lens.fx)) < 2 * lens.sigma
+    assert 0.02 < lens.sigma < 0.05
+
+
+@pytest.mark.parametrize(
+    ("size", "exif", "xmp", "said"),
+    [
+        (SIZE, {FOCAL_MM: 8.8}, {}, "no size of the sensor"),
+        (SIZE, {FOCAL_35: 24, FOCAL_MM: 8.8, PLANE_X: 4000, PLANE_Y: 4000}, {}, "contradict each other"),
+        ((300, 300), {FOCAL_35: 24, WIDTH: 400, HEIGHT: 300}, {}, "was cut"),
+        ((3648, 5472), {WIDTH: 5472, HEIGHT: 3648}, {"DewarpData": DEWARP}, "was turned"),
+        (SIZE, {FOCAL_35: 65535}, {}, "cannot be used"),
+    ],
+)
+def test_a_lens_that_cannot_be_used_is_named(size: Any, exif: Any, xmp: Any, said: str) -> None:
+    metadata = read(size, exif=exif, xmp=xmp_packet(xmp) if xmp else b"")
+    assert metadata.lens is None
+    assert said in " ".join(metadata.notes)
+
+
+# ---- hostile and damaged metadata ----
+
+
+def test_nothing_stated_is_nothing_read() -> None:
+    metadata = decode_metadata(photograph(SIZE), "image.jpg")
+    assert metadata == Metadata("image.jpg", SIZE)
+
+
+@pytest.mark.parametrize(
+    "packet",
+    [
+        b'<!DOCTYPE x [<!ENTITY a "b"><!ENTITY c "&a;&a;&a;">]><x>&c;</x>',
+        '<!DOCTYPE x [<!ENTITY a SYSTEM "file:///etc/hostname">]><x>&a;</x>'.encode("utf-16"),
+        b'<!DOCTYPE x SYSTEM "http://example.invalid/x.dtd"><x/>',
+    ],
+)
+def test_entities_are_refused(packet: bytes) -> None:
+    assert xmp_values(packet) == ({}, "declares a document type, which no XMP does")
+
+
+def test_huge_and_deep_packets_are_refused_or_read_in_no_time() -> None:
+    assert xmp_values(b"<x>" * 400_000)[1].startswith("has 1200000 bytes")
+    assert xmp_values(b"<x>" * 300_000 + b"</x>" * 10)[0] == {}
+
+
+def test_what_stands_before_damage_is_kept() -> None:
+    packet = xmp_packet(gimbal(30, -60)).replace(b"</rdf:RDF>", b"</x>")
+    metadata = decode_metadata(photograph(SIZE, xmp=packet), "image.jpg")
+    assert metadata.attitude is not None
+    assert "damaged" in metadata.notes[0]
+
+
+def test_values_may_be_elements() -> None:
+    element = f'<r:D xmlns:r="r" xmlns:d="{DJI}"><d:GimbalPitchDegree> -45.0 </d:GimbalPitchDegree></r:D>'.encode()
+    assert xmp_values(element)[0][(DJI, "GimbalPitchDegree")] == "-45.0"
+
+
+@pytest.mark.parametrize("odd", ["nan", "inf", "1e999", "", "twelve", "+-3", "1/0", "9" * 5000])
+def test_odd_numbers_are_none(odd: str) -> None:
+    metadata = dji(**gimbal(10, -60) | {"GimbalPitchDegree": odd, "RelativeAltitude": odd, "GpsLatitude": odd})
+    assert metadata.attitude is None
+    assert metadata.relative_altitude_m is None
+    assert metadata.position is None
+
+
+def test_a_file_without_tags_says_so(tmp_path: Path) -> None:
+    (tmp_path / "image.bmp").write_bytes(b"BM" + struct.pack("<IHHI", 70, 0, 0, 54) + bytes(56))
+    metadata = read_metadata(tmp_path / "image.bmp")
+    assert "no kind that has them" in metadata.notes[0]
+    cut = with_xmp(photograph(SIZE), xmp_packet(gimbal(1, 2)))[:200]
+    assert decode_metadata(cut, "cut.jpg").attitude is None
