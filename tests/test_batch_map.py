@@ -136,7 +136,7 @@ def test_maps_and_estimates_replace_each_other(flight: Run, tmp_path: Path) -> N
     done = slopemap("batch", str(flight[1]), "-o", str(tmp_path / "out"))
     assert done.returncode == 4
     names = {path.name for path in (tmp_path / "out" / "view000-view001").iterdir()}
-    assert names == {"slopes.json", "labels.png", "overlay.png", "patches.ply", "pair.json"}
+    assert names == {"slopes.json", "labels.png", "labels_colour.png", "overlay.png", "patches.ply", "pair.json"}
 
 
 USAGE = {

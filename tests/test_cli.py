@@ -23,7 +23,7 @@ ROOT = Path(__file__).resolve().parent.parent
 DESCENT = ROOT / "sample_data" / "descent"
 PAIR = (str(DESCENT / "image1.png"), str(DESCENT / "image2.png"))
 CAMERA = ("--camera", str(DESCENT / "camera.json"))
-FILES = {"slopes.json", "overlay.png", "patches.ply", "labels.png"}
+FILES = {"slopes.json", "overlay.png", "patches.ply", "labels.png", "labels_colour.png"}
 
 
 @pytest.fixture(scope="module")

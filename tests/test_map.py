@@ -247,7 +247,7 @@ def test_pictures_are_left_out_and_a_cloud_is_added_on_request_and_files_of_an_e
     assert {path.name for path in tmp_path.iterdir()} == ALWAYS | {"cloud.ply", "notes.txt"}
     assert slopemap("estimate", *pair, "-o", str(tmp_path)).returncode == 0
     assert {path.name for path in tmp_path.iterdir()} == {
-        "slopes.json", "labels.png", "overlay.png", "patches.ply", "notes.txt",
+        "slopes.json", "labels.png", "labels_colour.png", "overlay.png", "patches.ply", "notes.txt",
     }  # fmt: skip
 
 

@@ -36,7 +36,7 @@ from slopecli.products import (
     report_to_json,
 )
 
-ALL = {"slopes.json", "overlay.png", "patches.ply", "labels.png"}
+ALL = {"slopes.json", "overlay.png", "patches.ply", "labels.png", "labels_colour.png"}
 STEPS = {"step1_gradient.png", "step2_components.png", "step3_merged.png"}
 REPORT, IMAGE = make_report(), make_image()
 SMALL_IMAGE = make_image(320, 240, colour=True)
@@ -140,6 +140,7 @@ def test_regions_come_with_a_textured_model(earlier: Path, declined: set[str]) -
     files = {"overlay": "overlay.png", "ply": "patches.ply", "glb": "patches.glb"}
     written = write_outputs(REGIONS, SMALL_IMAGE, earlier, keep_files(**dict.fromkeys(declined, False)))
     expected = {"slopes.json", "labels.png", *files.values()} - {files[name] for name in declined}
+    expected |= {"labels_colour.png"} - {"labels_colour.png" for name in declined if name == "overlay"}
     assert {path.name for path in written} == expected
     assert set(contents(earlier)) == expected | {"notes.txt"}
     assert not any(content.startswith(b"earlier") for content in contents(earlier).values())
@@ -337,3 +338,12 @@ def test_inputs_that_are_not_among_the_names_do_no_harm(tmp_path: Path) -> None:
     (tmp_path / "slopes.json").write_text("a camera")
     with pytest.raises(InputError, match="is an input"):
         check_directory(tmp_path, inputs=[*inputs, f"{tmp_path / 'slopes.json'}#left"])
+
+
+def test_labels_in_colours_show_every_plane_apart_from_its_neighbours(tmp_path: Path) -> None:
+    write_outputs(REGIONS, SMALL_IMAGE, tmp_path)
+    picture = cv2.imread(str(tmp_path / "labels_colour.png"))
+    colours = {i: np.unique(picture[i == SMALL_LABELS], axis=0) for i in np.unique(SMALL_LABELS)}
+    assert all(len(of_plane) == 1 for of_plane in colours.values())
+    assert len({tuple(of_plane[0]) for of_plane in colours.values()}) == len(colours)
+    assert all(of_plane.max() > 100 for i, of_plane in colours.items() if i)

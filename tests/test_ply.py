@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -22,7 +23,7 @@ from report_factory import (
 from slopecli.geometry import pixels_from_rays
 from slopecli.products import plane_mesh, region_surfaces, report_to_ply
 from slopecli.products.drawing import slope_colours
-from slopecli.types import Camera, Image, Motion, Report, Scale
+from slopecli.types import Camera, Image, Motion, Report, Scale, Up
 
 DISTORTED = Camera(640, 480, 420.0, 421.0, 318.0, 242.0, "brown", (-0.28, 0.07, 2e-4, -1e-4))
 PROPERTIES = (
@@ -32,7 +33,7 @@ PROPERTIES = (
 
 
 def parse(data: bytes) -> tuple[list[str], np.ndarray, np.ndarray]:
-    """Header lines, vertices as a table of doubles in the order of `PROPERTIES`, triangles; strict."""
+    """Header lines, vertices in camera-1 axes as a table of doubles in the order of `PROPERTIES`, triangles; strict."""
     head, body = data.split(b"end_header\n", 1)
     lines = head.decode("ascii").splitlines()
     assert lines[:2] == ["ply", "format binary_little_endian 1.0"]
@@ -50,6 +51,9 @@ def parse(data: bytes) -> tuple[list[str], np.ndarray, np.ndarray]:
     assert faces["i"].max() < n
     columns = np.column_stack([table[name].astype(float) for name in table.dtype.names])
     assert np.isfinite(columns).all()
+    if rows := re.findall(r"^comment A\d (.*)$", "\n".join(lines), re.MULTILINE):
+        back = np.array([[float(value) for value in row.split()] for row in rows])
+        columns[:, :3], columns[:, 3:6] = columns[:, :3] @ back, columns[:, 3:6] @ back
     return lines, columns, faces["i"]
 
 
@@ -98,7 +102,7 @@ def test_patches_lie_on_their_planes_under_their_windows(camera: Camera) -> None
         low, high = plane.polygon_px.min(axis=0), plane.polygon_px.max(axis=0)
         np.testing.assert_allclose(uv.min(axis=0), low, atol=1e-3)
         np.testing.assert_allclose(uv.max(axis=0), high, atol=1e-3)
-        assert (vertices[:, 3:6] == plane.normal_cam1.astype(np.float32)).all()
+        assert np.abs(vertices[:, 3:6] - plane.normal_cam1).max() < 1e-6
 
 
 def test_patches_carry_colour_slope_sigma_and_id() -> None:
@@ -184,7 +188,7 @@ def test_regions_lie_on_their_planes_with_normals_and_scalars(camera: Camera) ->
         vertices, faces = of_patch(columns, triangles, plane.id)
         assert len(faces) > 100
         assert np.abs(vertices[:, :3] @ plane.normal_cam1 + plane.distance).max() < 1e-6 * plane.distance
-        assert (vertices[:, 3:6] == plane.normal_cam1.astype(np.float32)).all()
+        assert np.abs(vertices[:, 3:6] - plane.normal_cam1).max() < 1e-6
         assert np.allclose(vertices[:, 9:12], [plane.slope_deg, plane.slope_deg, plane.slope_sigma_deg])
         a, b, c = columns[faces][:, :, :3].transpose(1, 0, 2)
         assert (np.cross(b - a, c - a) @ plane.normal_cam1 > 0).all()
@@ -226,13 +230,39 @@ def test_unknown_sigma_is_written_as_zero_not_nan() -> None:
 def test_header_names_unit_and_frame() -> None:
     lines, _, _ = parse(report_to_ply(make_report()))
     assert "comment unit baseline" in lines
-    assert any("x right, y down, z forward" in line for line in lines)
+    assert any("frame z up" in line for line in lines)
+    lines, _, _ = parse(report_to_ply(in_frame(make_report(), "camera")))
+    assert "comment frame camera 1: x right, y down, z forward" in lines
     assert "comment unit m" in parse(report_to_ply(make_report(scale=Scale("m", "altitude"))))[0]
+
+
+def in_frame(report: Report, frame: str, **options: object) -> Report:
+    return replace(report, options={**report.options, "ply_frame": frame, **options})
+
+
+@pytest.mark.parametrize("up", [(0.0, 0.0, -1.0), (0.1, -0.6, -0.7), (0.0, -1.0, 0.0)], ids=str)
+def test_up_is_z_north_is_y_and_nothing_is_mirrored(up: tuple[float, float, float]) -> None:
+    trimesh = pytest.importorskip("trimesh")
+    report = replace(make_report(), up=Up(up, "given"))
+
+    def read(report: Report) -> np.ndarray:
+        mesh = trimesh.load(io.BytesIO(report_to_ply(report)), file_type="ply", process=False)
+        return np.asarray(mesh.vertices)
+
+    north = np.array([0.8, 0.6, 0.1])
+    standing, as_seen = read(in_frame(report, "up", north=tuple(north))), read(in_frame(report, "camera"))
+    turn = np.linalg.lstsq(as_seen, standing, rcond=None)[0].T  # standing = turn @ as_seen
+    np.testing.assert_allclose(turn @ turn.T, np.eye(3), atol=1e-5)
+    assert np.linalg.det(turn) == pytest.approx(1.0, abs=1e-5)
+    np.testing.assert_allclose(turn @ up / np.linalg.norm(up), [0, 0, 1], atol=1e-5)
+    east, ahead, _ = turn @ north
+    assert abs(east) < 1e-5
+    assert ahead > 0
 
 
 def test_trimesh_reads_what_was_written() -> None:
     trimesh = pytest.importorskip("trimesh")
-    data = report_to_ply(make_report())
+    data = report_to_ply(in_frame(make_report(), "camera"))
     _, columns, triangles = parse(data)
     mesh = trimesh.load(io.BytesIO(data), file_type="ply", process=False)
     np.testing.assert_allclose(mesh.vertices, columns[:, :3])

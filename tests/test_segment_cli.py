@@ -19,7 +19,7 @@ from slopecli.cli import slopemap as commands
 
 URBAN = ROOT / "sample_data" / "urban"
 STEPS = {"step1_gradient.png", "step2_components.png", "step3_merged.png"}
-FILES = {"slopes.json", "labels.png", "overlay.png", "patches.ply", "patches.glb"}
+FILES = {"slopes.json", "labels.png", "labels_colour.png", "overlay.png", "patches.ply", "patches.glb"}
 KINDS = ("ground", "wall", "roof")
 CLEAR_SHARE, CLEAR_PURITY = 0.01, 0.75  # of image 1, and of a plane's pixels: what should be named as it is
 Run = tuple[Done, Path]

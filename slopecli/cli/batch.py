@@ -66,6 +66,7 @@ worker_options = (
         *shared.camera_options,
         Option(shared.OUTPUT, "-o --output", "DIR", PATH, "Folder for the results; optional with --dry-run"),
         *shared.file_options,
+        shared.ply_frame,
         *worker_options,
         *shared.window_options,
         *shared.finder_options,

@@ -128,13 +128,15 @@ def _product_flag(choice: str, rows: Sequence[Product] = PRODUCTS) -> Flag:
 
 file_options = tuple(map(_product_flag, sorted(CHOICES, key=lambda choice: choice not in BY_DEFAULT)))
 _folder = Option(OUTPUT, "-o --output", "DIR", PATH, "Folder for the results; optional with --json")
-output_options = (_folder, json_flag, *file_options)
+_FRAME_HELP = "Of PLY files: up (z is up) or camera"
+ply_frame = Option(OUTPUT, "--ply-frame", "AXES", kinds.choices_of("ply_frame"), _FRAME_HELP, of=Options)
+output_options = (_folder, json_flag, *file_options, ply_frame)
 map_file_options = tuple(_product_flag(choice, MAP_PRODUCTS) for choice in ("pictures", "ply"))
-map_output_options = (_folder, json_flag, *map_file_options)
+map_output_options = (_folder, json_flag, *map_file_options, ply_frame)
 
 _map = partial(Option, of=MapOptions)
 map_options = (
-    _map(MAP, "--footprint footprint_px", "PX", POSITIVE, "Diameter of a slope's disc", shown="1/16 of short side"),
+    _map(MAP, "--footprint footprint_px", "PX", POSITIVE, "Diameter of a slope's disc", shown="short side / 16"),
     _map(MAP, "--footprint-m", "M", POSITIVE, "The same on the ground, in metres"),
     _map(MAP, "--spacing spacing_px", "PX", click.IntRange(1), "Between places of the map", shown="footprint / 8"),
     _map(MAP, "--sites", "N", click.IntRange(0, 99), "Landing sites listed"),
@@ -165,7 +167,7 @@ region_options = (
 
 def frame_options(up: str = str(Options.up), shown: str | None = None) -> tuple[Option, ...]:
     """Options of the reference of slopes, with a command's own default for the vertical, shown as it says."""
-    what = "What is up: camera (looks straight down), dominant-plane (is level), or a vector X,Y,Z"
+    what = "Up: camera (looks straight down), dominant-plane (it is level), or X,Y,Z"
     return (
         Option(FRAME, "--up", "VERTICAL", kinds.UP, what, up, shown=shown),
         _option(FRAME, "--up-sigma up_sigma_deg", "DEG", Between(0, 90, max_open=True), "1-sigma of the vertical"),

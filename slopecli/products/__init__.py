@@ -80,6 +80,7 @@ PRODUCTS = (
         "glb",
         requires="found",
     ),
+    Product("labels_colour.png", "the planes of labels.png in colours", "label_colours:draw_labels_colour", "overlay"),
     Product("labels.png", "the id of the plane of every pixel", "drawing.canvas:encode_labels"),
     Product(RESULT, "the answer, complete", "slopes_json:encode"),
 )

@@ -9,6 +9,7 @@ import numpy as np
 from slopecli import __version__
 from slopecli.ground.slope_map import SlopeMap
 from slopecli.products.drawing.classes import STEP_COLOUR, cell_classes, slope_classes
+from slopecli.products.model_frame import frame_comments, model_rotation
 from slopecli.types import BoolArray, Image
 
 MOST_POINTS = 200_000  # opened at once by any viewer
@@ -42,7 +43,7 @@ def map_to_ply(slope_map: SlopeMap, most_points: int = MOST_POINTS) -> bytes:
     palette = np.vstack([classes.colours, [STEP_COLOUR, (0, 0, 0)]])  # -2 is a step
     vertices = np.zeros(len(rows), VERTEX)
     for names, values in (
-        ("x y z", slope_map.points[cell]),
+        ("x y z", slope_map.points[cell] @ model_rotation(slope_map.report).T),
         ("red green blue", palette[cell_classes(slope_map, classes)[cell]]),
         ("slope_deg", slope_map.slope_deg[cell][:, None]),
         ("slope_sigma_deg", slope_map.sigma_deg[cell][:, None]),
@@ -54,7 +55,7 @@ def map_to_ply(slope_map: SlopeMap, most_points: int = MOST_POINTS) -> bytes:
         "ply",
         "format binary_little_endian 1.0",
         f"comment slopemap {__version__}",
-        "comment frame camera 1: x right, y down, z forward",
+        *(f"comment {line}" for line in frame_comments(slope_map.report)),
         f"comment unit {slope_map.report.scale.unit}",
         f"comment every cell of {slope_map.spacing_px * step} px of image 1 whose slope is known",
         f"element vertex {len(vertices)}",

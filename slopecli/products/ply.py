@@ -1,4 +1,4 @@
-"""patches.ply: every plane as a mesh, with both cameras, in camera-1 axes.
+"""patches.ply: every plane as a mesh, with both cameras, z up or in camera-1 axes.
 
 Windows have the colour of their slope, grey where it is not known, planes found as regions that of image 1.
 
@@ -21,6 +21,7 @@ from slopecli import __version__
 from slopecli.geometry.statistics import median
 from slopecli.products.drawing.colours import slope_colours
 from slopecli.products.drawing.marks import NO_ANSWER
+from slopecli.products.model_frame import frame_comments, model_rotation
 from slopecli.products.region_mesh import Surface, lay_on_plane, surfaces_of
 from slopecli.types import Camera, FloatArray, Image, IntArray, Plane, Report
 
@@ -67,12 +68,23 @@ def report_to_ply(report: Report, image: Image | None = None, surfaces: Sequence
     meshes.append(_camera_mesh(report.cameras[1], rotation, centre, size, (150, 150, 150)))
     comments = [
         f"slopemap {__version__}",
-        "frame camera 1: x right, y down, z forward",
+        *frame_comments(report),
         f"unit {report.scale.unit}",
         "scalars of the cameras are 0; scalar_patch_id is the id in slopes.json",
         f"scalar_slope_deg and quality are {UNKNOWN_SLOPE:g} where the slope is not known",
     ]
-    return _encode(meshes, [*comments, *_level(report), *_second_answer(report)])
+    turned = [_turned(mesh, model_rotation(report)) for mesh in meshes]
+    return _encode(turned, [*comments, *_level(report), *_second_answer(report)])
+
+
+def _turned(mesh: Mesh, rotation: FloatArray) -> Mesh:
+    """The mesh in other axes."""
+    vertices = mesh.vertices.copy()
+    for names in (("x", "y", "z"), ("nx", "ny", "nz")):
+        turned = np.column_stack([vertices[name] for name in names]).astype(float) @ rotation.T
+        for name, column in zip(names, turned.T, strict=True):
+            vertices[name] = column
+    return Mesh(vertices, mesh.triangles)
 
 
 def _level(report: Report) -> list[str]:

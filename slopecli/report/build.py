@@ -26,7 +26,7 @@ from slopecli.report.withheld import withhold_safe
 from slopecli.types import Camera, Diagnostic, Image, ImageInfo, Plane, Report, Solution
 
 # options of how images are matched and planes found
-OF_IMAGES = {"planes", "features", "seed"}.union(*(finder.options for finder in FINDERS))
+OF_IMAGES = {"planes", "features", "ply_frame", "seed"}.union(*(finder.options for finder in FINDERS))
 
 
 def build_report(
