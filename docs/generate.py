@@ -19,6 +19,7 @@ import click
 from slopecli.cli import slopemap
 from slopecli.findings.codes import CODES
 from slopecli.io.cameras import CAMERA_FORMATS
+from slopecli.io.correspondences import MATCH_FORMATS
 
 ROOT = Path(__file__).resolve().parent.parent
 README = ROOT / "README.md"
@@ -59,6 +60,12 @@ def camera_formats_table() -> str:
         *((f.name, f.files, f.recognised_by, f.lenses, f.converted) for f in CAMERA_FORMATS),
     ]
     return table(rows)
+
+
+def match_formats_table() -> str:
+    """The table of docs/solve.md: a row a format."""
+    rows = [("format", "files", "what is read of it", "what is converted"), ("---",) * 4]
+    return table([*rows, *((f.name, f.files, f.holds, f.converted) for f in MATCH_FORMATS)])
 
 
 def table(rows: Sequence[Sequence[str]]) -> str:
@@ -132,6 +139,7 @@ def rewrite_examples(document: Path, folder: Path) -> None:
 def write_tables() -> None:
     """Write docs/cli.md and the tables made from rows."""
     rewrite_table(CAMERAS, camera_formats_table())
+    rewrite_table(SOLVE, match_formats_table())
     REFERENCE.write_text(cli_reference(), encoding="utf-8")
     rewrite_table(DIAGNOSTICS, codes_table())
     rewrite_table(DIAGNOSTICS, rejections_table())

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from slopecli.io.cameras.reading import camera_from_fov as camera_from_fov
     from slopecli.io.cameras.reading import camera_from_intrinsics as camera_from_intrinsics
     from slopecli.io.cameras.reading import load_camera as load_camera
-    from slopecli.io.correspondences import read_correspondences as read_correspondences
+    from slopecli.io.correspondences.match_formats import read_correspondences as read_correspondences
     from slopecli.io.images import load_image as load_image
     from slopecli.io.outputs import write_map as write_map
     from slopecli.io.outputs import write_outputs as write_outputs

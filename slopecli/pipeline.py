@@ -199,11 +199,14 @@ def solve(given: Given, cameras: tuple[Camera, Camera] | None, options: Options,
     sigma = median(given.sigma) if noise is None and given.sigma is not None else noise
     sigma_rad = None if sigma is None else sigma * (1e-3 if cameras is None else 1.0 / both[1].focal_px)
     answer = solve_rows(joined, both, sigma_rad, options)
-    image1, image2 = (ImageInfo(given.path, c.width or None, c.height or None, given.sha256) for c in both)
+    image1, image2 = (
+        ImageInfo(path, c.width or None, c.height or None, given.sha256)
+        for path, c in zip(given.paths, both, strict=True)
+    )
     report = build_report(
         (image1, image2), answer.cameras, options, answer.joined, answer.solution, answer.diagnostics, test=answer.test
     )
-    return replace(report, options={**report.options, "noise": noise})
+    return replace(report, options={**report.options, **given.options, "noise": noise})
 
 
 class _Clock:

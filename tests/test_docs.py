@@ -186,6 +186,12 @@ def test_solve_example_is_what_the_command_prints(tmp_path: Path) -> None:
     assert now == pytest.approx(shown, abs=0.011)
 
 
+def test_solve_page_has_every_format_and_way() -> None:
+    assert GENERATE["match_formats_table"]() in SOLVE, "docs/solve.md is not what the rows say: run `make docs`"
+    ways = re.findall(r"`--(planes|grid|window|labels|pair|keypoints|seed)\b", SOLVE)
+    assert set(ways) == {"planes", "grid", "window", "labels", "pair", "keypoints", "seed"}
+
+
 # ---- docs/plan.md ----
 
 

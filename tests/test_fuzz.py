@@ -22,7 +22,17 @@ from fuzzing.samples import camera_binaries, camera_texts, pair
 from slopecli.io.cameras import CAMERA_FORMATS, CameraFileContent
 
 # kind: inputs in the ordinary run; 0.02 s of processor time each, for images and batches 0.1 to 0.4 s
-HOW_MANY = {"camera": 75, "matches": 20, "pose": 20, "list": 20, "folder": 5, "image": 18, "record": 2, "drawn": 30}
+HOW_MANY = {
+    "camera": 75,
+    "matches": 20,
+    "match_file": 20,
+    "pose": 20,
+    "list": 20,
+    "folder": 5,
+    "image": 18,
+    "record": 2,
+    "drawn": 30,
+}
 PARTS = [(kind, k) for kind in HOW_MANY for k in seeds(10, 1)]
 
 

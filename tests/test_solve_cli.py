@@ -272,7 +272,10 @@ def test_numbers_of_patches_may_be_large(largest: int, tmp_path: Path, ask: Ask)
     [
         ("", "has no column x1, y1, x2, y2 (its first line is: nothing)"),
         ("x1,y1,x2\n1,2,3\n", "has no column y2 (its first line is: x1, y1, x2)"),
-        ("1,2,3,4\n1,2,3,4\n", "has no column x1, y1, x2, y2 (its first line is: 1, 2, 3, 4)"),
+        ("1,2,3\n1,2,3\n", "has 3 columns and no header (its first line is: 1, 2, 3)"),
+        ("0 1 2 3 4 5\n1 1 2 3 4 5\n", "has 6 columns and no header (its first line is: 0, 1, 2, 3, 4, 5)"),
+        ("0.1 0.2 0.3 0.4 0.93\n", "row 1 (line 1): patch is '0.93', needed the number of a plane"),
+        ("0.1 0.2 0.3 0.4\n0.1 0.2 0.3\n", "row 2 (line 2) has 3 cells"),
         ("x1,y1,x2,y2,x1\n", "has two columns x1"),
         ("x1,y1,x2,y2\n", "has no rows under its header"),
         (GOOD + "\n0.1,oops,0.3,0.4,1\n", "row 10 (line 11): y1 is 'oops', needed a finite number"),
@@ -342,7 +345,7 @@ def test_a_field_of_view_is_a_camera(tmp_path: Path, ask: Ask) -> None:
 
 def test_other_bad_inputs(tmp_path: Path, ask: Ask) -> None:
     scene = scene_of()
-    assert "no such CSV file" in ask(tmp_path / "none.csv")[2]
+    assert "no such file of correspondences" in ask(tmp_path / "none.csv")[2]
     assert "is a folder" in ask(tmp_path)[2]
     assert "is not a regular file" in ask("/dev/null")[2]
     (tmp_path / "bytes.csv").write_bytes(b"\x89PNG\xff\xfe")

@@ -207,9 +207,10 @@ solving_options = (
     _option(SOLVER, "--solver", None, choices_of("solver"), _SOLVERS_HELP),
     Flag(SOLVER, "--merge-coplanar", "Solve coplanar and parallel planes as such"),
 )
+seed = _option(SOLVER, "--seed", "N", kinds.SEED, "Of random sampling; same seed, same bytes")
 matching_options = (
     _option(SOLVER, "--features", None, choices_of("features"), "Image features; foerstner: the paper's"),
-    _option(SOLVER, "--seed", "N", kinds.SEED, "Of random sampling; same seed, same bytes"),
+    seed,
 )
 
 

@@ -5,7 +5,7 @@ from slopecli.face import lazy_names
 __getattr__, __dir__ = lazy_names(
     __name__,
     {
-        "correspondences": "read_correspondences",
+        "correspondences": "MATCH_FORMATS read_correspondences read_label_image",
         "files": "read_file remove_temporary write_atomically",
         "images": "MAX_PIXELS load_image",
         "lock": "locked",

@@ -99,9 +99,11 @@ def csv_rows(
             raise csv.Error("it has a zero byte")
         first = re.search(r"\S.*", text)
         delimiter = next((mark for mark in delimiters if first and mark in first[0]), delimiters[0])
-        spaced = delimiter == " "  # several spaces are one delimiter
-        lines = (row.strip() for row in text.splitlines()) if spaced else StringIO(text, newline="")
-        reader = csv.reader(lines, delimiter=delimiter, skipinitialspace=spaced, strict=True)
+        # spaces, and tabs beside spaces or other tabs: as many as there are, they are one delimiter
+        aligned = delimiter == "\t" and " " in delimiters and first and re.search(r"\S(?: |\t\s+)\S", first[0].rstrip())
+        spaced = delimiter == " " or bool(aligned)
+        lines = (" ".join(row.split()) for row in text.splitlines()) if spaced else StringIO(text, newline="")
+        reader = csv.reader(lines, delimiter=" " if spaced else delimiter, skipinitialspace=spaced, strict=True)
         for cells in reader:
             line, cells = reader.line_num, [cell.strip() for cell in cells]
             if any(cells):

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
 from typing import Literal
 
 import cv2
@@ -34,6 +35,11 @@ class Given:
     """Correspondences as read: xy1, xy2 (n, 2) px, or rays (normalised coordinates) where there is no camera.
 
     patch (n,) says which plane a row lies on, -1 for none.  sigma (n,): its 1-sigma in image 2, px or mrad, or None.
+    has_patch : whether the file says so itself; without it all rows are on plane 1.
+    names : of images 1 and 2 in the file, where it has several.  cameras : of both, where the file has them.
+    pixels : whether its points cannot be rays.  note : what is worth knowing of how it was read, or "".
+    outlines : of planes that were asked for, px, by number; those without rows have no answer.
+    options : how the rows were given to planes, for slopes.json.
     """
 
     xy1: FloatArray
@@ -42,6 +48,19 @@ class Given:
     sigma: FloatArray | None = None
     path: str = ""
     sha256: str = ""
+    has_patch: bool = True
+    names: tuple[str, str] | None = None
+    cameras: tuple[Camera, Camera] | None = None
+    pixels: bool = False
+    note: str = ""
+    outlines: Mapping[int, FloatArray] = field(default_factory=dict)
+    options: Mapping[str, object] = field(default_factory=dict)
+
+    @property
+    def paths(self) -> tuple[str, str]:
+        """Of images 1 and 2 as slopes.json names them: the file, with the name of the image in it."""
+        first, second = (f"{self.path}#{name}" for name in self.names) if self.names else (self.path, self.path)
+        return first, second
 
 
 class Hull(Footprint):
@@ -65,6 +84,8 @@ def join_rows(given: Given, cameras: tuple[Camera, Camera]) -> Joined:
     """
     _check_distinct(given)
     typical = min(median(np.abs(xy).max(axis=1)) for xy in (given.xy1, given.xy2))
+    if cameras[0] is RAYS and given.pixels:
+        raise InputError(f"{given.path}: its points are pixels; give the camera with --camera or --intrinsics")
     if cameras[0] is RAYS and typical > WIDEST_RAY:  # half of them would be beyond 79 degrees off the axis
         raise InputError(
             f"{given.path}: half of the points lie beyond {typical:.4g}, which are pixels and no rays (x/z, y/z); "
@@ -73,8 +94,8 @@ def join_rows(given: Given, cameras: tuple[Camera, Camera]) -> Joined:
     x1, x2 = (_rays(camera, xy) for camera, xy in zip(cameras, (given.xy1, given.xy2), strict=True))
     matches = Matches(given.xy1, given.xy2, x1, x2)
     weight = np.ones(len(matches)) if given.sigma is None else (median(given.sigma) / given.sigma) ** 2
-    labels = np.unique(given.patch[given.patch >= 0])
-    patches = [_patch(int(label), matches, weight, given.patch == label) for label in labels]
+    labels = sorted({*np.unique(given.patch[given.patch >= 0]).tolist(), *given.outlines})
+    patches = [_patch(label, matches, weight, given.patch == label, given.outlines.get(label)) for label in labels]
     answered = [patch.id for patch in patches if patch.origin == "own"]
     if not answered:
         raise InputError(
@@ -110,9 +131,14 @@ def _rays(camera: Camera, xy: FloatArray) -> FloatArray:
     return x
 
 
-def _patch(label: int, matches: Matches, weight: FloatArray, mine: BoolArray) -> Patch:
-    """The patch of one label with its rows (mask `mine`), or with none and the reason."""
+def _patch(
+    label: int, matches: Matches, weight: FloatArray, mine: BoolArray, outline: FloatArray | None = None
+) -> Patch:
+    """The patch of one label with its rows (mask `mine`), or with none and the reason; outline: that it is to have."""
     own = matches.take(mine)
+    if outline is not None and not len(own):
+        nothing = Hull((0, 0), np.zeros((0, 0), bool), outline)
+        return Patch(label, "given", nothing).unmatched("no row lies in it", "too-few-points")
     polygon = own.uv1[cv2.convexHull(own.uv1.astype(np.float32), returnPoints=False).ravel()]
     if len(polygon) < 3:
         polygon = box_polygon(own.uv1.min(axis=0), own.uv1.max(axis=0))

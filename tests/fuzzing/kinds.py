@@ -16,6 +16,7 @@ from fuzzing import samples
 from fuzzing.case import FIFO, FOLDER, LINK, Case, Content
 from fuzzing.checks import run_command, tree_of
 from fuzzing.image_mutations import change_structure, odd_pixels
+from fuzzing.match_files import match_file
 from fuzzing.mutations import (
     HOSTILE,
     ODD_TEXTS,
@@ -370,6 +371,7 @@ KINDS: dict[str, tuple[float, Callable[[Random], Case]]] = {
     "camera": (45, camera),
     "image": (20, image),
     "matches": (15, matches),
+    "match_file": (8, match_file),
     "pose": (6, pose),
     "list": (8, pair_list),
     "folder": (4, folder),
