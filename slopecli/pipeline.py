@@ -22,6 +22,7 @@ from slopecli.patches import PLANE_FINDERS
 from slopecli.patches.given import RAYS, Given, join_rows
 from slopecli.patches.join import join_patches
 from slopecli.patches.windows.dense_planes import with_dense_planes
+from slopecli.patches.windows.many_windows import answer_together, many_windows
 from slopecli.patches.windows.window_finder import wanted_windows
 from slopecli.report.build import build_report
 from slopecli.solving import Answer, solve_rows, solve_scene
@@ -129,12 +130,15 @@ def _estimated(
     dense : whether windows over rough ground are to have the planes through all their pixels.
     """
     refuse_identical(*images)
-    answer, changes, scene = _answer(images, cameras, cameras, options, memory, clock)
+    windows = many_windows(options, images[0].width, images[0].height) if dense else []
+    solved = replace(options, windows=(), grid=Options().grid) if windows else options
+    answer, changes, scene = _answer(images, cameras, cameras, solved, memory, clock)
     if options.free_focal and abs(answer.cameras[0].focal_px / cameras[0].focal_px - 1.0) > AGAIN:
-        answer, changes, scene = _answer(images, answer.cameras, cameras, options, memory, clock)
+        answer, changes, scene = _answer(images, answer.cameras, cameras, solved, memory, clock)
     scene = replace(scene, camera1=answer.cameras[0], camera2=answer.cameras[1])
     if dense:
-        joined, solution = with_dense_planes(answer.joined, answer.solution, scene, answer.focal_sigma)
+        pair = answer.joined, answer.solution, scene, answer.focal_sigma
+        joined, solution = answer_together(windows, *pair) if windows else with_dense_planes(*pair)
         answer = replace(answer, joined=joined, solution=solution)
         clock.tick("dense windows")
 

@@ -11,7 +11,7 @@ __getattr__, __dir__ = lazy_names(
         "batch": "batch_table maps_table",
         "parameter_types": "PAIRINGS",
         "progress": "BatchProgress",
-        "report_table": "result_table talk_lines",
+        "report_table": "classes_table result_table talk_lines",
         "shared_options": "talk_options",
         "table": "Table draw_table",
         "talk": "Talk",

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 from slopecli.cli.table import Table, print_table
 from slopecli.cli.talk import Talk, check_stdout, print_result
+from slopecli.options import MapOptions
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -15,6 +16,8 @@ if TYPE_CHECKING:
     from slopecli.types import AlternativePlane, Diagnostic, Plane, Report
 
 HEADER = ("id", "slope", "95 % interval", "aspect", "verdict", "P(safe)", "roughness", "points", "note")
+VERDICTS = ("safe", "unsafe", "undecided")
+CLASSES_HEADER = ("slope", "windows", "median sigma", *VERDICTS)
 # for planes found in the image: also what they are and how large
 FOUND_HEADER = ("id", "what", "image", "slope", "95 % interval", "aspect", "verdict", "P(safe)", "points", "note")
 
@@ -28,7 +31,9 @@ def print_report(report: Report, written: list[Path], talk: Talk, *, as_json: bo
 
         print_result(report_to_json(report))
     else:
-        print_table(result_table(report))
+        from slopecli.report.kinds import many_windows
+
+        print_table(classes_table(report) if many_windows(report) else result_table(report))
     for line in talk_lines(report):
         talk.say(line)
     if talk.verbose:
@@ -49,6 +54,23 @@ def result_table(report: Report) -> Table:
     rows |= {one.id: {"id": str(one.id), "note": f"no answer: {one.reason}"} for one in report.rejected}
     header = FOUND_HEADER if report.found else HEADER
     return Table(header, [tuple(rows[number].get(title, "-") for title in header) for number in sorted(rows)])
+
+
+def classes_table(report: Report) -> Table:
+    """A row for each class of slope, with how many of many windows are in it, their sigma and their verdicts."""
+    edges = MapOptions().classes_deg
+    told = [plane for plane in report.planes if plane.slope_known and plane.status == "ok"]
+    class_of = {plane.id: sum(plane.slope_deg > edge for edge in edges) for plane in told}
+    names = [f"{low:g}-{high:g}°" for low, high in zip((0.0, *edges), edges, strict=False)] + [f"over {edges[-1]:g}°"]
+    rows = []
+    for k, name in enumerate(names):
+        here = [plane for plane in told if class_of[plane.id] == k]
+        sigmas = sorted(plane.slope_sigma_deg for plane in here if plane.slope_sigma_deg is not None)
+        median_deg = f"± {sigmas[len(sigmas) // 2]:.2g}°" if sigmas else "-"
+        counts = (sum(plane.verdict == verdict for plane in here) for verdict in VERDICTS)
+        rows.append((name, str(len(here)), median_deg, *map(str, counts)))
+    rest = len(report.planes) + len(report.rejected) - len(told)
+    return Table(CLASSES_HEADER, [*rows, ("not known, or poor", str(rest), "-", *("-",) * len(VERDICTS))])
 
 
 def _plane_cells(plane: Plane, report: Report) -> dict[str, str]:

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from slopecli.ground.footprints import Cells, disc_area, disc_sums
-from slopecli.types import BoolArray, FloatArray
+from slopecli.types import BoolArray, FloatArray, IntArray
 
 LEAST_SHARE = 0.85  # of a footprint's pixels that must be matched for its plane to be told
 LEAST_POINTS, AHEAD = 3, np.array([0.0, 0.0, 1.0])  # a footprint of fewer points has a plane of no meaning
@@ -37,6 +38,12 @@ class FootprintPlanes:
         """Cells whose plane is told."""
         return np.asarray(self.share >= LEAST_SHARE)
 
+    def some(self, columns: IntArray) -> FootprintPlanes:
+        """Those of these columns."""
+        cells = replace(self.cells, u=self.cells.u[columns])
+        every = (self.normal, self.middle, self.relief, self.share, self.sure)
+        return FootprintPlanes(cells, *(values[:, columns] for values in every))
+
     @property
     def scaled_normal(self) -> FloatArray:
         """(rows, columns, 3) N with N.P = 1 on the plane."""
@@ -49,16 +56,25 @@ def fit_footprints(points: NDArray[np.float32], known: BoolArray, sure: BoolArra
     x, y, z = (np.where(known, points[..., k] - np.float32(centre[k]), np.float32(0.0)) for k in range(3))
     squares = x * x, x * y, x * z, y * y, y * z, z * z
     n, certain, *sums = disc_sums((known, sure, x, y, z, *squares), cells)
+    share, certain = (np.minimum(pixels / disc_area(cells.radius_px), 1.0) for pixels in (n, certain))
+    return FootprintPlanes(cells, *planes_of_sums(n, sums, centre), share, certain)
+
+
+def planes_of_sums(
+    n: FloatArray, sums: Sequence[FloatArray], centre: FloatArray
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Normals (..., 3), middles (..., 3) and relief (...) of planes, as in `FootprintPlanes`.
+
+    n (...): numbers of points.  sums: of their x, y, z, xx, xy, xz, yy, yz, zz (...), from `centre` (3,) on.
+    """
     count = np.maximum(n, 1.0)[..., None]
     mean, second = np.stack(sums[:3], -1) / count, np.stack(sums[3:], -1) / count
-    scatter = second[..., [0, 1, 2, 1, 3, 4, 2, 4, 5]].reshape(*cells.shape, 3, 3)
+    scatter = second[..., [0, 1, 2, 1, 3, 4, 2, 4, 5]].reshape(*n.shape, 3, 3)
     values, vectors = np.linalg.eigh(scatter - mean[..., :, None] * mean[..., None, :])
     normal, middle = vectors[..., 0], mean + centre
     normal[n < LEAST_POINTS], middle[n < LEAST_POINTS] = AHEAD, AHEAD
     away = (normal * middle).sum(-1) > 0
-    share, certain = (np.minimum(pixels / disc_area(cells.radius_px), 1.0) for pixels in (n, certain))
-    relief = np.sqrt(np.maximum(values[..., 0], 0.0))
-    return FootprintPlanes(cells, np.where(away[..., None], -normal, normal), middle, relief, share, certain)
+    return np.where(away[..., None], -normal, normal), middle, np.sqrt(np.maximum(values[..., 0], 0.0))
 
 
 def heights(points: NDArray[np.float32], known: BoolArray, planes: FootprintPlanes) -> tuple[FloatArray, FloatArray]:
@@ -88,17 +104,25 @@ def heights(points: NDArray[np.float32], known: BoolArray, planes: FootprintPlan
     return above.astype(float), below.astype(float)
 
 
-def _off_nearest_plane(points: NDArray[np.float32], known: BoolArray, planes: FootprintPlanes) -> NDArray[np.float32]:
-    """(h, w) distance of every pixel's point above the plane of the answered cell that is nearest to it, roughly."""
+def nearest_answered(planes: FootprintPlanes) -> IntArray | None:
+    """(rows, columns) flat index of the answered cell that is nearest to every cell, roughly; None if there is none."""
     answered = planes.answered
     if not answered.any():
-        return np.zeros(known.shape, np.float32)
+        return None
     unanswered, kind = (~answered).astype(np.uint8), cv2.DIST_LABEL_PIXEL
     labels = cv2.distanceTransformWithLabels(unanswered, cv2.DIST_L2, cv2.DIST_MASK_5, labelType=kind)[1]
     cell_of = np.zeros(labels.max() + 1, np.int64)
     cell_of[labels[answered]] = np.flatnonzero(answered)
+    return cell_of[labels]
+
+
+def _off_nearest_plane(points: NDArray[np.float32], known: BoolArray, planes: FootprintPlanes) -> NDArray[np.float32]:
+    """(h, w) distance of every pixel's point above the plane of the answered cell that is nearest to it, roughly."""
+    nearest = nearest_answered(planes)
+    if nearest is None:
+        return np.zeros(known.shape, np.float32)
     base = (planes.normal * planes.middle).sum(-1)
-    table = np.dstack([planes.normal, base]).astype(np.float32).reshape(-1, 4)[cell_of[labels]]
+    table = np.dstack([planes.normal, base]).astype(np.float32).reshape(-1, 4)[nearest]
     rows, columns = (
         np.diff([0, *((at[1:] + at[:-1]) // 2 + 1), count])
         for at, count in zip((planes.cells.v, planes.cells.u), known.shape, strict=True)

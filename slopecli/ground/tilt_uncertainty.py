@@ -113,18 +113,25 @@ def matching_variance(depth: DenseDepth, planes: FootprintPlanes) -> FloatArray:
     return _noise_variance(depth, planes) + edges[..., None, None] * np.eye(2)
 
 
+def motion_gain(planes: FootprintPlanes, root: Root) -> FloatArray:
+    """(rows, columns, 3, 5) change of the scaled normals of footprints by the motion that all share."""
+    here, steps = planes.scaled_normal, TILT.delta * np.eye(5)
+    return np.stack([(normals_under(planes, root, *root.moved(step)) - here) / TILT.delta for step in steps], -1)
+
+
+def focal_shift(planes: FootprintPlanes, root: Root) -> FloatArray:
+    """(rows, columns, 3) change of the scaled normals of footprints by 1-sigma of the focal length."""
+    if not root.focal_sigma:
+        return np.zeros_like(planes.normal)
+    small = TILT.delta / root.focal_sigma
+    moved = root.moved(small * root.focal_motion)
+    return (normals_under(planes, root, *moved, zoom=float(np.exp(-TILT.delta))) - planes.scaled_normal) / small
+
+
 def _motion_covariance(planes: FootprintPlanes, root: Root) -> FloatArray:
-    """(rows, columns, 3, 3) of the scaled normals, by the motion that all share and by the focal length."""
-    here = planes.scaled_normal
-    steps = TILT.delta * np.eye(5)
-    by_motion = np.stack([(normals_under(planes, root, *root.moved(step)) - here) / TILT.delta for step in steps], -1)
-    covariance = by_motion @ root.covariance @ by_motion.swapaxes(-1, -2)
-    if root.focal_sigma:
-        small = TILT.delta / root.focal_sigma
-        other = normals_under(planes, root, *root.moved(small * root.focal_motion), zoom=float(np.exp(-TILT.delta)))
-        shift = (other - here) / small
-        covariance = covariance + shift[..., :, None] * shift[..., None, :]
-    return np.asarray(covariance)
+    """(rows, columns, 3, 3) of the scaled normals, by the motion and by the focal length."""
+    gain, shift = motion_gain(planes, root), focal_shift(planes, root)
+    return np.asarray(gain @ root.covariance @ gain.swapaxes(-1, -2) + shift[..., :, None] * shift[..., None, :])
 
 
 def _noise_variance(depth: DenseDepth, planes: FootprintPlanes) -> FloatArray:
@@ -159,7 +166,7 @@ def _edge_variance(depth: DenseDepth, planes: FootprintPlanes) -> FloatArray:
     """
     span = depth.span
     n, first, second = disc_sums((depth.known, span * depth.known, span * span * depth.known), planes.cells)
-    n, rise = np.maximum(n, 1.0), _rise(depth, planes)
+    n, rise = np.maximum(n, 1.0), rise_of(planes, depth)
     jumps = np.maximum(second / n - 2 * rise * first / n + rise**2, 0.0)
     return np.asarray(TILT.edge**2 * TILT.edge_px * jumps * depth.focal_px**2 / (2 * planes.cells.radius_px) ** 4)
 
@@ -174,7 +181,7 @@ def _gap_variance(depth: DenseDepth, planes: FootprintPlanes, jump: FloatArray) 
     return np.asarray(lever**2 * ((TILT.unmatched * relief) ** 2 + (TILT.unmatched_jump * jump) ** 2))
 
 
-def _rise(depth: DenseDepth, planes: FootprintPlanes) -> FloatArray:
+def rise_of(planes: FootprintPlanes, depth: DenseDepth) -> FloatArray:
     """(rows, columns) `DenseDepth.span` on the plane of a footprint."""
     rise = np.abs(planes.scaled_normal[..., :2]).sum(-1) * planes.middle[..., 2]
     return np.asarray(rise * (DEPTH.jump_side_px - 1) / depth.focal_px)
@@ -192,7 +199,7 @@ def largest_jump(depth: DenseDepth, planes: FootprintPlanes) -> FloatArray:
     disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * reach + 1, 2 * reach + 1))
     largest = cv2.dilate(blocks, disc)
     at = np.ix_(np.minimum(cells.v // side, rows - 1), np.minimum(cells.u // side, columns - 1))
-    return np.maximum(largest[at] - _rise(depth, planes), 0.0)
+    return np.maximum(largest[at] - rise_of(planes, depth), 0.0)
 
 
 def across_step(depth: DenseDepth, planes: FootprintPlanes, jump: FloatArray) -> BoolArray:

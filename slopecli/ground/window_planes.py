@@ -4,16 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from slopecli.ground.footprint_planes import FootprintPlanes, fit_footprints
+from slopecli.ground.footprint_planes import AHEAD, FootprintPlanes, fit_footprints, nearest_answered, planes_of_sums
 from slopecli.ground.footprints import Cells
-from slopecli.ground.tilt_uncertainty import Root, matching_variance, normal_covariance
+from slopecli.ground.tilt_uncertainty import TILT, Root, matching_variance, normal_covariance, rise_of
 from slopecli.look.dense_depth import DenseDepth
 from slopecli.look.warp import FloatImage, block_sum
-from slopecli.types import BoolArray, FloatArray
+from slopecli.types import BoolArray, FloatArray, IntArray
 from slopecli.windows import Window
 
 
@@ -22,6 +24,7 @@ class WindowPlaneTunables:
     """Tunables of the planes of windows."""
 
     places: float = 4.0  # discs along a window's side, whose noise is measured
+    most_discs: float = 4096.0  # of one size; their noise changes slowly over the image
     largest_px: float = 64.0  # radius of these discs; what larger windows have follows from it
     # power of the length by which the variance of a ramp falls: 4 for independent errors, some of which are not
     falls: int = 3
@@ -62,78 +65,90 @@ class WindowPlanes:
 
 def fit_windows(depth: DenseDepth, windows: Sequence[Window], root: Root) -> WindowPlanes:
     """Fit the planes of windows, px of image 1."""
-    radii = [_radius_px(depth, window) for window in windows]
-    discs = {radius_px: _Discs.of(depth, radius_px) for radius_px in {min(r, FIT.largest_px) for r in radii}}
-    fitted = []
-    for window, radius_px in zip(windows, radii, strict=True):
-        measured = min(radius_px, FIT.largest_px)
-        smaller = (measured / radius_px) ** FIT.falls
-        fitted.append(_fit(depth, _part(depth, window), discs[measured], smaller))
-    normal, middle, relief, share, sure, gradient = (np.stack(values)[None] for values in zip(*fitted, strict=True))
-    planes = FootprintPlanes(Cells(np.arange(len(windows)), np.arange(1), 0.0), normal, middle, relief, share, sure)
-    return WindowPlanes(planes, normal_covariance(planes, root, gradient)[0])
+    parts = parts_of(depth, windows)
+    size = np.sqrt(np.array([w * h for _, _, w, h in windows]) / np.pi) * depth.grid.mean_scale
+    radius_px = np.maximum(1.0, np.round(size))
+    planes = _nearest_planes(depth, parts)
+    gradient = _noise(depth, parts, radius_px)
+    for k in np.flatnonzero(planes.sure[0] < 1.0):
+        part = slice(*parts[k, 0].tolist()), slice(*parts[k, 1].tolist())
+        relief = float(planes.relief[0, k] / planes.middle[0, k, 2])
+        gradient[k] += _gaps(depth.rays[part], depth.span[part], depth.known[part], depth.sure[part], relief)
+    return WindowPlanes(planes, normal_covariance(planes, root, gradient[None])[0])
 
 
-@dataclass(frozen=True, eq=False)
-class _Discs:
-    """Discs of one size all over the image, with the variance of the gradient of ln w."""
+def parts_of(depth: DenseDepth, windows: Sequence[Window]) -> IntArray:
+    """(n, 2, 2) first row and the one after the last, and the same of columns, of every window on the working grid.
 
-    planes: FootprintPlanes
-    gradient: FloatArray
-
-    @classmethod
-    def of(cls, depth: DenseDepth, radius_px: float) -> _Discs:
-        """The discs of this radius, grid px."""
-        step = max(1.0, 2 * radius_px / FIT.places)
-        rows, columns = depth.w.shape
-        u, v = (np.arange(0.5 * step, count, step).astype(np.int64) for count in (columns, rows))
-        planes = fit_footprints(depth.points, depth.known, depth.sure, Cells(u, v, radius_px))
-        return cls(planes, FIT.widened**2 * matching_variance(depth, planes))
-
-    def nearest(self, u: float, v: float) -> FloatArray:
-        """(2, 2) that variance of the disc nearest to a grid pixel; NaN where none is matched."""
-        cells, answered = self.planes.cells, self.planes.answered
-        away = (cells.v[:, None] - v) ** 2 + (cells.u - u) ** 2
-        if not answered.any():
-            return np.full((2, 2), np.nan)
-        return self.gradient[np.unravel_index(np.where(answered, away, np.inf).argmin(), away.shape)]
-
-
-def _radius_px(depth: DenseDepth, window: Window) -> float:
-    """Radius of the disc that is as large as a window, to whole grid px."""
-    return max(1.0, round(float(np.sqrt(window[2] * window[3] / np.pi)) * depth.grid.mean_scale))
-
-
-def _part(depth: DenseDepth, window: Window) -> tuple[slice, slice]:
-    """Rows and columns of the working grid that a window covers, at least one of each."""
-    x, y, w, h = window
-    corners = depth.grid.inside(np.array([[x, y], [x + w, y + h]]) - 0.5) + 0.5
-    (left, top), (right, bottom) = np.rint(corners).astype(int).tolist()
-    return slice(top, max(bottom, top + 1)), slice(left, max(right, left + 1))
-
-
-def _fit(
-    depth: DenseDepth,
-    part: tuple[slice, slice],
-    discs: _Discs,
-    smaller: float,
-) -> tuple[FloatArray, FloatArray, float, float, float, FloatArray]:
-    """Normal, middle, relief, shares matched and without doubt, and variance of the gradient of ln w, of one window.
-
-    smaller : by which that variance is smaller than that of the discs.
+    At least one row and column each.
     """
-    known, sure = depth.known[part], depth.sure[part]
-    if known.sum() < 3:
-        return np.array([0.0, 0.0, -1.0]), np.ones(3), 0.0, 0.0, 0.0, np.full((2, 2), np.nan)
-    ground = depth.points[part][known].astype(np.float64)
-    middle = ground.mean(axis=0)
-    offsets = ground - middle
-    values, vectors = np.linalg.eigh(offsets.T @ offsets / len(ground))
-    normal = vectors[:, 0] * -np.sign(vectors[:, 0] @ middle)
-    relief = float(np.sqrt(max(values[0], 0.0)))
-    near = discs.nearest(0.5 * (part[1].start + part[1].stop), 0.5 * (part[0].start + part[0].stop))
-    gaps = _gaps(depth.rays[part], depth.span[part], known, sure, relief / middle[2])
-    return normal, middle, relief, float(known.mean()), float(sure.mean()), smaller * near + gaps
+    x, y, w, h = np.array(windows, float).T
+    low, high = (depth.grid.inside(np.column_stack(ends) - 0.5) + 0.5 for ends in ((x, y), (x + w, y + h)))
+    first, last = np.rint(low).astype(np.int64), np.rint(high).astype(np.int64)
+    return np.stack([first, np.maximum(last, first + 1)], -1)[:, ::-1]
+
+
+def _nearest_planes(depth: DenseDepth, parts: IntArray) -> FootprintPlanes:
+    """The plane of every part nearest to its ground, in one row; from sums over rectangles."""
+    known, area = depth.known, np.diff(parts, axis=-1)[..., 0].prod(1)
+    centre = depth.points[known].mean(0, dtype=np.float64) if known.any() else AHEAD
+    x, y, z = (np.where(known, depth.points[..., k] - np.float32(centre[k]), np.float32(0.0)) for k in range(3))
+    layers = (known, depth.sure, x, y, z, x * x, x * y, x * z, y * y, y * z, z * z)
+    n, certain, *sums = (box_sums(layer, parts) for layer in layers)
+    normal, middle, relief = planes_of_sums(n, sums, centre)
+    cells = Cells(np.arange(len(parts)), np.arange(1), 0.0)
+    return FootprintPlanes(cells, normal[None], middle[None], relief[None], (n / area)[None], (certain / area)[None])
+
+
+def box_sums(layer: NDArray[Any], parts: IntArray) -> FloatArray:
+    """(n,) sums of a layer (h, w) over rectangles."""
+    table = cv2.integral(layer.astype(np.float32), sdepth=cv2.CV_64F)
+    (top, bottom), (left, right) = parts.transpose(1, 2, 0)
+    return np.asarray(table[bottom, right] - table[top, right] - table[bottom, left] + table[top, left])
+
+
+def _noise(depth: DenseDepth, parts: IntArray, radius_px: FloatArray) -> FloatArray:
+    """(n, 2, 2) variance of the gradient of ln w of windows as large as discs of this radius (n,), grid px.
+
+    It is that of the disc nearest to the window's middle, at most `FIT.largest_px` large; NaN where none is matched.
+    """
+    measured = np.minimum(radius_px, FIT.largest_px)
+    gradient = np.full((len(parts), 2, 2), np.nan)
+    for radius in np.unique(measured):
+        cells = _disc_cells(depth, float(radius))
+        planes = fit_footprints(depth.points, depth.known, depth.sure, cells)
+        nearest = nearest_answered(planes)
+        if nearest is not None:
+            here = measured == radius
+            v, u = 0.5 * parts[here].sum(-1).T
+            at = (np.abs(axis[:, None] - place).argmin(0) for axis, place in ((cells.v, v), (cells.u, u)))
+            variance = FIT.widened**2 * matching_variance(depth, planes).reshape(-1, 2, 2)
+            smaller = (radius / radius_px[here]) ** FIT.falls
+            gradient[here] = smaller[:, None, None] * variance[nearest[tuple(at)]]
+    return gradient
+
+
+def _disc_cells(depth: DenseDepth, radius_px: float) -> Cells:
+    """Discs of this radius, grid px, all over the image."""
+    rows, columns = depth.w.shape
+    step = max(1.0, 2 * radius_px / FIT.places, float(np.sqrt(rows * columns / FIT.most_discs)))
+    u, v = (np.arange(0.5 * step, count, step).astype(np.int64) for count in (columns, rows))
+    return Cells(u, v, radius_px)
+
+
+def across_steps(depth: DenseDepth, windows: Sequence[Window], planes: FootprintPlanes) -> BoolArray:
+    """(n,) whether a window lies across a step of depth, as `tilt_uncertainty.across_step` has it for footprints."""
+    parts = parts_of(depth, windows)
+    side = np.sqrt(np.diff(parts, axis=-1)[..., 0].prod(1))
+    off_px = np.minimum(TILT.step_off_px, TILT.step_off_share * side).astype(np.int64)
+    wider = parts + off_px[:, None, None] * np.array([-1, 1])
+    wider = np.clip(wider, 0, np.array(depth.w.shape)[:, None])
+    stepped = box_sums(depth.step, wider) > TILT.step_length * side
+    rise = rise_of(planes, depth)[0]
+    for k in np.flatnonzero(stepped):
+        jump = float(depth.span[slice(*wider[k, 0].tolist()), slice(*wider[k, 1].tolist())].max())
+        stepped[k] = jump - rise[k] > TILT.step_share * side[k] / depth.focal_px
+    return np.asarray(stepped)
 
 
 def _gaps(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Literal, NamedTuple
 
 import numpy as np
@@ -19,7 +20,7 @@ from slopecli.look.matches import Matches, thin
 from slopecli.look.noise import OVERVIEW_CELL_PX, SYSTEMATIC_PX, correlation_gain
 from slopecli.look.scene import Scene
 from slopecli.patches.patch import Found, Patch, weight_of
-from slopecli.types import BoolArray, FloatArray, IntArray, Segmentation, Solution
+from slopecli.types import FloatArray, IntArray, Segmentation, Solution
 
 OUTSIDE_POINTS = 1500  # matches outside the patches that join the solution: more add time, not accuracy
 MOST_TILT_SIGMA_DEG = 5.0  # of a patch that is merged with others: one less certain agrees with any plane
@@ -58,9 +59,13 @@ class Joined:
             segmentation=segmentation,
         )
 
-    def on(self, k: int) -> BoolArray:
-        """(n,) the matches on plane k."""
-        return self.plane == k
+    @cached_property
+    def _starts(self) -> list[int]:
+        return [0, *np.cumsum([len(patch.matches) for patch in self.patches]).tolist()]
+
+    def rows(self, k: int) -> slice:
+        """The matches on plane k."""
+        return slice(self._starts[k], self._starts[k + 1])
 
 
 def join_patches(found: Found, scene: Scene) -> Joined:

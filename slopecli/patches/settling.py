@@ -88,7 +88,7 @@ def noise_of_each_alone(joined: Joined) -> float:
     """
     each: list[tuple[float, int]] = []
     for k, patch in enumerate(joined.patches):
-        matches, weight = patch.matches, joined.weight[joined.on(k)]
+        matches, weight = patch.matches, joined.weight[joined.rows(k)]
         freedom = 2 * len(matches) - 8
         if len(matches) < ENOUGH_MATCHES:
             continue

@@ -114,10 +114,21 @@ def sigma_caption(slope_map: SlopeMap) -> str:
     )
 
 
+def windows_entries(
+    cells: Cells, undecided: BoolArray, classes: Classes, tolerance: float, text_px: int
+) -> list[list[Entry]]:
+    """Return the entries of a picture of windows (n,) in groups: classes of slope; other marks."""
+    gentle: Colour = tuple(classes.colours[(classes.steep_from or 1) - 1].tolist())
+    others: list[Entry] = [(f"edge at the tolerance, {tolerance:g}°", edge_sign)]
+    if undecided.any():
+        others.append((f"undecided, {share_text(undecided)}", partial(_swatch, text_px, gentle, lay_undecided)))
+    return [_class_entries(classes, cells, text_px), [*others, _unknown_entry(cells == UNKNOWN, text_px)]]
+
+
 def draw_map_legend(
-    slope_map: SlopeMap, title: str, groups: Sequence[Sequence[Entry]], caption: str, frame: Frame
+    slope_map: SlopeMap | None, title: str, groups: Sequence[Sequence[Entry]], caption: str, frame: Frame
 ) -> Picture:
-    """Draw a legend, (h, w, 3) uint8 RGB: title, direction and scale bar, groups of entries in columns, caption."""
+    """Draw a legend, (h, w, 3) uint8 RGB: title, of a map direction and scale bar, groups of entries, caption."""
     width, size = frame.width, frame.text_px
     strip = Strip(width, size)
     large = round(TITLE * size)
@@ -126,7 +137,8 @@ def draw_map_legend(
         strip.texts.append(Text((size, strip.v), line, large, "lm", INK, None))
         strip.v += LEADING * large
     strip.v += 0.5 * size
-    _orientation(strip, slope_map, frame.scale)
+    if slope_map is not None:
+        _orientation(strip, slope_map, frame.scale)
     for group in groups:
         _columns(strip, group)
     strip.start(strip.v - 0.2 * size)

@@ -56,7 +56,8 @@ def draw_map(slope_map: SlopeMap, image: Image) -> NDArray[np.uint8]:
     """
     frame, classes = map_frame(image), slope_classes(slope_map)
     cells = cell_classes(slope_map, classes)
-    picture, shown = _painted(image, frame, cells, slope_map.spacing_px, classes)
+    shown = _pixels(cells, frame, slope_map.spacing_px, UNKNOWN)
+    picture = painted(image, frame, shown, classes)
     for where, lay_pattern in (
         (undecided_cells(slope_map, cells), lay_undecided),
         (rough_cells(slope_map, classes, cells), lay_rough),
@@ -74,7 +75,7 @@ def draw_sigma(slope_map: SlopeMap, image: Image) -> NDArray[np.uint8]:
     """Draw 1-sigma of the slopes over image 1 with landing sites; arguments and result as of `draw_map`."""
     frame, classes = map_frame(image), sigma_classes()
     cells = classes.of(np.where(slope_map.known, slope_map.sigma_deg, np.nan))
-    picture, _ = _painted(image, frame, cells, slope_map.spacing_px, classes)
+    picture = painted(image, frame, _pixels(cells, frame, slope_map.spacing_px, UNKNOWN), classes)
     groups = sigma_entries(slope_map, classes, cells, frame.text_px)
     return _finished(slope_map, picture, frame, "Uncertainty of the slope, 1-sigma", groups, sigma_caption(slope_map))
 
@@ -88,11 +89,9 @@ def _finished(
     return converted(np.vstack([*draw_warnings(slope_map, frame), picture, legend]), cv2.COLOR_RGB2BGR)
 
 
-def _painted(
-    image: Image, frame: Frame, cells: Cells, spacing_px: int, classes: Classes
-) -> tuple[Picture, NDArray[np.int16]]:
-    """The image in the colours of its cells, (h, w, 3) RGB, and (h, w) the class of every pixel."""
-    grey, shown = resized(image.grey, frame.scale), _pixels(cells, frame, spacing_px, UNKNOWN)
+def painted(image: Image, frame: Frame, shown: NDArray[np.int16], classes: Classes) -> Picture:
+    """Return the image in the colours of classes, (h, w, 3) RGB; shown (h, w): the class of every pixel."""
+    grey = resized(image.grey, frame.scale)
     side = round(SURROUNDINGS * max(grey.shape)) // 2 * 2 + 1
     detail = DETAIL * cv2.subtract(grey, cv2.blur(grey, (side, side)), dtype=cv2.CV_32F)
     relief = np.clip(np.rint(detail), -MOST_RELIEF, MOST_RELIEF).astype(np.int16)
@@ -102,7 +101,7 @@ def _painted(
     picture[unknown] = pale[grey[unknown]][:, None]
     lay_unknown(picture, unknown, frame.text_px)
     lay_step(picture, shown == STEP, frame.text_px)
-    return picture, shown
+    return picture
 
 
 def _coloured(shown: NDArray[np.int16], classes: Classes) -> Picture:

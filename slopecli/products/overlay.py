@@ -16,13 +16,16 @@ from slopecli.products.drawing.lettering import Text, badge_centre, label_texts,
 from slopecli.products.drawing.marks import TINT, Picture
 from slopecli.products.drawing.outlines import Footprint, footprints_of
 from slopecli.products.drawing.placement import Placed, box_around, place_labels
+from slopecli.products.windows_picture import draw_windows
+from slopecli.report.kinds import many_windows
 from slopecli.types import FloatArray, Image, Report
 
 
 def draw_overlay(report: Report, image: Image) -> NDArray[np.uint8]:
     """Draw the answer over image 1, with a legend below and, if the answer is ambiguous, a banner above.
 
-    The drawing is image 1, enlarged or reduced where it would not be legible or quick to open (`drawing_scale`).
+    Of many windows it is a map in classes of slope. Else the drawing is image 1, enlarged or reduced where it would not
+    be legible or quick to open (`drawing_scale`).
 
     Parameters
     ----------
@@ -33,6 +36,8 @@ def draw_overlay(report: Report, image: Image) -> NDArray[np.uint8]:
     -------
     (h, w, 3) uint8 BGR; higher than the image by legend and banner.
     """
+    if many_windows(report):
+        return draw_windows(report, image)
     scale = drawing_scale(report, image)
     picture = ground(image, scale)
     text_px = text_size(picture)

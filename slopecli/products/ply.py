@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 
 import cv2
 import numpy as np
@@ -166,9 +167,16 @@ def _subdivided(polygon: FloatArray) -> tuple[FloatArray, IntArray]:
 
     Returns points (n, 2), the polygon's corners first, which neighbours share; triangles (m, 3) of their indices.
     """
-    last = len(polygon) - 1
+    weights, triangles = _subdivision(len(polygon))
+    return weights @ polygon, triangles
+
+
+@lru_cache
+def _subdivision(corners: int) -> tuple[FloatArray, IntArray]:
+    """The points (n, k) of `_subdivided` as weighted means of k corners, and its triangles (m, 3)."""
+    last = corners - 1
     triangles = np.array([(last, 0, 1), *((1, i, i + 1) for i in range(2, last))])
-    points = polygon
+    points = np.eye(corners)
     for _ in range(SUBDIVISIONS):
         edges = np.sort(triangles[:, [[0, 1], [1, 2], [2, 0]]], axis=2).reshape(-1, 2)
         ends, inverse = np.unique(edges, axis=0, return_inverse=True)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import math
 from dataclasses import fields, is_dataclass
+from functools import cache
 from pathlib import PurePath
 from typing import Any
 
@@ -16,6 +17,7 @@ from slopecli.products.map_tiff import BANDS, MAP_FILE
 from slopecli.types import Image, Report
 
 SCHEMA_VERSION = "2.1"
+LINE = 110  # characters that are kept on one line
 SIGNIFICANT_DIGITS = 9  # 1e-9 of a rotation is 6e-8 deg; more digits would only record the processor's rounding
 # written as labels.png, drawn on overlay.png and the steps; properties that follow from other keys
 _NOT_IN_JSON = {"labels", "epipole1_px", "segmentation", "slope_known", "noun", "found", "size_given", "note"}
@@ -60,7 +62,8 @@ def report_to_json(report: Report) -> str:
 
 
 def _document(report: Report) -> dict[str, Any]:
-    return {"schema_version": SCHEMA_VERSION, "slopemap_version": __version__, **_plain(report)}
+    answer = {name: getattr(report, name) for name in _names(Report)}
+    return {"schema_version": SCHEMA_VERSION, "slopemap_version": __version__, **answer}
 
 
 def to_json(document: dict[str, Any]) -> str:
@@ -71,7 +74,7 @@ def to_json(document: dict[str, Any]) -> str:
 def _plain(value: Any) -> Any:
     """Reduce dataclasses, arrays and numpy scalars to what JSON knows."""
     if is_dataclass(value) and not isinstance(value, type):
-        shown = {f.name: getattr(value, f.name) for f in fields(value) if f.name not in _NOT_IN_JSON}
+        shown = {name: getattr(value, name) for name in _names(type(value))}
         return {name: _plain(item) for name, item in shown.items() if item is not None or name not in _LEFT_OUT_IF_NONE}
     if isinstance(value, dict):
         return {str(key): _plain(item) for key, item in value.items()}
@@ -85,6 +88,12 @@ def _plain(value: Any) -> Any:
     return str(value) if isinstance(value, PurePath) else value
 
 
+@cache
+def _names(kind: type) -> tuple[str, ...]:
+    """Names of the fields of a dataclass that are written."""
+    return tuple(field.name for field in fields(kind) if field.name not in _NOT_IN_JSON)
+
+
 def rounded(value: float) -> float | None:
     """Round to `SIGNIFICANT_DIGITS`; None for what is not finite."""
     if not math.isfinite(value):
@@ -92,11 +101,17 @@ def rounded(value: float) -> float | None:
     return float(f"{value:.{SIGNIFICANT_DIGITS}g}") + 0.0  # which drops the sign of -0.0
 
 
+def _least_length(value: dict[str, Any] | list[Any]) -> int:
+    """Characters that the keys, or commas, of a container take at least."""
+    return sum(len(key) + 6 for key in value) if isinstance(value, dict) else 3 * len(value)
+
+
 def _layout(value: Any, indent: str = "", before: str = "") -> str:
     """Indent by two, but keep on one line whatever fits: a matrix reads better in a row than in nine."""
-    compact = before + json.dumps(value, allow_nan=False)
-    if len(indent) + len(compact) <= 110 or not isinstance(value, dict | list):
-        return compact
+    if not isinstance(value, dict | list) or _least_length(value) <= LINE:
+        compact = before + json.dumps(value, allow_nan=False)
+        if len(indent) + len(compact) <= LINE or not isinstance(value, dict | list):
+            return compact
     inner = indent + "  "
     if isinstance(value, dict):
         brackets, lines = "{}", [_layout(item, inner, f"{json.dumps(key)}: ") for key, item in value.items()]

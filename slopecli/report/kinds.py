@@ -1,4 +1,4 @@
-"""Kind of a plane of a built scene: ground, wall, roof or ceiling, by its slope and its height above the ground."""
+"""How planes are shown: many windows as a map; those of a built scene as ground, wall, roof or ceiling."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ import numpy as np
 
 from slopecli.geometry.camera import points_on_plane
 from slopecli.geometry.statistics import median
+from slopecli.options import MANY_WINDOWS
 from slopecli.types import FloatArray, Plane, Report
 
 Kind = Literal["ground", "wall", "roof", "ceiling"]
@@ -17,6 +18,11 @@ LEVEL_DEG = 15.0  # streets and squares are flatter than this; flat roofs are hi
 KNOWN_DEG = 5.0  # 1-sigma of a slope beyond which a plane does not count as level
 LARGE = 0.1  # of the area of the largest level plane: a smaller one below it may be a mistake, or a pit
 AT_GROUND = 0.02  # height over the distance to the camera up to which a plane counts as lying on the ground
+
+
+def many_windows(report: Report) -> bool:
+    """Whether it has so many windows that they are shown as a map and counted, not listed one by one."""
+    return len(report.planes) + len(report.rejected) >= MANY_WINDOWS and report.noun == "window"
 
 
 def plane_shares(report: Report) -> dict[int, float]:

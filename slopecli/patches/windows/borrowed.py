@@ -110,12 +110,21 @@ def _borrowed(chosen: IntArray, patch: Patch, scene: Scene, plane: FloatArray, s
 
 def _why_not(window: Window, scene: Scene, plane: FloatArray | None) -> tuple[str, str]:
     """Diagnostic code and reason why the window itself has no matches; plane (3,): of its surroundings, if known."""
+    shown = 1.0
     if plane is not None:
         mapping = view_of(window, scene, TUNE.coarse_px // 2, border=False).mapping(plane)
-        if covered(mapping, scene.shape2).mean() < TUNE.scarce_share:
-            return "no-overlap", "not in image 2"
+        shown = float(covered(mapping, scene.shape2).mean())
     x, y, w, h = window
-    contrast = float(scene.pyramid1.at(1.0).grey[y : y + h, x : x + w].std())
+    return why_unmatched(shown, float(scene.pyramid1.at(1.0).grey[y : y + h, x : x + w].std()))
+
+
+def why_unmatched(shown: float, contrast: float) -> tuple[str, str]:
+    """Diagnostic code and reason why a window has no matches.
+
+    shown : share of it that image 2 shows.  contrast : standard deviation of its grey levels.
+    """
+    if shown < TUNE.scarce_share:
+        return "no-overlap", "not in image 2"
     if contrast > TUNE.textured_grey:
         return "poor-fit", "textured, but no match found inside"
     return "low-texture", "too little texture inside"

@@ -51,8 +51,12 @@ class Classes:
 
 def slope_classes(slope_map: SlopeMap) -> Classes:
     """Return the classes of slope that a user asked for, with the tolerance among their edges."""
-    tolerance = slope_map.tolerance_deg
-    edges = tuple(sorted({float(edge) for edge in (*slope_map.classes_deg, tolerance) if edge > 0}))
+    return classes_between(slope_map.classes_deg, slope_map.tolerance_deg)
+
+
+def classes_between(edges_deg: Sequence[float], tolerance: float) -> Classes:
+    """Return the classes of slope between these edges, with the tolerance among them, deg."""
+    edges = tuple(sorted({float(edge) for edge in (*edges_deg, tolerance) if edge > 0}))
     steep_from = edges.index(tolerance) + 1
     lightness = np.linspace(*LIGHTNESS, len(edges) + 1)
     gentle, steep = _of_lightness(tuple(GENTLE), lightness), _of_lightness(tuple(STEEP), lightness)

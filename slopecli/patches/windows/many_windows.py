@@ -1,0 +1,236 @@
+"""Many windows at once: the motion comes from a few large windows, their planes from one pass over all pixels.
+
+A fine grid matched window by window costs some 10 ms each, and small windows have few matches. A dense depth serves all
+of them. Windows without depth of their own have the plane that is known around them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from itertools import starmap
+
+import numpy as np
+
+from slopecli.errors import NoAnswer
+from slopecli.geometry.statistics import robust_sigma
+from slopecli.ground.footprint_planes import FootprintPlanes
+from slopecli.ground.tilt_uncertainty import Root, focal_shift, motion_gain, normal_covariance, normals_under
+from slopecli.ground.window_planes import WindowPlanes, across_steps, box_sums, fit_windows, parts_of
+from slopecli.look.dense_depth import DEPTH, DenseDepth, measure_depth
+from slopecli.look.matches import Matches, pair_rays, thin
+from slopecli.look.noise import LEAST_MATCH_PX
+from slopecli.look.scene import Scene
+from slopecli.look.threads import single_threaded
+from slopecli.look.warp import covered
+from slopecli.options import MANY_WINDOWS, Options
+from slopecli.patches.join import OUTSIDE_POINTS, Joined, outside_weight
+from slopecli.patches.patch import Patch, weight_of
+from slopecli.patches.windows.borrowed import why_unmatched
+from slopecli.patches.windows.tunables import TUNE
+from slopecli.patches.windows.window_finder import wanted_windows, window_patch
+from slopecli.types import FloatArray, IntArray, Solution
+from slopecli.windows import Window
+
+
+@dataclass(frozen=True)
+class ManyWindowsTunables:
+    """Which of many windows have an answer of the dense depth, and what the others have."""
+
+    least_share: float = 0.5  # of a window's pixels whose depth is known; with less it is called poor
+    least_sure: float = 0.3  # of its pixels, without doubt
+    neighbours: int = 8  # answered windows whose orientation one without an answer has
+    pairs: int = 4096  # of windows that tell how much orientations differ, in so many groups by distance:
+    groups: int = 16
+    every_px: int = 4  # grid px between the pixels that stand for its matches; nearer ones share their errors
+
+
+MANY = ManyWindowsTunables()
+
+
+def many_windows(options: Options, width: int, height: int) -> list[Window]:
+    """The windows wanted of an image of this size, px, if they are to be answered together; else none."""
+    if options.planes != "windows" or options.solver != "mle" or options.features != "sift" or options.merge_coplanar:
+        return []
+    windows = wanted_windows(options, width, height)
+    return windows if len(windows) >= MANY_WINDOWS else []
+
+
+def answer_together(
+    windows: Sequence[Window], joined: Joined, solution: Solution, scene: Scene, focal_sigma: float
+) -> tuple[Joined, Solution]:
+    """Patches of all windows, and the solution with their planes.
+
+    Parameters
+    ----------
+    joined, solution : of a few large windows, whose motion is kept.  focal_sigma : that the covariances hold.
+
+    Raises
+    ------
+    NoAnswer : no window has a plane.
+    """
+    scene = replace(scene, R=solution.R, T=solution.T)
+    root = Root.of(solution, focal_sigma)
+    with single_threaded():
+        depth = measure_depth(scene, windows, DEPTH.most_pixels)
+        dense = fit_windows(depth, windows, root)
+        own = _own_patches(windows, depth, dense, scene)
+        patches, planes = _borrowed(own, depth, dense.planes, scene)
+    chosen = [k for k, patch in enumerate(patches) if patch.origin != "none"]
+    if not chosen:
+        raise NoAnswer(
+            "low-texture",
+            f"none of the {len(patches)} windows can be matched: {patches[0].reason}",
+            "choose windows with texture that both images show",
+        )
+    every = normal_covariance(planes, root, np.zeros((*planes.cells.shape, 2, 2)))[0]
+    lent = np.array([patch.origin == "borrowed" for patch in patches])
+    covariance = np.where(lent[:, None, None], every, dense.covariance)
+    answered = WindowPlanes(planes.some(np.array(chosen)), covariance[chosen])
+    outside = scene.evidence.take(thin(scene.evidence.uv1, np.arange(len(scene.evidence)), OUTSIDE_POINTS))
+    together = Joined.of(patches, outside, outside_weight(scene, len(outside)))
+    return together, _solution_of(solution, answered, len(together.matches), root)
+
+
+def _own_patches(windows: Sequence[Window], depth: DenseDepth, dense: WindowPlanes, scene: Scene) -> list[Patch]:
+    """A patch a window, with pixels of the depth as its matches where it has enough, else without any."""
+    share, sure = dense.planes.share[0], dense.planes.sure[0]
+    own = np.isfinite(dense.covariance).all((1, 2)) & (share >= MANY.least_share) & (sure >= MANY.least_sure)
+    stepped = across_steps(depth, windows, dense.planes)
+    matches, lattice = _matches(depth, scene)
+    sigma_px = max(robust_sigma(depth.across_px[depth.known].astype(float)), LEAST_MATCH_PX) / depth.grid.mean_scale
+    patches = list(starmap(window_patch, zip(windows, range(1, len(windows) + 1), strict=True)))
+    parts = -(-parts_of(depth, windows) // MANY.every_px)
+    for k in np.flatnonzero(own):
+        inside = lattice[slice(*parts[k, 0].tolist()), slice(*parts[k, 1].tolist())]
+        index = inside[inside >= 0]
+        if len(index):
+            patches[k] = replace(
+                patches[k],
+                matches=matches.take(index),
+                weight=weight_of(np.full(len(index), sigma_px**2)),
+                cell=np.argwhere(inside >= 0),
+                origin="own",
+                score=1.0,
+                share=float(share[k]),
+                reason="across a step: no surface has this slope" if stepped[k] else "",
+                code="non-planar-patch" if stepped[k] else "",
+            )
+    return patches
+
+
+def _matches(depth: DenseDepth, scene: Scene) -> tuple[Matches, IntArray]:
+    """Pixels of the depth, `MANY.every_px` apart, as matches, and (rows, columns) the index of each, -1 for none."""
+    rows, columns = (np.arange(0, n, MANY.every_px) for n in depth.w.shape)
+    known, uv2 = (values[:: MANY.every_px, :: MANY.every_px] for values in (depth.known, depth.uv2))
+    uv1 = depth.grid.full(np.stack(np.meshgrid(columns, rows), -1)[known].astype(float))
+    x1, x2, seen = pair_rays(scene.camera1, scene.camera2, uv1, uv2[known].astype(float))
+    lattice = np.full(known.shape, -1)
+    lattice[known] = np.where(seen, np.arange(len(uv1)), -1)
+    return Matches(uv1, uv2[known].astype(float), x1, x2), lattice
+
+
+def _borrowed(
+    patches: list[Patch], depth: DenseDepth, planes: FootprintPlanes, scene: Scene
+) -> tuple[list[Patch], FootprintPlanes]:
+    """The patches and planes, with the mean orientation of the nearest answered windows for those without one.
+
+    The 1-sigma of their tilt is the RMS angle between answered windows as far apart as these are.
+    """
+    known = np.array([patch.origin == "own" for patch in patches])
+    rest = np.flatnonzero(~known)
+    if not len(rest):
+        return patches, planes
+    windows = [patch.window for patch in patches]
+    reasons = _reasons(depth, windows, scene)
+    index = np.flatnonzero(known & np.array([not patch.reason for patch in patches]))
+    if len(index) < MANY.neighbours:
+        nothing = "and too few windows around it can be matched"
+        return [
+            patch if patch.origin == "own" else patch.unmatched(f"{why}, {nothing}", code)
+            for patch, (code, why) in zip(patches, reasons, strict=True)
+        ], planes
+    middle = np.array([(x + w / 2, y + h / 2) for x, y, w, h in windows])
+    away, nearest = _nearest(middle[rest], middle[index])
+    units = planes.normal[0, index]
+    mean = units[nearest].mean(axis=1)
+    sigma = _differs(middle[index], units, away[:, -1])
+    normal, middles, relief = planes.normal.copy(), planes.middle.copy(), planes.relief.copy()
+    normal[0, rest] = mean / np.linalg.norm(mean, axis=1, keepdims=True)
+    middles[0, rest], relief[0, rest] = middles[0, index[nearest[:, 0]]], 0.0
+    patches = list(patches)
+    for k, from_k, sigma_rad in zip(rest.tolist(), index[nearest[:, 0]].tolist(), sigma.tolist(), strict=True):
+        code, why = reasons[k]
+        lent = patches[from_k]
+        patches[k] = replace(
+            patches[k],
+            matches=lent.matches,
+            weight=lent.weight,
+            cell=lent.cell,
+            origin="borrowed",
+            reason=f"{why}: this is the orientation of the windows nearest to it, its distance is theirs",
+            code=code,
+            tilt_sigma_rad=max(sigma_rad, TUNE.unexplained_rad if code == "poor-fit" else 0.0),
+        )
+    return patches, replace(planes, normal=normal, middle=middles, relief=relief)
+
+
+def _nearest(places: FloatArray, others: FloatArray) -> tuple[FloatArray, IntArray]:
+    """Distances (n, k) of the `MANY.neighbours` others nearest to places (n, 2), nearest first, and their indices."""
+    away = np.hypot(*(places[:, None, axis] - others[None, :, axis] for axis in (0, 1)))
+    near = np.argpartition(away, MANY.neighbours - 1, axis=1)[:, : MANY.neighbours]
+    near = np.take_along_axis(near, np.take_along_axis(away, near, 1).argsort(axis=1, kind="stable"), 1)
+    return np.take_along_axis(away, near, 1), near
+
+
+def _differs(places: FloatArray, units: FloatArray, away: FloatArray) -> FloatArray:
+    """(k,) RMS angle, rad, between planes at these distances (k,) px from each other.
+
+    It is measured on pairs of planes with middles (n, 2) px and unit normals (n, 3), and grows with the distance.
+    """
+    rng = np.random.default_rng(0)
+    i, j = rng.integers(0, len(places), (2, MANY.pairs))
+    i, j = i[i != j], j[i != j]
+    apart = np.linalg.norm(places[i] - places[j], axis=1)
+    angle2 = (2.0 * np.arcsin(np.minimum(np.linalg.norm(units[i] - units[j], axis=1) / 2.0, 1.0))) ** 2
+    order = np.argsort(apart)
+    groups = np.array_split(order, max(1, min(len(order) // MANY.neighbours, MANY.groups)))
+    distance = np.array([apart[group].mean() for group in groups])
+    return np.interp(away, distance, np.maximum.accumulate([np.sqrt(angle2[group].mean()) for group in groups]))
+
+
+def _reasons(depth: DenseDepth, windows: Sequence[Window], scene: Scene) -> list[tuple[str, str]]:
+    """Diagnostic code and reason in words why a window has no depth of its own, for each."""
+    parts, grey = parts_of(depth, windows), depth.grid.grey.astype(np.float32)
+    area = np.diff(parts, axis=-1)[..., 0].prod(1)
+    layers = covered(depth.uv2, scene.shape2), grey, grey * grey
+    shown, mean, square = (box_sums(layer, parts) / area for layer in layers)
+    contrast = np.sqrt(np.maximum(square - mean**2, 0.0))
+    return [why_unmatched(*one) for one in zip(shown.tolist(), contrast.tolist(), strict=True)]
+
+
+def _solution_of(solution: Solution, dense: WindowPlanes, n_matches: int, root: Root) -> Solution:
+    """The solution with these planes in place of its own, in its second root too."""
+    planes, every = dense.planes, np.ones(n_matches, bool)
+    shift = None
+    if solution.focal_shift is not None:
+        shift = np.concatenate([focal_shift(planes, root)[0].ravel(), solution.focal_shift[-5:]])
+
+    def with_planes(one: Solution, normals: FloatArray) -> Solution:
+        """One root with the planes that the same pixels have there."""
+        return replace(
+            one,
+            scaled_normals=normals,
+            normal_covariance=dense.covariance,
+            normal_gain=motion_gain(planes, root)[0],
+            relief=dense.relief,
+            inlier=every,
+            joint_normals=None,
+            focal_shift=shift,
+        )
+
+    ambiguity, other = solution.ambiguity, solution.ambiguity.alternative
+    if other is not None:
+        second = with_planes(other, normals_under(planes, root, other.R, other.T)[0])
+        ambiguity = replace(ambiguity, alternative=second)
+    return replace(with_planes(solution, dense.normal), ambiguity=ambiguity)
