@@ -11,7 +11,7 @@ from scenery import Pair, Surface, make_camera, render, tilted, turn, unit
 
 from slopecli import Image, Options, Report, estimate
 from slopecli.cli import classes_table
-from slopecli.products.overlay import draw_overlay
+from slopecli.products import draw_overlay
 from slopecli.windows import grid_windows
 
 LEFT, RIGHT = tilted(0.3, 0.0), tilted(-0.15, 0.1)
