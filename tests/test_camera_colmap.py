@@ -4,7 +4,16 @@ import struct
 from pathlib import Path
 
 import pytest
-from camera_factory import BROWN, COLMAP_TEXT, check_is_the_sample, refusal, write
+from camera_factory import (
+    BROWN,
+    COLMAP_TEXT,
+    check_is_the_sample,
+    check_pixels,
+    directions,
+    fisheye_image,
+    refusal,
+    write,
+)
 
 from slopecli.io.cameras import load_camera
 from slopecli.types import Camera
@@ -51,11 +60,27 @@ def test_colmap_models(tmp_path: Path, line: str, model: str, distortion: tuple)
     assert (camera.fx, camera.cx, camera.cy) == (500, 319.5, 239.5)
 
 
+def test_fisheye_models_of_colmap_4_and_their_ids(tmp_path: Path) -> None:
+    x = directions(widest=1.0)
+    across, down = fisheye_image(x)
+    text = "1 SIMPLE_FISHEYE 1024 768 500 512.5 384.25\n2 FISHEYE 1024 768 500 510 512.5 384.25\n"
+    simple = struct.pack("<IiQQ3d", 1, 14, 1024, 768, 500, 512.5, 384.25)
+    both = struct.pack("<IiQQ4d", 2, 15, 1024, 768, 500, 510, 512.5, 384.25)
+    others = struct.pack("<IiQQ5d", 3, 13, 1024, 768, 500, 510, 512, 384, -0.1)
+    for path in (write(tmp_path, text), write(tmp_path, struct.pack("<Q", 3) + simple + both + others, "cameras.bin")):
+        check_pixels(load_camera(f"{path}#1"), x, 500 * across + 512.5 - 0.5, 500 * down + 384.25 - 0.5)
+        check_pixels(load_camera(f"{path}#2"), x, 500 * across + 512.5 - 0.5, 510 * down + 384.25 - 0.5)
+    assert "DIVISION is not supported" in refusal(f"{tmp_path / 'cameras.bin'}#3")
+
+
 @pytest.mark.parametrize(
     ("line", "words"),
     [
         ("1 FOV 640 480 500 510 320 240 0.9", "COLMAP model FOV is not supported"),
         ("1 THIN_PRISM_FISHEYE 640 480 1 2 3 4 5 6 7 8 9 10 11 12", "THIN_PRISM_FISHEYE is not supported"),
+        ("1 SIMPLE_DIVISION 640 480 500 320 240 -0.1", "SIMPLE_DIVISION is not supported"),
+        ("1 EQUIRECTANGULAR 640 480 640 480", "EQUIRECTANGULAR is not supported"),
+        ("1 SIMPLE_FISHEYE 640 480 500 510 320 240", "has 4 parameters, needed 3"),
         ("1 BRAND_NEW 640 480 1 2 3", "COLMAP model BRAND_NEW is not supported"),
         ("1 PINHOLE 640 480 500 320 240", "has 3 parameters, needed 4"),
         ("1 PINHOLE 640 480 500 510 320 nan", "finite"),

@@ -90,3 +90,16 @@ def test_the_documented_native_file_is_read(tmp_path: Path) -> None:
     page = (Path(__file__).parents[1] / "docs" / "cameras.md").read_text(encoding="utf-8")
     camera = load_camera(write(tmp_path, page.split("```json")[1].split("```")[0]))
     assert camera == Camera(1024, 768, 800, 800, 511.5, 383.5, "brown", (-0.28, 0.07, 0.0002, 1e-5, 0), "native")
+
+
+@pytest.mark.parametrize(
+    ("model", "given", "full"),
+    [
+        ("polynomial", [-0.1, 0.01, 0, 0, 0, 0.002], (-0.1, 0.01, 0, 0, 0, 0.002, 0)),
+        ("cahvor", [1e-4, -0.1, 0.02, 0.01, -0.02, 1], (1e-4, -0.1, 0.02, 0.01, -0.02, 1, 0)),
+    ],
+)
+def test_native_lenses_beside_opencvs(tmp_path: Path, model: str, given: list, full: tuple) -> None:
+    camera = load_camera(write(tmp_path, {**NATIVE, "model": model, "distortion": given}))
+    assert (camera.model, camera.distortion) == (model, full)
+    assert "takes 7" in refusal(write(tmp_path, {**NATIVE, "model": model, "distortion": [0.01] * 8}))

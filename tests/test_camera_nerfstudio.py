@@ -1,8 +1,10 @@
 """nerfstudio cameras."""
 
+import math
 from pathlib import Path
 
-from camera_factory import NERFSTUDIO, check_is_the_sample, refusal, write
+import pytest
+from camera_factory import NERF, NERFSTUDIO, check_is_the_sample, check_pixels, directions, refusal, write
 
 from slopecli.io.cameras import load_camera
 
@@ -20,3 +22,27 @@ def test_nerfstudio_fisheye_and_per_frame_cameras(tmp_path: Path) -> None:
 def test_nerfstudio_terms_we_lack_are_refused(tmp_path: Path) -> None:
     assert "k4 = 0.1" in refusal(write(tmp_path, {**NERFSTUDIO, "k4": 0.1}))
     assert "'EQUIRECTANGULAR'" in refusal(write(tmp_path, {**NERFSTUDIO, "camera_model": "EQUIRECTANGULAR"}))
+
+
+def test_camera_angle_x_is_the_field_of_view_in_radians(tmp_path: Path) -> None:
+    x = directions(widest=0.3)
+    focal = 0.5 * 800 / math.tan(0.5 * NERF["camera_angle_x"])
+    check_pixels(load_camera(write(tmp_path, NERF)), x, focal * x[:, 0] + 399.5, focal * x[:, 1] + 399.5)
+    synthetic = {key: value for key, value in NERF.items() if key not in ("w", "h")}
+    camera = load_camera(write(tmp_path, synthetic), size=(400, 400))
+    assert camera.fx == pytest.approx(focal / 2)
+    both = {**NERF, "camera_angle_y": 0.6}
+    assert load_camera(write(tmp_path, both)).fy == pytest.approx(400 / math.tan(0.3))
+
+
+@pytest.mark.parametrize(
+    ("keys", "words"),
+    [
+        ({"camera_angle_x": 39.6}, "in radians"),
+        ({"camera_angle_x": 0}, "in radians"),
+        ({"fl_x": 555.6}, "contradict each other"),  # that of images of half the size
+        ({"k1": 0.1, "camera_model": "OPENCV", "coeffs": [1]}, "'coeffs' is not understood"),
+    ],
+)
+def test_camera_angle_refusals(tmp_path: Path, keys: dict, words: str) -> None:
+    assert words in refusal(write(tmp_path, {**NERF, **keys}))

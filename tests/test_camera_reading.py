@@ -72,3 +72,9 @@ def test_a_cropped_image_is_refused(width: int, height: int) -> None:
 def test_a_turned_image_is_refused_with_a_hint(width: int, height: int) -> None:
     with pytest.raises(InputError, match="EXIF orientation"):
         fit_camera_to_image(Camera(1024, 768, *K), width, height)
+
+
+def test_a_folder_of_images_is_not_calibrated(tmp_path: Path) -> None:
+    message = refusal(tmp_path)
+    assert "calibrateCamera" in message
+    assert "Kalibr" in message

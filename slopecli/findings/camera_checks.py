@@ -41,7 +41,7 @@ def unlikely(camera: Camera) -> str:
 def _focal(camera: Camera) -> str:
     low, high = (share * max(camera.width, camera.height) for share in FOCAL_WIDTHS)
     for name, value in (("fx", camera.fx), ("fy", camera.fy)):
-        if camera.model == "fisheye" or low <= value <= high:
+        if camera.model in ("fisheye", "cahvor") or low <= value <= high:
             continue
         view = 2 * math.degrees(math.atan(max(camera.width, camera.height) / 2 / value))
         unit = "is it in millimetres?" if value < low else "is a field of view in radians, or another unit, behind it?"
@@ -88,7 +88,7 @@ def _unit(camera: Camera) -> str:
 
 
 def _lens(camera: Camera) -> str:
-    least = {"pinhole": 0.0, "brown": 0.5, "fisheye": 0.2}[camera.model]  # a fisheye's image may be a small disc
-    if not least or (seen := share_with_rays(camera)) >= least:
+    least = 0.2 if camera.model in ("fisheye", "cahvor") else 0.5  # a fisheye's image may be a small disc
+    if camera.model == "pinhole" or (seen := share_with_rays(camera)) >= least:
         return ""
     return f"its distortion leaves only {100 * seen:.0f} % of the image with rays"

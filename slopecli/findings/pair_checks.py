@@ -8,6 +8,7 @@ from slopecli.errors import NoAnswer
 from slopecli.findings.camera_checks import implausible_cameras
 from slopecli.findings.facts import PairFacts
 from slopecli.findings.wording import finding
+from slopecli.geometry.camera import radial_term
 from slopecli.geometry.motion import MOST_TERM, LensMisfit
 from slopecli.geometry.orientation import kept_orientation
 from slopecli.look.changes import lens_misfit
@@ -109,7 +110,7 @@ def check_lens(misfit: LensMisfit | None, camera: Camera) -> list[Diagnostic]:
     size_px, sigma_px = (abs(value) * radius**3 * camera.focal_px for value in (misfit.term, misfit.sigma))
     if size_px < DISTORTED_PX:
         return []
-    given = camera.distortion[0] if camera.distortion else 0.0
+    given = radial_term(camera)
     own = "besides that of the camera file" if camera.distortion else "which the camera file does not have,"
     as_far = f"{radius * camera.focal_px:.0f} px off the centre, as far as matches reach"
     message = (

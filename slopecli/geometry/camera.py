@@ -1,8 +1,10 @@
-"""Pixels to normalised rays and back: pinhole, Brown (radial-tangential, rational) and fisheye lenses.
+"""Pixels to normalised rays and back: pinhole, Brown (radial-tangential, rational), fisheye and other lenses.
 
 Everything is in OpenCV's convention: pixel centres at integer coordinates, `u = fx x_d + cx`, where x_d is the
 distorted image of the normalised coordinate x = X/Z. Source of the models: OpenCV, "Camera Calibration and 3D
 Reconstruction" (Brown 1966 with the rational radial factor) and "Fisheye camera model" (Kannala and Brandt 2006).
+"polynomial" is Brown's with a radial term of order 8 in place of the rational ones, and skew: `u = fx (x_d + s y_d) +
+cx`. "cahvor" is in `cahvor.py`.
 
 A lens polynomial is invertible only up to its fold, the angle where the distorted radius stops growing with the true
 one. Both directions return NaN beyond it, and for rays `MAX_ANGLE` or more off the axis.
@@ -16,11 +18,13 @@ from functools import lru_cache
 import numpy as np
 
 from slopecli.errors import InputError
+from slopecli.geometry import cahvor
 from slopecli.geometry.epipolar import homogeneous
+from slopecli.geometry.polynomials import smallest_positive_root
 from slopecli.types import BoolArray, Camera, CameraModel, FloatArray
 
 MAX_ANGLE = np.radians(89.9)  # normalised coordinates beyond tan = 573 are useless
-MAX_COEFFICIENTS = {"pinhole": 0, "brown": 8, "fisheye": 4}
+MAX_COEFFICIENTS = {"pinhole": 0, "brown": 8, "fisheye": 4, "polynomial": 7, "cahvor": 7}
 OUTSIDE_PX = -1.0e4  # coordinate outside any image that cv2.remap still accepts (16 bit)
 TABLE_SIZE = 1025  # starts Newton within 1e-6 of the root in any usable field of view
 NEWTON_STEPS, NEWTON_SETTLED = 20, 1e-8  # Newton squares the error: after a step this small only rounding is left
@@ -35,11 +39,18 @@ def rays_from_pixels(camera: Camera, uv: FloatArray) -> FloatArray:
     Newton's method on the forward model; OpenCV's five fixed-point iterations leave 0.5 px with k1 = -0.28.
     """
     distorted = (np.asarray(uv, dtype=np.float64) - (camera.cx, camera.cy)) / (camera.fx, camera.fy)
-    k = _padded_coefficients(camera)
+    k = padded_coefficients(camera)
     if camera.model == "pinhole":
         return distorted
     with np.errstate(over="ignore", divide="ignore", invalid="ignore"):  # only where there is no ray
-        return (_undistort_fisheye if camera.model == "fisheye" else _undistort_brown)(distorted, k)
+        if camera.model == "fisheye":
+            return _undistort_fisheye(distorted, k)
+        if camera.model == "brown":
+            return _undistort_brown(distorted, k)
+        distorted[:, 0] -= k[6] * distorted[:, 1]
+        if camera.model == "cahvor":
+            return cahvor.undistort(distorted, k, float(MAX_ANGLE))
+        return _undistort_brown(distorted, _as_brown(k))
 
 
 def pixels_from_rays(camera: Camera, x: FloatArray) -> FloatArray:
@@ -81,6 +92,21 @@ def pinhole_of(camera: Camera) -> Camera:
     return replace(camera, model="pinhole", distortion=())
 
 
+def radial_term(camera: Camera) -> float:
+    """The coefficient of the third power of a lens: k1, or R1 of "cahvor"; 0 of a camera without distortion."""
+    k = padded_coefficients(camera) or (0.0,)
+    return k[1] if camera.model == "cahvor" else k[0]
+
+
+def with_radial_term(camera: Camera, value: float) -> Camera:
+    """Return the camera with another `radial_term`; a pinhole camera becomes a Brown one."""
+    first, *others = camera.distortion or (0.0,)
+    if camera.model == "cahvor":
+        return replace(camera, distortion=(first, value, *others[1:]))
+    model: CameraModel = "brown" if camera.model == "pinhole" else camera.model
+    return replace(camera, model=model, distortion=(value, *others))
+
+
 def scale_camera(camera: Camera, width: int, height: int) -> Camera:
     """Return the camera of the same view resized to width x height pixels.
 
@@ -114,8 +140,8 @@ def undistortion_maps(camera: Camera, ideal: Camera | None = None) -> tuple[np.n
     return maps[0], maps[1]
 
 
-def _padded_coefficients(camera: Camera) -> tuple[float, ...]:
-    """All coefficients of the model in OpenCV's order, zeros for the missing ones."""
+def padded_coefficients(camera: Camera) -> tuple[float, ...]:
+    """All coefficients of a camera's model in their order, zeros for the missing ones; InputError if it has more."""
     wanted = MAX_COEFFICIENTS[camera.model]
     if len(camera.distortion) > wanted:
         raise InputError(f"a {camera.model} camera takes {wanted} coefficients, found {len(camera.distortion)}")
@@ -124,18 +150,36 @@ def _padded_coefficients(camera: Camera) -> tuple[float, ...]:
 
 def _project(camera: Camera, x: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Pixels u, v of normalised coordinates x, y that broadcast against each other."""
-    k = _padded_coefficients(camera)
+    k = padded_coefficients(camera)
     if camera.model != "pinhole":
-        distort = _distort_fisheye if camera.model == "fisheye" else _distort_brown
         with np.errstate(over="ignore", divide="ignore", invalid="ignore"):  # only where nothing is seen
-            r2 = x * x + y * y
-            seen = r2 < np.tan(_valid_angle(camera.model, k)) ** 2
-            x, y = (np.where(seen, d, np.nan) for d in distort(x, y, r2, k))
+            x, y = _distort(camera.model, x, y, k)
     u, v = np.broadcast_arrays(camera.fx * x + camera.cx, camera.fy * y + camera.cy)
     return u, v
 
 
+def _distort(model: CameraModel, x: FloatArray, y: FloatArray, k: tuple[float, ...]) -> tuple[FloatArray, FloatArray]:
+    """Distorted images of normalised coordinates by a lens, NaN where it has none."""
+    if model == "cahvor":
+        x, y = cahvor.distort(x, y, k, float(MAX_ANGLE))
+        return x + k[6] * y, y
+    if model == "polynomial":
+        x, y = _distort("brown", x, y, _as_brown(k))
+        return x + k[6] * y, y
+    distort = _distort_fisheye if model == "fisheye" else _distort_brown
+    r2 = x * x + y * y
+    seen = r2 < np.tan(_valid_angle(model, k)) ** 2
+    x, y = (np.where(seen, d, np.nan) for d in distort(x, y, r2, k))
+    return x, y
+
+
+def _as_brown(k: tuple[float, ...]) -> tuple[float, ...]:
+    """Of a "polynomial" lens without its skew, coefficients of a Brown lens, the radial one of order 8 last."""
+    return (*k[:5], 0.0, 0.0, 0.0, k[5])
+
+
 # ---- Brown: x_d = x g(r^2) + tangential, g = (1 + k1 s + k2 s^2 + k3 s^3) / (1 + k4 s + k5 s^2 + k6 s^3) ----
+# Coefficients are k1 k2 p1 p2 k3 k4 k5 k6, and after those, of a "polynomial" lens, one of s^4 in the numerator.
 
 
 def _distort_brown(x: FloatArray, y: FloatArray, r2: FloatArray, k: tuple[float, ...]) -> tuple[FloatArray, FloatArray]:
@@ -146,15 +190,15 @@ def _distort_brown(x: FloatArray, y: FloatArray, r2: FloatArray, k: tuple[float,
 
 
 def _radial_factor(r2: FloatArray, k: tuple[float, ...]) -> FloatArray:
-    k1, k2, _, _, k3, k4, k5, k6 = k
-    g = 1 + r2 * (k1 + r2 * (k2 + r2 * k3))
-    return g / (1 + r2 * (k4 + r2 * (k5 + r2 * k6))) if any(k[5:]) else g
+    k1, k2, _, _, k3, k4, k5, k6, *order8 = k
+    g = 1 + r2 * (k1 + r2 * (k2 + r2 * (k3 + r2 * order8[0] if order8 else k3)))
+    return g / (1 + r2 * (k4 + r2 * (k5 + r2 * k6))) if any(k[5:8]) else g
 
 
 def _radial_polynomials(k: tuple[float, ...]) -> tuple[FloatArray, FloatArray]:
     """Numerator and denominator of g in r^2, highest power first."""
-    k1, k2, _, _, k3, k4, k5, k6 = k
-    return np.array([k3, k2, k1, 1.0]), np.array([k6, k5, k4, 1.0])
+    k1, k2, _, _, k3, k4, k5, k6, *order8 = k
+    return np.array([*order8, k3, k2, k1, 1.0]), np.array([k6, k5, k4, 1.0])
 
 
 def _undistort_brown(distorted: FloatArray, k: tuple[float, ...]) -> FloatArray:
@@ -242,23 +286,12 @@ def _valid_angle(model: CameraModel, k: tuple[float, ...]) -> float:
 def _fold_angle(model: CameraModel, k: tuple[float, ...]) -> float:
     """As `_valid_angle`; 0 where coefficients overflow."""
     if model == "fisheye":
-        fold = _smallest_positive_root(np.array([9.0, 7.0, 5.0, 3.0, 1.0]) * [*k[::-1], 1.0])
+        fold = smallest_positive_root(np.array([9.0, 7.0, 5.0, 3.0, 1.0]) * [*k[::-1], 1.0])
         return min(float(np.sqrt(fold)), float(MAX_ANGLE))
     # d(r N/D)/dr = 0  <=>  (N + 2 s N') D - 2 s N D' = 0 with s = r^2; D = 0 is a pole and ends the model as well
     n, d = _radial_polynomials(k)
     two_s = np.array([2.0, 0.0])
     grown = np.polyadd(n, np.polymul(two_s, np.polyder(n)))
     rate: FloatArray = np.polysub(np.polymul(grown, d), np.polymul(np.polymul(two_s, n), np.polyder(d)))
-    fold = min(_smallest_positive_root(rate), _smallest_positive_root(d))
+    fold = min(smallest_positive_root(rate), smallest_positive_root(d))
     return min(float(np.arctan(np.sqrt(fold))), float(MAX_ANGLE))
-
-
-def _smallest_positive_root(polynomial: FloatArray) -> float:
-    """Smallest positive real root, infinity when there is none; 0 where the coefficients overflow."""
-    if not np.isfinite(polynomial).all():
-        return 0.0
-    # terms that matter nowhere would overflow on division
-    polynomial = np.where(np.abs(polynomial) < 1e-30 * np.abs(polynomial).max(), 0.0, polynomial)
-    roots = np.roots(polynomial)
-    real = roots.real[(np.abs(roots.imag) <= 1e-9 * np.abs(roots)) & (roots.real > 0)]
-    return float(real.min()) if len(real) else np.inf

@@ -16,10 +16,12 @@ IMAGE_SUFFIXES = frozenset(
     (".png", ".jpg", ".jpeg", ".jpe", ".jp2", ".tif", ".tiff", ".bmp", ".dib", ".webp", ".pbm", ".pgm", ".ppm", ".pnm")
 )
 UNREAD_SUFFIXES = RAW_SUFFIXES | {".heic", ".heif", ".avif", ".mp4", ".mov", ".avi", ".mkv"}
-CAMERA_SUFFIXES = frozenset((".json", ".yaml", ".yml", ".xml", ".txt", ".bin", ".npz"))
+CAMERA_SUFFIXES = frozenset(
+    (".json", ".yaml", ".yml", ".xml", ".txt", ".bin", ".npz", ".npy", ".cam", ".sfm", ".mat", ".m")
+)
 # Stems of camera files, lower case; the second is used if none matches the first.
 CAMERA_STEMS = (
-    re.compile("|".join(form.stems.replace(" ", "|") for form in CAMERA_FORMATS)),
+    re.compile("|".join("|".join(form.stems.split()) for form in CAMERA_FORMATS if form.stems)),
     re.compile(r".*(camera|calib|intrinsic|camchain).*"),
 )
 LIST_COLUMNS = ("image1", "image2", "camera1", "camera2")

@@ -98,7 +98,9 @@ def _binary_camera(rng: Random) -> bytes:
 
 def camera(rng: Random) -> Case:
     """A changed camera file, for the images, for correspondences or for a plan."""
-    name = rng.choice(("camera.json", "camera.yaml", "cameras.txt", "camera.xml", "camera.npz"))
+    name = rng.choice(
+        ("camera.json", "camera.yaml", "cameras.txt", "camera.xml", "camera.npz", "K.npy", "a.cam", "c.mat")
+    )
     files: dict[str, Content] = {name: camera_content(rng)}
     picked = name + rng.choice(("", "", "", "#1", "#cam0", "#0", "#left", "#x", f"#{rng.choice(HOSTILE[:5])}"))
     way = rng.random()

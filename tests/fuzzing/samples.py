@@ -13,6 +13,7 @@ from typing import Any
 import camera_factory
 import cv2
 import numpy as np
+import scipy.io
 from PIL import Image as PilImage
 
 from slopecli.products import OUTPUT_NAMES
@@ -80,9 +81,19 @@ def frames_text() -> str:
 
 @cache
 def camera_binaries() -> list[bytes]:
-    """Camera files that are not text: COLMAP's cameras.bin, NumPy archives; those of camera_factory too."""
+    """Camera files that are not text: of COLMAP, NumPy and MATLAB, images with a label; those of camera_factory too."""
     found = [content for content, _ in camera_factory.SAMPLES.values() if isinstance(content, bytes)]
-    return [*found, colmap_binary(), numpy_archive()]
+    arrays = [_numpy_array(np.array(camera_factory.MATRIX)), _matlab_file()]
+    images = [text.encode() + bytes(200) for text in (camera_factory.PDS3, camera_factory.VICAR)]
+    return [*found, colmap_binary(), numpy_archive(), *arrays, *images]
+
+
+def _matlab_file() -> bytes:
+    """Bouguet's Calib_Results.mat; SciPy writes the time into its header, which is taken out."""
+    file = io.BytesIO()
+    variables = {"fc": [[800.0], [810.0]], "cc": [[511.5], [383.5]], "kc": [[-0.2], [0.1], [0.0], [0.0], [0.0]]}
+    scipy.io.savemat(file, {**variables, "nx": 1024, "ny": 768}, do_compression=True)
+    return b"MATLAB 5.0 MAT-file".ljust(116) + file.getvalue()[116:]
 
 
 def colmap_binary() -> bytes:

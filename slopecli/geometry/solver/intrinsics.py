@@ -19,13 +19,13 @@ from typing import NamedTuple
 import numpy as np
 
 from slopecli.errors import DegenerateConfiguration
-from slopecli.geometry.camera import pixels_from_rays, rays_from_pixels
+from slopecli.geometry.camera import pixels_from_rays, radial_term, rays_from_pixels, with_radial_term
 from slopecli.geometry.epipolar import homogeneous, skew, tangent_basis
 from slopecli.geometry.solver.observations import FINEST_RESIDUAL, Observations, observe, predict
 from slopecli.geometry.solver.one_thread import one_blas_thread
 from slopecli.geometry.solver.priors import MotionPrior
 from slopecli.geometry.statistics import median
-from slopecli.types import BoolArray, Camera, CameraModel, FloatArray, IntArray, Solution
+from slopecli.types import BoolArray, Camera, FloatArray, IntArray, Solution
 
 PARAMETERS = ("f", "cx", "cy", "k1")
 ENOUGH = 3000  # matches of the score step: more add time only
@@ -92,9 +92,7 @@ def changed(camera: Camera, parameter: str, value: float) -> Camera:
         return replace(camera, fx=camera.fx * float(np.exp(value)), fy=camera.fy * float(np.exp(value)))
     if parameter in ("cx", "cy"):
         return replace(camera, **{parameter: getattr(camera, parameter) + value * camera.focal_px})
-    model: CameraModel = "brown" if camera.model == "pinhole" else camera.model
-    first, *others = camera.distortion or (0.0,)
-    return replace(camera, model=model, distortion=(first + value, *others))
+    return with_radial_term(camera, radial_term(camera) + value)
 
 
 class Settled(NamedTuple):

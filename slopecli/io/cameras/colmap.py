@@ -29,9 +29,13 @@ MODELS: dict[str, str | int] = {
     "RADIAL_FISHEYE": "f cx cy k1 k2",
     "THIN_PRISM_FISHEYE": 12,
     "RAD_TAN_THIN_PRISM_FISHEYE": 16,
+    "SIMPLE_DIVISION": 4,
+    "DIVISION": 5,
+    "SIMPLE_FISHEYE": "f cx cy",
+    "FISHEYE": "fx fy cx cy",
 }
-# of COLMAP 4, with ids after those: their parameters are not read
-NEWER = {12: "SIMPLE_DIVISION", 13: "DIVISION", 14: "SIMPLE_FISHEYE", 15: "FISHEYE", 16: "EQUIRECTANGULAR"}
+# of COLMAP 4, with ids after those, which moved between its versions
+NEWER = {16: "EUCM or EQUIRECTANGULAR", 17: "EQUIRECTANGULAR"}
 MOST_PARAMETERS = 24
 LINE = re.compile(r"\s*\d+\s+[A-Z][A-Z0-9_]+\s+\d+\s+\d+(\s+\S+)+\s*")
 

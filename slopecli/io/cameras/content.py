@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import codecs
 import json
+import re
 from collections.abc import Mapping
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
@@ -15,6 +16,7 @@ from slopecli.io.cameras.yaml_documents import yaml_documents
 if TYPE_CHECKING:
     from xml.etree.ElementTree import Element
 
+MATLAB_MARKS = (b"MATLAB 5.0 MAT-file", b"MATLAB 7.3 MAT-file")
 UTF16_MARKS = (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)
 
 
@@ -31,13 +33,20 @@ class CameraFileContent:
 
     def __init__(self, data: bytes) -> None:
         self.data = data
-        self.is_binary = b"\0" in data[:64] and not data.startswith(UTF16_MARKS)
+        self.is_binary = (b"\0" in data[:64] and not data.startswith(UTF16_MARKS)) or data.startswith(MATLAB_MARKS)
         self.notes: list[str] = []
+
+    @classmethod
+    def of_tree(cls, tree: Tree) -> CameraFileContent:
+        """Content that is a part of another file: names and values."""
+        content = cls(b"")
+        content.documents = [tree]
+        return content
 
     @cached_property
     def text(self) -> str:
-        """The file as text: UTF-8, UTF-16 with its mark, or Latin-1; "" for binary data."""
-        return "" if self.is_binary else _decode(self.data)
+        """The file as text: UTF-8, UTF-16 with its mark, or Latin-1; the label of an image; "" for binary data."""
+        return "" if self.is_binary else _decode(_label(self.data))
 
     @cached_property
     def xml(self) -> Element | None:
@@ -54,17 +63,26 @@ class CameraFileContent:
             raise InputError(f"is damaged XML ({error})") from None
 
     @cached_property
+    def documents(self) -> list[Any]:
+        """The documents of a JSON or YAML file; none for other files."""
+        if self.is_binary or self.xml is not None:
+            return []
+        parse = _parse_json if self.text.lstrip().startswith(("{", "[")) else _parse_yaml
+        return [tree for tree in parse(self.text) if tree is not None]
+
+    @cached_property
     def tree(self) -> Tree:
         """Names and values of a JSON or YAML file, of all its documents together; {} for other files."""
-        if self.is_binary or self.xml is not None:
-            return {}
-        if not self.text.lstrip().startswith(("{", "[")):
-            return self._merged(_parse_yaml(self.text))
-        return self._merged(_parse_json(self.text))
+        return self._merged(self.documents)
+
+    @cached_property
+    def rows(self) -> list[Tree]:
+        """Of a JSON or YAML file that is a list, the parts of it that are names with values; none for other files."""
+        first = self.documents[0] if self.documents else None
+        return [row for row in first if isinstance(row, Mapping)] if isinstance(first, list) else []
 
     def _merged(self, documents: list[Any]) -> Tree:
         """The names and values of all documents, which must not contradict each other; {} if the first has none."""
-        documents = [tree for tree in documents if tree is not None]
         if not documents or not isinstance(documents[0], Mapping):
             return {}
         merged = dict(documents[0])
@@ -78,6 +96,15 @@ class CameraFileContent:
         if len(merged) > len(documents[0]):
             self.notes.append(f"its {len(documents)} documents are read together")
         return merged
+
+
+def _label(data: bytes) -> bytes:
+    """The label in front of the pixels of a PDS or VICAR image; all of another file."""
+    if not data.startswith((b"PDS_VERSION_ID", b"ODL_VERSION_ID", b"LBLSIZE=", b"CCSD")):
+        return data
+    label = data[:2_000_000].partition(b"\0")[0]  # labels have less than a tenth of that
+    end = re.search(rb"^END\s*$", label, re.MULTILINE)
+    return label[: end.end()] if end else label
 
 
 def _decode(data: bytes) -> str:

@@ -1,7 +1,8 @@
 """Agisoft Metashape (PhotoScan) XML: an exported calibration, or the sensors of a project.
 
 Source: Metashape user manual, appendix "Camera models": u = w/2 + cx + x' f + x' b1 + y' b2, v = h/2 + cy + y' f.
-Pixel centres are at (0.5, 0.5), and P1 and P2 are exchanged compared with OpenCV.
+Pixel centres are at (0.5, 0.5), P1 and P2 are exchanged compared with OpenCV, and K4 is of order 8 in the radius, or of
+order 9 in the angle of a fisheye lens.
 """
 
 from __future__ import annotations
@@ -11,10 +12,12 @@ from typing import TYPE_CHECKING, Any
 from slopecli.errors import InputError
 from slopecli.io.cameras import values
 from slopecli.io.cameras.content import CameraFileContent
-from slopecli.types import Camera
+from slopecli.types import Camera, CameraModel
 
 if TYPE_CHECKING:
     from xml.etree.ElementTree import Element
+
+BEFORE = "its calibration is the initial one, of before the cameras were aligned"
 
 
 def find(content: CameraFileContent) -> dict[str, Element]:
@@ -37,24 +40,32 @@ def find(content: CameraFileContent) -> dict[str, Element]:
 
 
 def read(calibration: Element, size: values.Size | None) -> Camera:
-    """Frame cameras only, without b2, k4, p3 and p4, for which OpenCV's lens model has no term."""
+    """Frame cameras, also with k4 and b2, and fisheye cameras without tangential distortion and b2."""
     tags: dict[str, Any] = {child.tag: (child.text or "").strip() for child in calibration}
     values.refuse_twice(child.tag for child in calibration)
     kind = calibration.get("type") or tags.get("projection") or "frame"
-    if kind != "frame":
-        raise InputError(f"Metashape camera type {kind!r} is not supported, only 'frame' is")
+    if kind not in ("frame", "fisheye"):
+        raise InputError(f"Metashape camera type {kind!r} is not supported, only 'frame' and 'fisheye' are")
     values.refuse_unread_distortion(tags, (), "needed k1, k2, k3, p1, p2 as Metashape writes them")
-    values.refuse_nonzero(tags, ("b2", "skew"), "skew")
-    values.refuse_nonzero(tags, ("k4",), "radial distortion of order 8")
     values.refuse_nonzero(tags, ("p3", "p4"), "tangential distortion of higher order")
+    if kind == "fisheye":
+        values.refuse_nonzero(tags, ("p1", "p2", "b2", "skew"), "tangential distortion or skew of a fisheye lens")
     resolution = calibration.find("resolution")
     sides = tags if resolution is None else resolution
     own = values.size_of(sides.get("width"), sides.get("height"))
     size = values.known_size(own or size)
-    k1, k2, k3, p1, p2 = (values.number(tags.get(key) or 0, key) for key in ("k1", "k2", "k3", "p1", "p2"))
-    return values.make_camera(
-        "Metashape", size, _intrinsics(tags, size), "brown", (k1, k2, p2, p1, k3), size_given=own is not None
-    )
+    intrinsics = _intrinsics(tags, size)
+    lens = _lens(tags, kind, intrinsics[0])
+    note = BEFORE if calibration.get("class") == "initial" else ""
+    return values.make_camera("Metashape", size, intrinsics, *lens, note=note, size_given=own is not None)
+
+
+def _lens(tags: dict[str, Any], kind: str, fx: float) -> tuple[CameraModel, tuple[float, ...]]:
+    names = ("k1", "k2", "k3", "k4", "p1", "p2", "skew" if "fx" in tags else "b2")
+    k1, k2, k3, k4, p1, p2, skew = (values.number(tags.get(name) or 0, name) for name in names)
+    if kind == "fisheye":
+        return "fisheye", (k1, k2, k3, k4)
+    return "polynomial", (k1, k2, p2, p1, k3, k4, skew / fx if fx else 0.0)
 
 
 def _intrinsics(tags: dict[str, Any], size: values.Size) -> values.Intrinsics:

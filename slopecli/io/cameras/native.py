@@ -9,7 +9,7 @@ from slopecli.io.cameras import values
 from slopecli.io.cameras.content import CameraFileContent
 from slopecli.io.cameras.lens_marks import is_mark_key, marked_model
 from slopecli.io.cameras.sizes import image_size, is_size_key
-from slopecli.types import Camera
+from slopecli.types import Camera, CameraModel
 
 NUMBERS = ("fx", "fy", "cx", "cy")
 KEYS = {"width", "height", *NUMBERS, "K", "distortion", "model"}
@@ -29,9 +29,11 @@ def read(tree: values.Tree, size: values.Size | None) -> Camera:
     unknown = sorted(set(others) - KEYS - NOTES)
     if unknown:
         raise InputError(f"unknown key {unknown[0]!r}; a native camera file has {', '.join(sorted(KEYS))}")
-    model = marked_model(tree) or "brown"
+    # names that other programs give to other lenses
+    own_names = tree.get("model") in ("polynomial", "cahvor")
+    model: CameraModel = tree["model"] if own_names else marked_model(tree) or "brown"
     given = values.numbers(tree.get("distortion"), "distortion")
-    counts = (0, 4) if model == "fisheye" else (0, 4, 5, 8)
+    counts = (0, 7) if own_names else (0, 4) if model == "fisheye" else (0, 4, 5, 8)
     coefficients = given + [0.0] * (next((c for c in counts if c >= len(given)), 0) - len(given))
     fx, fy, cx, cy = _intrinsics(tree)
     own, note = image_size(tree, (cx, cy), size)

@@ -1,4 +1,4 @@
-"""OpenSfM's and OpenDroneMap's camera_models.json and cameras.json.
+"""OpenSfM's and OpenDroneMap's camera_models.json, cameras.json and reconstruction.json.
 
 Lengths are in units of the longer side of the image, and the principal point is measured from its middle.
 """
@@ -17,10 +17,16 @@ from slopecli.types import Camera
 
 
 def find(content: CameraFileContent) -> dict[str, Any]:
-    """Cameras by name; {} for another format."""
-    tree = content.tree
-    cameras = tree.get("cameras") if isinstance(tree.get("cameras"), Mapping) else tree
-    return {str(k): v for k, v in (cameras or {}).items() if isinstance(v, Mapping) and "projection_type" in v}
+    """Cameras by name, of several reconstructions as well; {} for another format."""
+    found: dict[str, Any] = {}
+    for number, tree in enumerate((content.tree, *content.rows)):
+        cameras = tree.get("cameras") if isinstance(tree.get("cameras"), Mapping) else tree
+        for name, camera in (cameras or {}).items():
+            if isinstance(camera, Mapping) and "projection_type" in camera:
+                # each reconstruction has adjusted its cameras for itself
+                same = found.setdefault(str(name), camera) == camera
+                found |= {} if same else {f"{number}/{name}": camera}
+    return found
 
 
 def read(tree: values.Tree, size: values.Size | None) -> Camera:

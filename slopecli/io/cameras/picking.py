@@ -8,6 +8,7 @@ from pathlib import PurePath
 
 from slopecli.errors import InputError
 
+ID = re.compile("0|[1-9][0-9]*")
 MAX_NAMES = 8  # of cameras, listed in a message
 
 
@@ -39,7 +40,7 @@ def of_image(cameras: Collection[str], image: str) -> str | None:
     ------
     InputError : several fit equally well.
     """
-    ends = {one: _common_end(one, image) for one in cameras if not one.isdigit()}  # ids are no names of images
+    ends = {one: _common_end(one, image) for one in cameras if not ID.fullmatch(one)}  # ids are no names of images
     longest = max(ends.values(), default=0)
     fitting = [one for one, length in ends.items() if length == longest > 0]
     if not fitting:

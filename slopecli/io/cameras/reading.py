@@ -58,6 +58,11 @@ def split_name(path: str | PathLike[str], base: str | PathLike[str] = "") -> tup
 
 def read_camera_file(file: str | PathLike[str], base: str | PathLike[str] = "") -> bytes:
     """The bytes of a camera file, whose path is relative to `base`; raises InputError if it cannot be read."""
+    if os.path.isdir(Path(base, file)):
+        raise InputError(
+            f"{file}: is a folder, needed a camera file; slopemap does not calibrate from images of a chessboard: "
+            "OpenCV (calibrateCamera, interactive-calibration) and Kalibr do, and what they write is read"
+        )
     data = read_file(file, "camera file", 64_000_000, base)
     if not data.strip():
         raise InputError(f"{file}: is empty; {NEEDED}")

@@ -6,6 +6,7 @@ import math
 import re
 from collections import Counter
 from collections.abc import Collection, Hashable, Iterable, Mapping, Sequence
+from dataclasses import replace
 from typing import Any, TypeVar
 
 from slopecli.errors import InputError
@@ -23,7 +24,7 @@ LENS_NAMES: dict[CameraModel, str] = {
     "brown": "brown brownconrady opencv opencv5 opencv8 opencvpinhole fullopencv perspective rectilinear plumbbob "
     "radtan radialtangential radialtangentialdistortion rationalpolynomial rational simpleradial radial standard "
     "normal pinholeradtan pinholeradialtangential",
-    "fisheye": "fisheye equidistant equi opencvfisheye fisheyeopencv simpleradialfisheye radialfisheye "
+    "fisheye": "fisheye equidistant equi opencvfisheye fisheyeopencv simplefisheye simpleradialfisheye radialfisheye "
     "cv2fisheye equidistantfisheye fisheyeequidistant kannalabrandt kannalabrandt4 kannalabrandt8 kb4 kb8 pinholeequi "
     "pinholeequidistant",
 }
@@ -33,7 +34,10 @@ FISHEYE_ORDER = ("k1", "k2", "k3", "k4")
 LOOKS_LIKE_DISTORTION = "coef|distor|^r?dist(?!ance)|radial|tangential|lensparam"
 # Focal length over the longer side of the image, below which no lens of a kind is made; millimetres and shares of
 # the image width fall below. The middle of a pinhole's range is far narrower: `findings.camera_checks`.
-LEAST_FOCAL: dict[CameraModel, float] = {"pinhole": 0.15, "brown": 0.15, "fisheye": 0.06}
+LEAST_FOCAL: dict[CameraModel, float] = {
+    **dict.fromkeys(("pinhole", "brown", "polynomial"), 0.15),
+    **dict.fromkeys(("fisheye", "cahvor"), 0.06),
+}
 MOST_FOCAL = 1000.0
 LARGEST_COEFFICIENT = 1e6  # rational models have a few hundred
 LEAST_SEEN = 0.1  # of the pixels of an image must have a ray
@@ -89,17 +93,23 @@ def _matrix_data(matrix: Mapping[str, Any], name: str) -> list[float]:
 
 def intrinsics_of_matrix(value: Any, name: str) -> Intrinsics:
     """fx, fy, cx, cy of a 3x3 intrinsic matrix without skew."""
+    fx, fy, cx, cy, skew = skewed_intrinsics(value, name)
+    if skew != 0:
+        raise InputError(f"{name} has skew {skew:g}, which is not supported; calibrate with square axes (skew 0)")
+    return fx, fy, cx, cy
+
+
+def skewed_intrinsics(value: Any, name: str) -> tuple[float, float, float, float, float]:
+    """fx, fy, cx, cy and the skew, px, of a 3x3 intrinsic matrix."""
     k = numbers(value, name)
     if len(k) != 9:
         raise InputError(f"{name} has {len(k)} numbers, needed a 3x3 matrix")
     if not any(k) or k == [1, 0, 0, 0, 1, 0, 0, 0, 1]:
         what = "all zero" if not any(k) else "the identity matrix"
         raise InputError(f"{name} is {what}: the camera is not calibrated; calibrate it first")
-    if k[1] != 0:
-        raise InputError(f"{name} has skew {k[1]:g}, which is not supported; calibrate with square axes (skew 0)")
     if k[3] != 0 or k[6:] != [0, 0, 1]:
         raise InputError(f"{name} is not an intrinsic matrix [fx 0 cx; 0 fy cy; 0 0 1]; is it transposed?")
-    return k[0], k[4], k[2], k[5]
+    return k[0], k[4], k[2], k[5], k[1]
 
 
 def size_of(width: Any, height: Any) -> Size | None:
@@ -159,6 +169,25 @@ def refuse_nonzero(values: Mapping[str, Any], names: Sequence[str], what: str) -
             raise InputError(f"{name} = {values[name]} ({what}) is not supported; undistort the images first")
 
 
+def with_skew(coefficients: Sequence[float], skew: float) -> tuple[CameraModel, Sequence[float]]:
+    """Model and coefficients of a Brown lens in OpenCV's order with a skew, the share of y_d that is added to x_d.
+
+    Raises
+    ------
+    InputError : there is skew, and more than five coefficients, for which no model has both.
+    """
+    if skew == 0:
+        return "brown", coefficients
+    if len(coefficients) not in (0, 4, 5):
+        raise InputError(f"skew {skew:g} with {len(coefficients)} coefficients is not supported; undistort first")
+    return "polynomial", (*coefficients, *(0.0,) * (6 - len(coefficients)), skew)
+
+
+def noted(camera: Camera, note: str) -> Camera:
+    """The camera with one more note for the user, if it is not empty."""
+    return replace(camera, note="; ".join(filter(None, (camera.note, note))))
+
+
 def make_camera(
     source: str,
     size: Size | None,
@@ -204,9 +233,10 @@ def _check_focal(value: float, name: str, size: Size, model: CameraModel) -> Non
     longer = max(size)
     if LEAST_FOCAL[model] * longer <= value <= MOST_FOCAL * longer:
         return
-    lens = "no fisheye lens" if model == "fisheye" else "no lens but a fisheye"
+    wide = model in ("fisheye", "cahvor")
+    lens = "no fisheye lens" if wide else "no lens but a fisheye"
     sees = f"a field of view of {2 * math.degrees(math.atan(longer / 2 / value)):.3g} deg"
-    if model == "fisheye":
+    if wide:
         sees = f"180 deg in {value * math.pi:.3g} px"
     unit = "units of the image width" if value < 5 else "millimetres" if value < longer else "micrometres"
     raise InputError(
@@ -243,6 +273,13 @@ def _lens(model: CameraModel, coefficients: list[float]) -> tuple[CameraModel, l
         raise InputError("the lens is a pinhole without distortion, but coefficients are given; name the lens model")
     if model == "fisheye":
         return model, _counted(coefficients, (0, 4), "fisheye")
+    if model == "cahvor":
+        return model, _counted(coefficients, (0, 7), "CAHVOR")
+    if model == "polynomial":
+        k4, skew = _counted(coefficients, (0, 7), "polynomial")[5:]
+        if k4 or skew:
+            return model, coefficients
+        coefficients = coefficients[:5]
     coefficients = _counted(coefficients, (0, 4, 5, 8, 12, 14), "radial-tangential")
     if any(coefficients[8:]):
         raise InputError(

@@ -1,0 +1,56 @@
+"""Cameras under names of their own: {"cam0": {"K": ..., "D": ...}}, camera_info messages by topic, and the like."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from types import ModuleType
+from typing import Any
+
+from slopecli.errors import InputError
+from slopecli.io.cameras import native, opencv, realsense, ros, values
+from slopecli.io.cameras.content import CameraFileContent
+from slopecli.io.cameras.lens_marks import is_mark_key
+from slopecli.io.cameras.sizes import is_size_key
+from slopecli.types import Camera
+
+PARTS = (ros, realsense, native, opencv)  # the formats that one camera may be written in
+FOLDERS = ("cameras", "intrinsics", "sensors")
+Found = tuple[ModuleType, Any]
+
+
+def find(content: CameraFileContent) -> dict[str, Found]:
+    """Cameras by their names, each with its format; {} for another format."""
+    tree = content.tree
+    folder = next((tree[key] for key in FOLDERS if isinstance(tree.get(key), Mapping)), tree)
+    shared = {key: value for key, value in tree.items() if not isinstance(value, Mapping | list)}
+    shared = {key: value for key, value in shared.items() if is_size_key(key) or is_mark_key(key)}
+    found: dict[str, Found] = {}
+    for name, value in folder.items():
+        if isinstance(value, Mapping) and "rows" not in value and "data" not in value:
+            found |= {str(name): part for part in _in_part({**shared, **value})}
+    unread = [key for key in tree if key not in shared and tree[key] is not folder and str(key) not in found]
+    if found:
+        remedy = "give each camera its own coefficients"
+        values.refuse_unread_distortion(unread, (), remedy)
+        if beside := next((key for key in unread if opencv.KEY.fullmatch(values.plain_key(key))), None):
+            raise InputError(f"{beside!r} stands beside the named cameras; {remedy}")
+    return {"": next(iter(found.values()))} if len(found) == 1 and folder is tree else found
+
+
+def _in_part(tree: values.Tree) -> list[Found]:
+    """The one camera of a part, or none."""
+    content = CameraFileContent.of_tree(tree)
+    for module in PARTS:
+        cameras = module.find(content)
+        if len(cameras) == 1:
+            return [(module, next(iter(cameras.values())))]
+    return []
+
+
+def read(camera: Found, image: values.Size | None) -> Camera:
+    """As the format of the camera does, but for coefficients, which must stand beside a matrix."""
+    module, part = camera
+    if module is opencv and "lens" not in part:
+        raise InputError(f"{part['matrix'][0]} comes without coefficients; add D, zeros if there is no distortion")
+    found: Camera = module.read(part, image)
+    return found

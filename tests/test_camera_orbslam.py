@@ -1,0 +1,90 @@
+"""Settings of ORB-SLAM and stella_vslam."""
+
+from pathlib import Path
+
+import pytest
+from camera_factory import (
+    ORBSLAM,
+    ORBSLAM_STEREO,
+    check_is_the_sample,
+    check_pixels,
+    directions,
+    fisheye_image,
+    refusal,
+    write,
+)
+
+from slopecli.io.cameras import load_camera
+
+RECTIFIED = """%YAML:1.0
+Camera.fx: 435.2
+Camera.fy: 435.2
+Camera.cx: 367.45
+Camera.cy: 252.2
+Camera.k1: 0.0
+Camera.k2: 0.0
+Camera.p1: 0.0
+Camera.p2: 0.0
+Camera.width: 752
+Camera.height: 480
+LEFT.height: 480
+LEFT.width: 752
+LEFT.D: !!opencv-matrix
+   rows: 1
+   cols: 5
+   dt: d
+   data: [-0.28, 0.074, 0.0002, 1.76e-05, 0.0]
+LEFT.K: !!opencv-matrix
+   rows: 3
+   cols: 3
+   dt: d
+   data: [458.654, 0.0, 367.215, 0.0, 457.296, 248.375, 0.0, 0.0, 1.0]
+"""
+
+
+def test_orbslam_stereo_fisheye(tmp_path: Path) -> None:
+    x = directions(widest=1.5)
+    camera = load_camera(f"{write(tmp_path, ORBSLAM_STEREO)}#Camera2")
+    across, down = fisheye_image(x, 0.0040, 0.0001, -0.0018, 0.0003)
+    check_pixels(camera, x, 190.44 * across + 252.59, 190.43 * down + 254.91)
+    assert (camera.width, camera.height) == (512, 512)
+
+
+def test_cameras_of_rectified_and_of_recorded_images_need_a_choice(tmp_path: Path) -> None:
+    path = write(tmp_path, RECTIFIED)
+    assert "holds 2 cameras (Camera, LEFT)" in refusal(path)
+    assert load_camera(f"{path}#Camera").model == "pinhole"
+    recorded = load_camera(f"{path}#LEFT")
+    assert (recorded.fx, recorded.model, recorded.distortion[0]) == (458.654, "brown", -0.28)
+
+
+def test_stella_vslam_has_them_below_camera(tmp_path: Path) -> None:
+    lines = [
+        "Camera:",
+        *(f"  {line.removeprefix('Camera.')}" for line in ORBSLAM.splitlines() if line.startswith("Cam")),
+    ]
+    text = (
+        "\n".join(lines)
+        .replace('type: "PinHole"', 'model: "perspective"')
+        .replace("width", "cols")
+        .replace("height", "rows")
+    )
+    check_is_the_sample(load_camera(write(tmp_path, text)))
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "words"),
+    [
+        ('"PinHole"', '"KannalaBrandt8"', "p1 is not a coefficient of a KannalaBrandt8 camera"),
+        ('"PinHole"', '"Rectified"', "k1 is not a coefficient of a Rectified camera"),
+        ('"PinHole"', '"equirectangular"', "'equirectangular' is not supported"),
+        ('"PinHole"', '"radial_division"', "'radial_division' is not supported"),
+        ("Camera.cy: 383.5\n", "", "Camera.cy is missing"),
+        ('Camera.type: "PinHole"\n', "Camera.k3: 0.1\nCamera.k4: 0.1\n", None),
+    ],
+)
+def test_orbslam_refusals(tmp_path: Path, old: str, new: str, words: str | None) -> None:
+    text = ORBSLAM.replace(old, new)
+    if words is None:  # four coefficients without a word of which
+        text, words = text.replace("Camera.p1: 0.0002\nCamera.p2: 1.0e-05\n", ""), "PinHole or KannalaBrandt8"
+    assert words in refusal(write(tmp_path, text))
