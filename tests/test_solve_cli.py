@@ -8,6 +8,7 @@ import json
 import os
 import re
 import threading
+import tracemalloc
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -387,3 +388,17 @@ def test_rows_whose_points_are_on_one_line_in_image_2_end_in_one_line(tmp_path: 
     status, out, err = ask(str(path), "--intrinsics", "800,800,511.5,511.5", "--noise", "0.3", "--json")
     assert (status, out, len(err.splitlines())) == (3, "", 1)
     assert "unexpected" not in err
+
+
+def test_points_far_outside_any_image_take_no_memory(tmp_path: Path, ask: Ask) -> None:
+    """Blocks of pixels are numbered over the whole range of the coordinates."""
+    scene = scene_of()
+    far = {name: 1000.0 * values for name, values in zip(("x1", "y1"), scene.uv1.T, strict=True)}
+    far |= {name: 1000.0 * values for name, values in zip(("x2", "y2"), scene.uv2.T, strict=True)}
+    path = write_rows(tmp_path / "m.csv", scene, **far)
+    tracemalloc.start()
+    status, _, _ = ask(str(path), "--intrinsics", "8e5,8e5,5e5,5e5", "--json")
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert status == 0
+    assert peak < 100e6

@@ -328,6 +328,7 @@ def _sigma(
 
 def _scatter(asked: FloatArray, cluster: IntArray) -> FloatArray:
     """(4,) 1-sigma of sums of `asked` (4, rows), from the sums of clusters of rows, which are independent."""
+    _, cluster = np.unique(cluster, return_inverse=True)  # of points far outside any image, numbers are huge
     sums = np.array([np.bincount(cluster, row) for row in asked])
-    count = np.count_nonzero(np.bincount(cluster))
+    count = sums.shape[1]
     return np.asarray(np.sqrt((sums**2).sum(axis=1) * count / max(count - 1, 1)))
