@@ -16,6 +16,7 @@ from slopecli.geometry.statistics import median
 from slopecli.geometry.tilt_distribution import probability_below, slope_interval
 from slopecli.options import Options
 from slopecli.patches.join import Joined
+from slopecli.patches.patch import Patch
 from slopecli.types import FloatArray, Report, Slopes, Solution, Up, Verdict
 
 MOST_VAGUE = 1.0 / 3.0  # 1-sigma of a scaled normal over its length: beyond, it may be zero, and face any way
@@ -102,8 +103,7 @@ def _with_tilt_variance(slopes: Slopes, joined: Joined, level: int | None = None
 
     level : index of the plane that slopes are measured against, if any. Its own variance is added to all others.
     """
-    least = np.radians(BORROWED_SIGMA_DEG)
-    extra = np.array([np.hypot(least if p.origin == "borrowed" else 0.0, p.tilt_sigma_rad) for p in joined.patches])
+    extra = np.array([np.hypot(borrowed_sigma_rad(patch), patch.tilt_sigma_rad) for patch in joined.patches])
     if level is not None:
         extra = np.hypot(extra, extra[level])
         extra[level] = 0.0
@@ -115,6 +115,11 @@ def _with_tilt_variance(slopes: Slopes, joined: Joined, level: int | None = None
     undefined = slopes.slope_rad < ASPECT_SIGMAS * sigma
     aspect, spread = (np.where(undefined, np.nan, values) for values in (slopes.aspect_rad, slopes.aspect_sigma_rad))
     return Slopes(slopes.slope_rad, sigma, aspect, spread, covariance)
+
+
+def borrowed_sigma_rad(patch: Patch) -> float:
+    """1-sigma of the tilt of a patch because its matches are not its own, 0 where they are."""
+    return math.radians(BORROWED_SIGMA_DEG) if patch.origin == "borrowed" else 0.0
 
 
 def slope_numbers(slopes: Slopes) -> list[SlopeNumbers]:

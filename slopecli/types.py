@@ -266,7 +266,6 @@ class AmbiguityReport:
 @dataclass(frozen=True, eq=False)
 class Plane:
     """The plane of a patch. normal_cam1 points out of the surface; distance, roughness, p_safe: see docs/output.md.
-
     The plane that is taken as level has slope 0 by that definition; its sigma, interval, verdict and p_safe are None.
     """
 
@@ -291,6 +290,7 @@ class Plane:
     reason: str | None = None
     slope_known: bool = True  # its sigma is at most `max_sigma_deg`; not in JSON, which has both numbers
     rms_mrad: float | None = None
+    slope_sigma_causes_deg: dict[str, float] | None = None  # parts of the sigma; their squares add up to its square
     noun: str = "window"  # what messages call it; this and `found` follow from its source and are not in JSON
     found: bool = False  # it was found in the image (any shape), not given as a window or as correspondences
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from functools import cache, reduce
+from typing import NamedTuple
 
 import numpy as np
 
@@ -53,7 +54,7 @@ def measure_slopes(
     up = _up_direction(normals, up_cam1, up_plane)
     if not (np.isfinite(up_sigma_rad) and up_sigma_rad >= 0.0):
         raise InputError(f"the uncertainty of up is {up_sigma_rad}; it must be a number >= 0")
-    along, across = _tilt_axes(normals, up)
+    along, across = tilt_axes(normals, up)
     slope = np.arctan2(np.linalg.norm(np.cross(up, normals), axis=1), normals @ up)
     covariance = _tilt_covariance(solution, normals, along, across, up, up_plane)
     growth = tilt_growth(solution.scaled_normals, solution.normal_covariance)
@@ -78,7 +79,7 @@ def _up_direction(normals: FloatArray, up_cam1: FloatArray | None, up_plane: int
     return np.asarray(normals[up_plane])
 
 
-def _tilt_axes(normals: FloatArray, up: FloatArray) -> tuple[FloatArray, FloatArray]:
+def tilt_axes(normals: FloatArray, up: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Unit tangents (m, 3) at each normal: away from up (steeper), and level; arbitrary where the normal is up."""
     across = np.cross(up, normals)
     length = np.linalg.norm(across, axis=1)
@@ -104,6 +105,48 @@ def _tilt_covariance(
     mixed = axes @ shared @ reference.swapaxes(1, 2)
     own = reference @ solution.normal_covariance[up_plane] @ reference.swapaxes(1, 2)
     return covariance + own + mixed + mixed.swapaxes(1, 2)
+
+
+class TiltParts(NamedTuple):
+    """Parts of the covariance of the tilt between each normal and up, (m, 2, 2) along the slope and across it.
+
+    axes (m, 2, 3): derivatives of the tilt by the plane's own scaled normal.  motion: due to the motion, which all
+    planes share.  camera: due to the focal length.  reference: due to the own noise of the plane whose normal is up.
+    total: of all; the rest of it is due to the own noise of each plane.
+    """
+
+    axes: FloatArray
+    motion: FloatArray
+    camera: FloatArray
+    reference: FloatArray
+    total: FloatArray
+
+
+def tilt_parts(solution: Solution, up_cam1: FloatArray | None = None, up_plane: int | None = None) -> TiltParts:
+    """Divide the first-order covariance of the tilt by its causes; arguments as of `measure_slopes`."""
+    normals = surface_normals(solution)
+    up = _up_direction(normals, up_cam1, up_plane)
+    along, across = tilt_axes(normals, up)
+    axes, m = -np.stack([along, across], axis=1) / _lengths(solution), len(normals)
+    shift = np.zeros(3 * m + 5) if solution.focal_shift is None else solution.focal_shift
+    C = solution.motion_covariance - np.outer(shift[-5:], shift[-5:])
+    by_motion = axes @ solution.normal_gain
+    by_focal = axes @ shift[:-5].reshape(m, 3, 1)
+    reference = np.zeros((m, 2, 2))
+    if up_plane is not None:
+        far = np.stack([np.cross(across, up), across], axis=1) / _lengths(solution)[up_plane]
+        gain, moved = solution.normal_gain[up_plane], shift[3 * up_plane : 3 * up_plane + 3]
+        own = solution.normal_covariance[up_plane] - gain @ C @ gain.T - np.outer(moved, moved)
+        by_motion, by_focal = by_motion + far @ gain, by_focal + (far @ moved)[:, :, None]
+        reference = _positive(far @ own @ far.swapaxes(1, 2))
+    motion, camera = by_motion @ C @ by_motion.swapaxes(1, 2), by_focal @ by_focal.swapaxes(1, 2)
+    total = _positive(_tilt_covariance(solution, normals, along, across, up, up_plane))
+    return TiltParts(axes, motion, camera, reference, total)
+
+
+def _lengths(solution: Solution) -> FloatArray:
+    """(m, 1, 1) lengths of the scaled normals."""
+    return np.asarray(np.linalg.norm(solution.scaled_normals, axis=1)[:, None, None])
 
 
 def _positive(covariance: FloatArray) -> FloatArray:

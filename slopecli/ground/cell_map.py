@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from slopecli.geometry.epipolar import homogeneous
+from slopecli.ground.cell_causes import cell_causes
 from slopecli.ground.footprint_planes import FootprintPlanes, fit_footprints, heights
 from slopecli.ground.footprints import Cells
 from slopecli.ground.safety import Tilts, probability_low, tilts
@@ -15,7 +16,7 @@ from slopecli.ground.slope_map import CellArrays
 from slopecli.ground.tilt_uncertainty import (
     Root,
     across_step,
-    gradient_variance,
+    gradient_parts,
     largest_jump,
     normal_covariance,
     normals_under,
@@ -45,9 +46,11 @@ class Demand:
 
 @dataclass(frozen=True, eq=False)
 class CellMap(CellArrays):
-    """The arrays of a map, lengths in the unit of the scale, and ground_px (rows, columns): size of a grid pixel."""
+    """The arrays of a map, lengths in the unit of the scale, and ground_px (rows, columns): size of a grid pixel;
+    sigma_causes_deg: see `SlopeMap`."""
 
     ground_px: FloatArray
+    sigma_causes_deg: dict[str, float] | None = None
 
 
 def map_cells(depth: DenseDepth, cells: Cells, roots: Sequence[Root], demand: Demand) -> CellMap:
@@ -58,7 +61,8 @@ def map_cells(depth: DenseDepth, cells: Cells, roots: Sequence[Root], demand: De
     """
     planes = fit_footprints(depth.points, depth.known, depth.sure, cells)
     jump = largest_jump(depth, planes)
-    covariance = normal_covariance(planes, roots[0], gradient_variance(depth, planes, jump))
+    gradient = gradient_parts(depth, planes, jump)
+    covariance = normal_covariance(planes, roots[0], gradient.total)
     told = planes.answered & np.isfinite(covariance).all((-1, -2))
     under = [planes.scaled_normal, *(normals_under(planes, roots[0], root.R, root.T) for root in roots[1:])]
     seen = [tilts(N, covariance, up, demand.up_sigma_rad, demand.north) for N in under for up in demand.ups]
@@ -70,7 +74,9 @@ def map_cells(depth: DenseDepth, cells: Cells, roots: Sequence[Root], demand: De
         p_safe = p_safe * np.minimum(*both)
     step = told & across_step(depth, planes, jump)
     p_safe = np.where(step, 0.0, p_safe)
-    return _assembled(depth, planes, seen[0], told, demand, above, below, p_safe, step, ground_px)
+    cells_of = _assembled(depth, planes, seen[0], told, demand, above, below, p_safe, step, ground_px)
+    causes = cell_causes(planes, gradient, roots[0], seen[0], told, demand.ups[0], demand.up_sigma_rad)
+    return replace(cells_of, sigma_causes_deg=causes)
 
 
 def _assembled(

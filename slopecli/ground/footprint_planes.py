@@ -49,6 +49,12 @@ class FootprintPlanes:
         """(rows, columns, 3) N with N.P = 1 on the plane."""
         return self.normal / (self.normal * self.middle).sum(-1, keepdims=True)
 
+    def thinned(self, step: int) -> FootprintPlanes:
+        """Those of every step-th row and column."""
+        cells = Cells(self.cells.u[::step], self.cells.v[::step], self.cells.radius_px)
+        arrays = (self.normal, self.middle, self.relief, self.share, self.sure)
+        return FootprintPlanes(cells, *(array[::step, ::step] for array in arrays))
+
 
 def fit_footprints(points: NDArray[np.float32], known: BoolArray, sure: BoolArray, cells: Cells) -> FootprintPlanes:
     """Fit the plane of every footprint to its known points (h, w, 3); sure (h, w): those of them without doubt."""

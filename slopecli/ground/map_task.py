@@ -125,6 +125,7 @@ def build_map(depth: DenseDepth, cells: CellGrid, task: MapTask) -> SlopeMap:
         no_site="" if sites or not task.wanted.sites else _no_site(ground, task, radius_px),
         north_cam1=options.north,
         report=report,
+        sigma_causes_deg=measured.sigma_causes_deg,
     )
 
 

@@ -47,6 +47,7 @@ class MapInfo:
 
     footprint : diameter of a footprint on the ground in the middle of the map, in the unit of the scale.
     valid_share : of all cells, those with a slope.  area_share : of the cells, by verdict; they add up to 1.
+    median_sigma_deg : of the slopes; median_sigma_causes_deg : parts of it, whose squares add up to its square.
     """
 
     file: str
@@ -56,6 +57,8 @@ class MapInfo:
     bands: tuple[str, ...]
     valid_share: float
     area_share: dict[str, float]
+    median_sigma_deg: float | None = None
+    median_sigma_causes_deg: dict[str, float] | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,6 +92,7 @@ class SlopeMap(CellArrays):
     distance : from camera 1 to the ground in the middle.  valid_share : of the footprint's pixels, those matched.
     step : whether the footprint lies across a step of the ground; such a footprint is never safe.
     points : (rows, columns, 3) ground in the middle of every cell, camera-1 axes, in the unit of the scale.
+    sigma_causes_deg : parts of the median 1-sigma by cause, whose squares add up to its square; None without any slope.
     sites : landing sites, best first.  no_site : where there is none, what came nearest and what it lacks.
     """
 
@@ -102,11 +106,18 @@ class SlopeMap(CellArrays):
     no_site: str
     north_cam1: tuple[float, float, float] | None
     report: Report
+    sigma_causes_deg: dict[str, float] | None = None
 
     @property
     def known(self) -> BoolArray:
         """Cells with a slope."""
         return np.asarray(np.isfinite(self.slope_deg))
+
+    @property
+    def median_sigma_deg(self) -> float | None:
+        """Median 1-sigma of the slopes; None without any."""
+        sigmas = self.sigma_deg[self.known]
+        return float(np.median(sigmas)) if sigmas.size else None
 
     @property
     def area_share(self) -> dict[str, float]:

@@ -7,6 +7,7 @@ normalised coordinate. About a ray x, N = w (g, 1 - g.x) is the scaled normal of
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import cv2
 import numpy as np
@@ -24,7 +25,7 @@ class TiltTunables:
     """Tunables of the uncertainty of planes of footprints; they are fitted to rendered ground with known depth."""
 
     noise: float = 0.9  # error of a plane by noise over that measured by ramps across the epipolar lines
-    edge: float = 1.1  # of edges of relief, see `_edge_variance`
+    edge: float = 1.1  # of edges of relief, see `edge_variance`
     edge_px: float = 64.0  # grid px, diameter of the footprints that it was fitted to
     unmatched: float = 3.0  # 1-sigma of ground that is not matched, in the relief of its footprint
     unmatched_jump: float = 1.0  # the same, in the largest jump nearby
@@ -35,6 +36,7 @@ class TiltTunables:
     step_length: float = 0.15  # pixels on it, of the footprint's diameter
     step_off_px: int = 6  # grid px by which matching misplaces a step, towards the ground below it
     step_off_share: float = 1 / 8  # the same at most, of the footprint's diameter
+    cause_cells: int = 2500  # that the causes of the sigma are a mean of; more take time only
     delta: float = 1e-4  # rad and relative, of numerical derivatives
 
 
@@ -93,24 +95,42 @@ def normal_covariance(planes: FootprintPlanes, root: Root, gradient: FloatArray)
 
     gradient : (rows, columns, 2, 2) variance of the gradient of ln w; motion and focal length are added.
     """
+    spread = normal_spread(planes)
+    return np.asarray(spread @ gradient @ spread.swapaxes(-1, -2) + _motion_covariance(planes, root))
+
+
+def normal_spread(planes: FootprintPlanes) -> FloatArray:
+    """(rows, columns, 3, 2) derivatives of the scaled normals by the gradient of ln w."""
     x = planes.middle[..., :2] / planes.middle[..., 2:]
     spread = np.zeros((*x.shape[:2], 3, 2))
     spread[..., 0, 0] = spread[..., 1, 1] = 1.0
     spread[..., 2, :] = -x
-    spread /= planes.middle[..., 2, None, None]
-    return np.asarray(spread @ gradient @ spread.swapaxes(-1, -2) + _motion_covariance(planes, root))
+    return np.asarray(spread / planes.middle[..., 2, None, None])
+
+
+class GradientVariance(NamedTuple):
+    """Variance of the gradient of ln w over footprints, by all but motion: by noise (rows, columns, 2, 2), and alike
+    along both axes (rows, columns) by edges of relief, and by ground that is not matched, or in doubt."""
+
+    noise: FloatArray
+    edges: FloatArray
+    gaps: FloatArray
+
+    @property
+    def total(self) -> FloatArray:
+        """(rows, columns, 2, 2) their sum."""
+        return np.asarray(self.noise + (self.edges + self.gaps)[..., None, None] * np.eye(2))
+
+
+def gradient_parts(depth: DenseDepth, planes: FootprintPlanes, jump: FloatArray) -> GradientVariance:
+    """Variance of the gradient of ln w by cause; jump: see `largest_jump`."""
+    noise, edges = noise_variance(depth, planes), edge_variance(depth, planes)
+    return GradientVariance(noise, edges, _gap_variance(depth, planes, jump))
 
 
 def gradient_variance(depth: DenseDepth, planes: FootprintPlanes, jump: FloatArray) -> FloatArray:
     """(rows, columns, 2, 2) variance of the gradient of ln w by all but motion; jump: see `largest_jump`."""
-    gap = _gap_variance(depth, planes, jump)
-    return matching_variance(depth, planes) + gap[..., None, None] * np.eye(2)
-
-
-def matching_variance(depth: DenseDepth, planes: FootprintPlanes) -> FloatArray:
-    """(rows, columns, 2, 2) variance of the gradient of ln w over footprints that are matched all over."""
-    edges = _edge_variance(depth, planes)
-    return _noise_variance(depth, planes) + edges[..., None, None] * np.eye(2)
+    return gradient_parts(depth, planes, jump).total
 
 
 def motion_gain(planes: FootprintPlanes, root: Root) -> FloatArray:
@@ -134,7 +154,7 @@ def _motion_covariance(planes: FootprintPlanes, root: Root) -> FloatArray:
     return np.asarray(gain @ root.covariance @ gain.swapaxes(-1, -2) + shift[..., :, None] * shift[..., None, :])
 
 
-def _noise_variance(depth: DenseDepth, planes: FootprintPlanes) -> FloatArray:
+def noise_variance(depth: DenseDepth, planes: FootprintPlanes) -> FloatArray:
     """(rows, columns, 2, 2) variance of the gradient of ln w by noise, from ramps fitted to the residual across.
 
     The residual across the epipolar line has no reason but noise, and the same correlation as the noise along it. What
@@ -158,7 +178,7 @@ def _noise_variance(depth: DenseDepth, planes: FootprintPlanes) -> FloatArray:
     return TILT.noise**2 * np.stack([a, b, b, c], -1).reshape(*cells.shape, 2, 2)
 
 
-def _edge_variance(depth: DenseDepth, planes: FootprintPlanes) -> FloatArray:
+def edge_variance(depth: DenseDepth, planes: FootprintPlanes) -> FloatArray:
     """(rows, columns) variance of the gradient of ln w by edges of relief, each of which is misplaced at random.
 
     It is measured, not derived: in proportion to the mean square of the jumps over a footprint, as their errors are

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from slopecli.ground.footprint_planes import AHEAD, FootprintPlanes, fit_footprints, nearest_answered, planes_of_sums
 from slopecli.ground.footprints import Cells
-from slopecli.ground.tilt_uncertainty import TILT, Root, matching_variance, normal_covariance, rise_of
+from slopecli.ground.tilt_uncertainty import TILT, Root, edge_variance, noise_variance, normal_covariance, rise_of
 from slopecli.look.dense_depth import DenseDepth
 from slopecli.look.warp import FloatImage, block_sum
 from slopecli.types import BoolArray, FloatArray, IntArray
@@ -42,10 +42,12 @@ class WindowPlanes:
     """The plane of every window nearest, by perpendicular distance, to all its ground: `planes`, in one row.
 
     covariance (n, 3, 3): of the scaled normals, NaN where there is no plane.
+    shares (n, 3): of its variance without the motion's, by noise of matches, relief, and ground without matches.
     """
 
     planes: FootprintPlanes
     covariance: FloatArray
+    shares: FloatArray
 
     @property
     def told(self) -> BoolArray:
@@ -69,12 +71,14 @@ def fit_windows(depth: DenseDepth, windows: Sequence[Window], root: Root) -> Win
     size = np.sqrt(np.array([w * h for _, _, w, h in windows]) / np.pi) * depth.grid.mean_scale
     radius_px = np.maximum(1.0, np.round(size))
     planes = _nearest_planes(depth, parts)
-    gradient = _noise(depth, parts, radius_px)
+    gradient = _matching(depth, parts, radius_px)
     for k in np.flatnonzero(planes.sure[0] < 1.0):
         part = slice(*parts[k, 0].tolist()), slice(*parts[k, 1].tolist())
         relief = float(planes.relief[0, k] / planes.middle[0, k, 2])
-        gradient[k] += _gaps(depth.rays[part], depth.span[part], depth.known[part], depth.sure[part], relief)
-    return WindowPlanes(planes, normal_covariance(planes, root, gradient[None])[0])
+        gradient[k, 2] = _gaps(depth.rays[part], depth.span[part], depth.known[part], depth.sure[part], relief)
+    sizes = np.trace(gradient, axis1=2, axis2=3)
+    shares = sizes / np.maximum(sizes.sum(axis=1, keepdims=True), np.finfo(float).tiny)
+    return WindowPlanes(planes, normal_covariance(planes, root, gradient.sum(axis=1)[None])[0], shares)
 
 
 def parts_of(depth: DenseDepth, windows: Sequence[Window]) -> IntArray:
@@ -107,13 +111,14 @@ def box_sums(layer: NDArray[Any], parts: IntArray) -> FloatArray:
     return np.asarray(table[bottom, right] - table[top, right] - table[bottom, left] + table[top, left])
 
 
-def _noise(depth: DenseDepth, parts: IntArray, radius_px: FloatArray) -> FloatArray:
-    """(n, 2, 2) variance of the gradient of ln w of windows as large as discs of this radius (n,), grid px.
+def _matching(depth: DenseDepth, parts: IntArray, radius_px: FloatArray) -> FloatArray:
+    """(n, 3, 2, 2) variance of the gradient of ln w of windows as large as discs of this radius (n,), grid px: noise,
+    by edges of relief, and 0 for ground without matches.
 
     It is that of the disc nearest to the window's middle, at most `FIT.largest_px` large; NaN where none is matched.
     """
     measured = np.minimum(radius_px, FIT.largest_px)
-    gradient = np.full((len(parts), 2, 2), np.nan)
+    gradient = np.full((len(parts), 3, 2, 2), np.nan)
     for radius in np.unique(measured):
         cells = _disc_cells(depth, float(radius))
         planes = fit_footprints(depth.points, depth.known, depth.sure, cells)
@@ -122,9 +127,11 @@ def _noise(depth: DenseDepth, parts: IntArray, radius_px: FloatArray) -> FloatAr
             here = measured == radius
             v, u = 0.5 * parts[here].sum(-1).T
             at = (np.abs(axis[:, None] - place).argmin(0) for axis, place in ((cells.v, v), (cells.u, u)))
-            variance = FIT.widened**2 * matching_variance(depth, planes).reshape(-1, 2, 2)
+            edges = edge_variance(depth, planes)[..., None, None] * np.eye(2)
+            kinds = np.stack([noise_variance(depth, planes), edges, np.zeros_like(edges)], axis=2)
+            variance = FIT.widened**2 * kinds.reshape(-1, 3, 2, 2)
             smaller = (radius / radius_px[here]) ** FIT.falls
-            gradient[here] = smaller[:, None, None] * variance[nearest[tuple(at)]]
+            gradient[here] = smaller[:, None, None, None] * variance[nearest[tuple(at)]]
     return gradient
 
 

@@ -106,6 +106,8 @@ class Patch:
     tilt_sigma_rad : 1-sigma of the tilt in addition to what the residuals tell.
     unmatched_sigma_rad : the part of it that is due to parts of the patch without matches.
     off_plane_sigma_rad : the part of that which is due to unmatched parts that are not on the plane.
+    dense_shares : of a plane through all pixels, shares of the variance of its tilt, motion apart, that are due to
+        matches, relief, and ground without matches; None for a plane through matches, whose residuals tell.
     left_out : share of the matches found that was left out, far off the plane or across a step.
     """
 
@@ -123,6 +125,7 @@ class Patch:
     tilt_sigma_rad: float = 0.0
     unmatched_sigma_rad: float = 0.0
     off_plane_sigma_rad: float = 0.0
+    dense_shares: tuple[float, float, float] | None = None
     left_out: float = 0.0
 
     @property

@@ -44,6 +44,8 @@ def map_to_json(slope_map: SlopeMap) -> str:
         bands=BANDS,
         valid_share=float(slope_map.known.sum() / max(slope_map.known.size, 1)),
         area_share=slope_map.area_share,
+        median_sigma_deg=slope_map.median_sigma_deg,
+        median_sigma_causes_deg=slope_map.sigma_causes_deg,
     )
     return to_json({**_document(slope_map.report), "map": info, "sites": slope_map.sites})
 

@@ -7,6 +7,7 @@ __getattr__, __dir__ = lazy_names(
     {
         "build": "build_report",
         "kinds": "plane_kinds plane_shares",
+        "sigma_causes": "CAUSES sigma_causes",
         "second_root": "deciding_sigma margin what_decides",
         "withheld": "withhold_safe",
     },

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from itertools import starmap
 from typing import NamedTuple
 
@@ -18,6 +19,7 @@ from slopecli.options import MOST_SIGMA_DEG, Options
 from slopecli.patches.given import MOST_LEFT_OUT
 from slopecli.patches.join import Joined
 from slopecli.patches.patch import Patch
+from slopecli.report.sigma_causes import sigma_causes
 from slopecli.report.units import residual_in_unit
 from slopecli.types import Camera, FloatArray, Plane, Rejected, Solution, Verdict
 
@@ -35,7 +37,11 @@ def planes_of(
     """
     possible = second if root.solution.ambiguity.status == "unresolved" else None
     seen = _seen(root.solution, joined)
-    return [_plane(k, root, possible, joined, cameras, options, one) for k, one in enumerate(seen)]
+    causes = sigma_causes(root, joined)
+    return [
+        replace(_plane(k, root, possible, joined, cameras, options, one), slope_sigma_causes_deg=causes[k])
+        for k, one in enumerate(seen)
+    ]
 
 
 class Seen(NamedTuple):

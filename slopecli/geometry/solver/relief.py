@@ -138,6 +138,29 @@ def _weights(
     return Relief(noise, relative, W, log_determinant, kept)
 
 
+def plane_variances(
+    solution: Solution, x1: FloatArray, x2: FloatArray, patch: IntArray, weights: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """(m, 3, 3) covariances of the normals by the points kept, the motion held, in units of noise^2: flat, and rough.
+
+    The first is what they would be if the points lay on their planes, the second what they are with the relief of the
+    solution. Arguments as of `solve_planes`.
+    """
+    seen = observe(x1, x2, patch, weights * solution.inlier)
+    prediction = predict(seen, solution.R[None], solution.T[None], solution.scaled_normals[None])
+    squared = (prediction.slide[0] ** 2).sum(axis=0)
+    freedom = seen.sum_patches((seen.weight > 0.0).astype(float)) - 3.0
+    widening = np.sqrt(np.where(freedom > 2.0, freedom / np.maximum(freedom - 2.0, 1.0), 1.0))
+    height = prediction.inverse_depth[0] * seen.per_point(solution.relief * widening)
+    spread = (height / max(solution.noise, FINEST_RESIDUAL)) ** 2
+    flat = seen.weight * squared
+    rough = flat / (1.0 + flat * spread)
+    packed = [seen.sum_patches(weight * seen.products) for weight in (flat, rough)]
+    V = [sums[[0, 1, 2, 1, 3, 4, 2, 4, 5]].T.reshape(-1, 3, 3) for sums in packed]
+    held, loose = (np.asarray(np.linalg.pinv(each, hermitian=True), float) for each in V)
+    return held, loose
+
+
 class Flatness(NamedTuple):
     """Residuals of the points kept against their planes: 1-sigma of a coordinate of weight 1, normalised.
 

@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from slopecli.ground.tilt_uncertainty import Root, normals_under
+from slopecli.ground.tilt_uncertainty import Root, focal_shift, motion_gain, normals_under
 from slopecli.ground.window_planes import WindowPlanes, fit_windows
 from slopecli.look.dense_depth import measure_depth
 from slopecli.look.scene import Scene
@@ -54,8 +54,16 @@ def with_dense_planes(joined: Joined, solution: Solution, scene: Scene, focal_si
     if not better.any():
         return joined, solution
     index, patches = index[better], list(joined.patches)
-    for k in index:
-        patches[k] = replace(patches[k], tilt_sigma_rad=0.0)  # ground without matches is in the covariance
+    own = _tilt_variance(dense.normal[better], dense.covariance[better])
+    for k, variance, (noise, relief, gaps) in zip(index, own, dense.shares[better].tolist(), strict=True):
+        # ground without matches is in the covariance
+        patches[k] = replace(
+            patches[k],
+            tilt_sigma_rad=0.0,
+            unmatched_sigma_rad=float(np.sqrt(gaps * variance)),
+            off_plane_sigma_rad=0.0,
+            dense_shares=(noise, relief, gaps),
+        )
     return replace(joined, patches=tuple(patches)), _replaced(solution, index, dense, better, root)
 
 
@@ -86,15 +94,21 @@ def _tilt_variance(normals: FloatArray, covariance: FloatArray) -> FloatArray:
 
 def _replaced(solution: Solution, index: IntArray, dense: WindowPlanes, better: BoolArray, root: Root) -> Solution:
     """The solution with these planes; in the second root they are those that the same pixels have there."""
-    normals, covariance, relief = (
-        values.copy() for values in (solution.scaled_normals, solution.normal_covariance, solution.relief)
-    )
-    normals[index], covariance[index], relief[index] = (
-        values[better] for values in (dense.normal, dense.covariance, dense.relief)
-    )
+    replaced = {
+        "scaled_normals": dense.normal,
+        "normal_covariance": dense.covariance,
+        "normal_gain": motion_gain(dense.planes, root)[0],
+        "relief": dense.relief,
+    }
+    arrays = {name: getattr(solution, name).copy() for name in replaced}
+    for name, values in replaced.items():
+        arrays[name][index] = values[better]
+    if solution.focal_shift is not None:
+        shift = arrays["focal_shift"] = solution.focal_shift.copy()
+        shift[:-5].reshape(-1, 3)[index] = focal_shift(dense.planes, root)[0][better]
     ambiguity, other = solution.ambiguity, solution.ambiguity.alternative
     if other is not None:
         there, seen = other.scaled_normals.copy(), normals_under(dense.planes, root, other.R, other.T)[0]
         there[index] = seen[better]
         ambiguity = replace(ambiguity, alternative=replace(other, scaled_normals=there))
-    return replace(solution, scaled_normals=normals, normal_covariance=covariance, relief=relief, ambiguity=ambiguity)
+    return replace(solution, **arrays, ambiguity=ambiguity)

@@ -86,7 +86,7 @@ def answer_together(
     every = normal_covariance(planes, root, np.zeros((*planes.cells.shape, 2, 2)))[0]
     lent = np.array([patch.origin == "borrowed" for patch in patches])
     covariance = np.where(lent[:, None, None], every, dense.covariance)
-    answered = WindowPlanes(planes.some(np.array(chosen)), covariance[chosen])
+    answered = WindowPlanes(planes.some(np.array(chosen)), covariance[chosen], dense.shares[chosen])
     outside = scene.evidence.take(thin(scene.evidence.uv1, np.arange(len(scene.evidence)), OUTSIDE_POINTS))
     together = Joined.of(patches, outside, outside_weight(scene, len(outside)))
     return together, _solution_of(solution, answered, len(together.matches), root)
@@ -102,6 +102,7 @@ def _own_patches(windows: Sequence[Window], depth: DenseDepth, dense: WindowPlan
     patches = list(starmap(window_patch, zip(windows, range(1, len(windows) + 1), strict=True)))
     parts = -(-parts_of(depth, windows) // MANY.every_px)
     for k in np.flatnonzero(own):
+        noise, relief, gaps = dense.shares[k].tolist()
         inside = lattice[slice(*parts[k, 0].tolist()), slice(*parts[k, 1].tolist())]
         index = inside[inside >= 0]
         if len(index):
@@ -113,6 +114,7 @@ def _own_patches(windows: Sequence[Window], depth: DenseDepth, dense: WindowPlan
                 origin="own",
                 score=1.0,
                 share=float(share[k]),
+                dense_shares=(noise, relief, gaps),
                 reason="across a step: no surface has this slope" if stepped[k] else "",
                 code="non-planar-patch" if stepped[k] else "",
             )
