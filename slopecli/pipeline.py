@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import replace
 
 from slopecli.findings.checks import check_pair
@@ -25,6 +25,9 @@ from slopecli.patches.windows.dense_planes import with_dense_planes
 from slopecli.patches.windows.many_windows import answer_together, many_windows
 from slopecli.patches.windows.window_finder import wanted_windows
 from slopecli.report.build import build_report
+from slopecli.sequence.frame import Frame, SequenceStep
+from slopecli.sequence.settling_test import SettlingTest
+from slopecli.sequence.stream import Sequence
 from slopecli.solving import Answer, solve_rows, solve_scene
 from slopecli.types import Camera, Image, ImageInfo, Report
 
@@ -108,6 +111,29 @@ def slope_map(
     result = build_map(depth, cells, task)
     clock.tick("ground")
     return result
+
+
+def sequence(frames: Iterable[Frame], runner: Sequence, *, stop_when_settled: bool = False) -> Iterator[SequenceStep]:
+    """The answer after every frame, one set of normals for all of them: slopes of windows of the first frame.
+
+    Parameters
+    ----------
+    frames : of one camera, in the order in which they were taken; those that tell nothing are skipped.
+    runner : takes in the frames; it has the answer at any moment, also when the loop is left.
+    stop_when_settled : end when every window is safe or unsafe; the probability that any of these verdicts is wrong
+        is at most 1 - confidence, see `SettlingTest`.
+    """
+    test = SettlingTest(len(runner.windows), runner.options.confidence)
+    for frame in frames:
+        # gates, tracking, one more view in the joint solution
+        state = runner.take(frame)
+
+        # slopes, verdicts and findings of the answer so far
+        report = runner.report_or_none() if state.status == "used" else None
+        settled = test.settled if report is None else test.look(report)
+        yield SequenceStep(state, report, dict(settled))
+        if stop_when_settled and test.complete:
+            return
 
 
 def _with_largest_plane(options: Options) -> Options:

@@ -29,6 +29,7 @@ FLOORS = (
     "findings",
     "solving",
     "report",
+    "sequence",
     "products",
     "pipeline",
     "plan study",

@@ -30,6 +30,8 @@ from slopecli.products import (
     MAP_PRODUCTS,
     OUTPUT_NAMES,
     PRODUCTS,
+    SEQUENCE_PRODUCTS,
+    VIDEO,
     draw_merged,
     keep_files,
     kept_choices,
@@ -45,9 +47,9 @@ REGIONS = make_region_report(make_camera(320, 240), SMALL_LABELS, segmentation=m
 
 
 def test_every_file_has_a_row_and_the_result_completes_them() -> None:
-    files = [product.file for product in (*PRODUCTS, *MAP_PRODUCTS)]
-    assert set(OUTPUT_NAMES) == set(files)
-    assert len(OUTPUT_NAMES) == len(files) - 1
+    files = [product.file for product in (*PRODUCTS, *MAP_PRODUCTS, *SEQUENCE_PRODUCTS)]
+    assert set(OUTPUT_NAMES) == {*files, VIDEO}
+    assert len(OUTPUT_NAMES) == len(set(OUTPUT_NAMES))
     assert OUTPUT_NAMES[-1] == "slopes.json"
     assert all(product.what and product.encode(REGIONS, SMALL_IMAGE) for product in PRODUCTS)
 

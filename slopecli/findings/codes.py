@@ -229,6 +229,13 @@ _ROWS: dict[Severity, dict[str, tuple[Any, ...]]] = {
             "",
             "focal length used over the one given",
         ),
+        "frame-skipped": (
+            "[`slopemap sequence`](sequence.md): frames that tell nothing were left out: of another size, dark, "
+            "repeated, blurred, of other ground, or without parallax at the start. The answer is as if they had not "
+            "been there.",
+            "",
+            "how many",
+        ),
         "image-note": (
             "How a file was read: a rotation mark left alone, 16 bits mapped to 8.",
             "",

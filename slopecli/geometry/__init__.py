@@ -31,7 +31,7 @@ __getattr__, __dir__ = lazy_names(
         "plane_fit": "RobustPlane lever robust_plane",
         "slope": "CAMERA_UP surface_normals tilt_growth",
         "solver.many_views": "ViewsSolution",
-        "solver.solve_views": "cramer_rao_bound_of_views solve_views",
+        "solver.multiview": "cramer_rao_bound_of_views solve_views",
         "solver.uncertainty": "cramer_rao_bound",
         "statistics": "CHI2_MEDIAN CHI2_MEDIAN_2 GATE_SIGMAS MAD_FACTOR geman_mcclure median "
         "robust_least_squares robust_sigma",

@@ -10,6 +10,8 @@ __getattr__, __dir__ = lazy_names(
         "images": "MAX_PIXELS load_image",
         "lock": "locked",
         "outputs": "check_directory load_schema write_map write_outputs",
+        "frame_sources": "FrameSource VideoChoice open_camera open_frames read_times",
+        "line_files": "LineFile read_lines",
         "pair_sources": "natural_key",
         "poses": "load_pose",
         "study_files": "FIGURES STUDY_NAMES TIMED",

@@ -12,7 +12,10 @@ from slopecli.face import lazy_names
 
 if TYPE_CHECKING:
     from slopecli.ground.slope_map import SlopeMap
+    from slopecli.sequence.frame import SequenceAnswer
     from slopecli.types import Image, Report
+
+    Answer = Report | SlopeMap | SequenceAnswer
 
 RESULT, OVERLAY, MAP_PICTURE = "slopes.json", "overlay.png", "map.png"
 
@@ -49,12 +52,12 @@ class Product:
         """The same as users write it: --no-overlay, --debug-images."""
         return "--" + self.parameter.replace("_", "-")
 
-    def is_made(self, answer: Report | SlopeMap, keep: Collection[str]) -> bool:
+    def is_made(self, answer: Answer, keep: Collection[str]) -> bool:
         """Whether an answer gives this file if the user wants those of the choices `keep`."""
         wanted = not self.choice or self.choice in keep
         return wanted and (not self.requires or bool(getattr(answer, self.requires)))
 
-    def encode(self, answer: Report | SlopeMap, image: Image) -> bytes:
+    def encode(self, answer: Answer, image: Image) -> bytes:
         """Return the content of the file; `image` is image 1."""
         module, function = self.encoder.split(":")
         content = getattr(import_module(f"{__name__}.{module}"), function)(answer, image)
@@ -93,8 +96,15 @@ MAP_PRODUCTS = (
     Product("slope_map.tif", "the map as bands of numbers", "map_tiff:encode"),
     Product(RESULT, "the answer, complete, but for the cells of the map", "slopes_json:encode_map"),
 )
+SEQUENCE_PRODUCTS = (
+    Product(OVERLAY, "the first frame with slopes, sigmas and verdicts", "sequence_files:draw_last", "overlay"),
+    Product("trajectory.txt", "where the camera was, in TUM format", "sequence_files:encode_trajectory"),
+    Product(RESULT, "the last answer, with the motions of all frames", "sequence_files:encode_sequence"),
+)
+VIDEO = "sequence.mp4"  # of a sequence, if it is asked for
 # all that a folder may hold, so that files of an earlier command do not stay beside those of another
-OUTPUT_NAMES = tuple(dict.fromkeys([*(one.file for one in (*PRODUCTS[:-1], *MAP_PRODUCTS[:-1])), RESULT]))
+_EVERY = (*PRODUCTS[:-1], *MAP_PRODUCTS[:-1], *SEQUENCE_PRODUCTS[:-1])
+OUTPUT_NAMES = tuple(dict.fromkeys([*(one.file for one in _EVERY), VIDEO, RESULT]))
 CHOICES = tuple(dict.fromkeys(product.choice for product in PRODUCTS if product.choice))
 BY_DEFAULT = frozenset(product.choice for product in PRODUCTS if product.choice and product.by_default)
 
@@ -113,7 +123,7 @@ def kept_choices(parameters: Mapping[str, Any], products: Sequence[Product] = PR
 
 
 def encode_products(
-    answer: Report | SlopeMap, image: Image, keep: Collection[str] = BY_DEFAULT, products: Sequence[Product] = PRODUCTS
+    answer: Answer, image: Image, keep: Collection[str] = BY_DEFAULT, products: Sequence[Product] = PRODUCTS
 ) -> dict[str, bytes]:
     """Return the files of a report, or with `MAP_PRODUCTS` of a map, by name, slopes.json first.
 
@@ -138,6 +148,7 @@ __getattr__, __dir__ = lazy_names(
         "map_tiff": "BANDS NODATA map_to_tiff",
         "overlay": "draw_overlay",
         "ply": "plane_mesh report_to_ply",
+        "sequence_files": "frame_line sequence_to_json",
         "region_mesh": "MOST_TRIANGLES region_grid region_surfaces",
         "slopes_json": "map_to_json report_to_json",
         "steps": "draw_components draw_gradient draw_merged",

@@ -47,7 +47,7 @@ def map_to_json(slope_map: SlopeMap) -> str:
         median_sigma_deg=slope_map.median_sigma_deg,
         median_sigma_causes_deg=slope_map.sigma_causes_deg,
     )
-    return to_json({**_document(slope_map.report), "map": info, "sites": slope_map.sites})
+    return to_json({**report_document(slope_map.report), "map": info, "sites": slope_map.sites})
 
 
 def report_to_json(report: Report) -> str:
@@ -60,30 +60,31 @@ def report_to_json(report: Report) -> str:
     ------
     TypeError : the options hold an object that has no JSON form.
     """
-    return to_json(_document(report))
+    return to_json(report_document(report))
 
 
-def _document(report: Report) -> dict[str, Any]:
+def report_document(report: Report) -> dict[str, Any]:
+    """The keys of slopes.json of a report, with its version first."""
     answer = {name: getattr(report, name) for name in _names(Report)}
     return {"schema_version": SCHEMA_VERSION, "slopemap_version": __version__, **answer}
 
 
 def to_json(document: dict[str, Any]) -> str:
     """Serialise dataclasses, arrays and numbers in a document as `report_to_json` does those of a report."""
-    return _layout(_plain(document))
+    return _layout(plain(document))
 
 
-def _plain(value: Any) -> Any:
+def plain(value: Any) -> Any:
     """Reduce dataclasses, arrays and numpy scalars to what JSON knows."""
     if is_dataclass(value) and not isinstance(value, type):
         shown = {name: getattr(value, name) for name in _names(type(value))}
-        return {name: _plain(item) for name, item in shown.items() if item is not None or name not in _LEFT_OUT_IF_NONE}
+        return {name: plain(item) for name, item in shown.items() if item is not None or name not in _LEFT_OUT_IF_NONE}
     if isinstance(value, dict):
-        return {str(key): _plain(item) for key, item in value.items()}
+        return {str(key): plain(item) for key, item in value.items()}
     if isinstance(value, np.ndarray | np.generic):
-        return _plain(value.tolist())
+        return plain(value.tolist())
     if isinstance(value, list | tuple):
-        return [_plain(item) for item in value]
+        return [plain(item) for item in value]
     if isinstance(value, float):
         # what is left of an exact zero after arithmetic has other digits on every machine
         return 0.0 if abs(value) < 1e-12 else rounded(value)

@@ -14,7 +14,7 @@ __getattr__, __dir__ = lazy_names(
         "one_thread": "SharedLimit one_blas_thread",
         "priors": "MotionPrior",
         "refinement": "State normal_equations optimal_normals step",
-        "solve_views": "cramer_rao_bound_of_views solve_views",
+        "multiview": "cramer_rao_bound_of_views solve_views",
         "starts": "starting_states",
         "uncertainty": "Covariance cramer_rao_bound small_sample",
     },

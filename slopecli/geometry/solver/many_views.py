@@ -23,6 +23,7 @@ from slopecli.geometry.solver.views import (
     take_step,
     view_terms,
 )
+from slopecli.geometry.statistics import median, robust_sigma
 from slopecli.types import Ambiguity, BoolArray, FloatArray, Solution
 
 
@@ -99,25 +100,56 @@ def noise_of(points: ViewPoints, terms: Terms, system: Reduced) -> tuple[float, 
     return float(np.sqrt(squares / max(freedom, 1.0))), freedom
 
 
-def relief_of(points: ViewPoints, system: Reduced, u: FloatArray, noise: float, N: FloatArray) -> FloatArray:
-    """(m,) RMS height of the points off their plane over its distance, by Fisher scoring on their own inverse depths.
+class Heights(NamedTuple):
+    """Points off their planes: height (n,) over the distance, from their views alone, its noise sigma (n,), and known
+    (n,): on a plane and seen."""
 
-    The inverse depth of a point from its views alone, without its plane, is off by relief and by noise / sqrt(V).
+    height: FloatArray
+    sigma: FloatArray
+    known: BoolArray
+
+
+def heights_of(points: ViewPoints, system: Reduced, state: ViewState, noise: float) -> Heights:
+    """Heights of all points off their planes."""
+    plane = (points.per_point(state.N.T) * points.p).sum(axis=0)
+    on_plane = np.arange(len(plane)) < points.n_on_planes
+    known = on_plane & (system.V > 0.0) & (plane > 0.0)
+    V, distance = np.where(known, system.V, 1.0), np.where(known, plane, 1.0)
+    height = np.where(known, (state.u - plane - system.h / V) / distance, 0.0)
+    return Heights(height, np.where(known, noise / np.sqrt(V) / distance, 0.0), known)
+
+
+def standing_off(points: ViewPoints, heights: Heights) -> BoolArray:
+    """(n,) outliers of each plane, more than 4 sigmas off it and less than a quarter of its points, such as rocks."""
+    off = np.zeros(len(heights.height), bool)
+    for first, count in zip(points.first, points.count, strict=True):
+        own = slice(int(first), int(first + count))
+        kept = heights.known[own]
+        if np.count_nonzero(kept) < 6:
+            continue
+        h = heights.height[own]
+        centre = median(h[kept])
+        scale = robust_sigma(h[kept] - centre)
+        far = kept & (np.abs(h - centre) > 4.0 * np.hypot(scale, heights.sigma[own]))
+        if np.count_nonzero(far) < 0.25 * np.count_nonzero(kept):  # a larger share is the shape of the terrain
+            off[own] = far
+    return off
+
+
+def relief_of(points: ViewPoints, heights: Heights, left_out: BoolArray) -> FloatArray:
+    """(m,) RMS height of the points off their plane over its distance, by Fisher scoring; noise is subtracted.
+
+    left_out : (n,) points that do not belong to their plane.
     """
-    known = (system.V > 0.0) & (points.weight > 0.0).any(axis=0)
-    V = np.maximum(system.V, np.finfo(float).tiny)
-    plane = (points.per_point(N.T) * points.p).sum(axis=0)
-    offset = u - plane - system.h / V
-    variance = noise**2 / V
-    kept = known.astype(float)
+    variance = np.where(heights.known, heights.sigma**2, 1.0)
+    kept = (heights.known & ~left_out).astype(float)
     count = points.sum_planes(kept)
     freedom = points.per_point(np.where(count > 3.0, count / np.maximum(count - 3.0, 1.0), 0.0))
-    excess = freedom * offset**2 - variance
+    excess = freedom * heights.height**2 - variance
     squared = np.zeros(points.n_planes)
     for _ in range(5):  # each step reduces the error several times
-        expected = variance + plane**2 * points.per_point(squared)
-        share = kept * plane**2 / expected**2
-        information = points.sum_planes(share * plane**2)
+        share = kept / (variance + points.per_point(squared)) ** 2
+        information = points.sum_planes(share)
         squared = np.maximum(points.sum_planes(share * excess) / np.maximum(information, np.finfo(float).tiny), 0.0)
     return np.sqrt(squared)
 

@@ -16,11 +16,13 @@ from slopecli.geometry.epipolar import fit_rotation, rotation_angle
 from slopecli.geometry.solver.many_views import (
     Root,
     ViewsSolution,
+    heights_of,
     information_of_relief,
     noise_of,
     refine,
     relief_of,
     solution_of,
+    standing_off,
 )
 from slopecli.geometry.solver.mismatches import gate_squared, noise_at_least
 from slopecli.geometry.solver.one_thread import one_blas_thread
@@ -77,7 +79,7 @@ def solve_views(
             found.append(one)
     if not found:
         raise NoAnswer(
-            "mismatch", "no motions explain the places of the points in all views", "check the correspondences"
+            "poor-fit", "no motions explain the places of the points in all views", "check the correspondences"
         )
     return _best(found, noise, noise_gain)
 
@@ -189,8 +191,10 @@ def _root_from(points: ViewPoints, start: ViewState, noise: float | None, relief
         one = _fitted(kept, one.root.state, one.root.q, one.root.relief, noise)
     for _ in range(8 if relief else 0):
         before = one.root
-        r = relief_of(one.points, before.system, before.state.u, before.noise, before.state.N)
-        q = information_of_relief(points, before.state.N, r, before.noise)
+        heights = heights_of(one.points, before.system, before.state, before.noise)
+        off = standing_off(points, heights) if robust else np.zeros(len(before.q), bool)
+        r = relief_of(one.points, heights, off)
+        q = np.where(off, 0.0, information_of_relief(points, before.state.N, r, before.noise))
         one = _fitted(one.points, before.state, q, r, noise)
         change = np.abs(np.append(one.root.relief - before.relief, one.root.noise - before.noise)).max()
         if change <= 0.01 * max(float(r.max()), one.root.noise):

@@ -1,0 +1,231 @@
+"""`slopemap sequence`: slopes of windows of the first frame from many frames, one line a frame."""
+
+from __future__ import annotations
+
+import time
+from contextlib import ExitStack
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from slopecli.cli import parameter_types as kinds
+from slopecli.cli import shared_options as shared
+from slopecli.cli.checks import CAMERA_FLAGS, WINDOW_FLAGS, at_most_one, camera_choice, given, options_from, refuse
+from slopecli.cli.parameter_types import PATH, POSITIVE
+from slopecli.cli.report_table import print_report
+from slopecli.cli.shared_options import INPUT, OUTPUT, Flag, Option
+from slopecli.cli.talk import Talk, print_result
+
+if TYPE_CHECKING:
+    from slopecli.io.frame_sources import FrameSource
+    from slopecli.sequence.frame import SequenceStep
+    from slopecli.sequence.stream import Sequence
+
+LINES = "sequence.jsonl"
+FRAMES = (
+    Option(INPUT, "--glob pattern", "PATTERN", str, "Of the images in a folder", "", shown="all"),
+    Option(INPUT, "--times times_file", "FILE", PATH, "Time of every frame, s, one a line"),
+    Option(INPUT, "--every", "N", click.IntRange(1), "Of a video: every N-th frame", 1),
+    Option(INPUT, "--fps", "RATE", POSITIVE, "Of a video: so many frames a second", shown="all"),
+    Option(INPUT, "--start start_s", "S", kinds.Between(0, 1e6), "Of a video: where to begin, s", 0.0),
+    Option(INPUT, "--stop stop_s", "S", POSITIVE, "Of a video: where to end, s", shown="its end"),
+    Option(INPUT, "--live", "DEVICE", str, "Read a camera of this computer, by number or name"),
+)
+SCALE = ("baseline_m", "altitude_m", "scale_sigma_percent", "tolerance_deg", "confidence", "max_sigma_deg")
+DECIDING = tuple(option for option in shared.solving_options if option.name in SCALE)
+FILES = (
+    Option(OUTPUT, "-o --output", "DIR", PATH, "Folder for the results"),
+    shared.json_flag,
+    Flag(OUTPUT, "--no-overlay", "Leave out overlay.png"),
+    Flag(OUTPUT, "--video", "Also write sequence.mp4, the overlay on every frame"),
+    Flag(OUTPUT, "--stop-when-settled", "End when every window is safe or unsafe"),
+)
+
+
+@click.command(
+    cls=shared.Command,
+    params=[
+        shared.camera,
+        *shared.intrinsics_options,
+        *FRAMES,
+        *FILES,
+        *shared.window_options,
+        *shared.frame_options(),
+        *DECIDING,
+        *shared.talk_options("Frame rate, time of every stage"),
+    ],
+)
+@click.argument("frames", type=PATH, nargs=-1)
+@click.pass_context
+def sequence(ctx: click.Context, frames: tuple[str, ...], **parameters: Any) -> None:
+    """Slopes of windows of the first frame from a list of images, a folder of them, or a video.
+
+    Prints a line a frame, then the table; -o DIR also writes sequence.jsonl while it runs, and slopes.json, overlay.png
+    and trajectory.txt at the end. Vectors are in axes of the first frame: x right, y down, z forward. Ctrl-C ends the
+    run with the answer so far.
+
+    \b
+    Example:
+      slopemap sequence descent/ --camera camera.json -o out
+    """
+    _check(ctx, frames, parameters)
+    talk = ctx.ensure_object(Talk)
+    source = _opened(frames, parameters)
+
+    from slopecli.io.cameras.reading import camera_for
+    from slopecli.sequence.stream import Sequence
+
+    camera, notes = camera_for(source.image, camera_choice(parameters))
+    for note in notes:
+        talk.say(f"info: {note}")
+    runner = Sequence(camera, options_from(parameters))
+    interrupted, problem = _run(source, runner, parameters, talk)
+    written = _written(runner, parameters, talk)
+    if not runner.started:
+        _refuse_without_answer(runner, interrupted)
+    print_report(runner.answer().report, written, talk, as_json=parameters["as_json"])
+    if problem is not None:
+        raise problem
+    if interrupted:
+        raise KeyboardInterrupt
+
+
+def _check(ctx: click.Context, frames: tuple[str, ...], parameters: dict[str, Any]) -> None:
+    """Refuse contradictions of the command line, and a folder that cannot take the results."""
+    at_most_one(ctx, CAMERA_FLAGS, WINDOW_FLAGS, ("baseline_m", "altitude_m"), ("every", "fps"))
+    sigma_alone = given(ctx, "scale_sigma_percent") and not given(ctx, "baseline_m", "altitude_m")
+    live = parameters["live"]
+    refuse(
+        ctx,
+        (not frames and not live, "No frames: give images, a folder, a video, or --live DEVICE."),
+        (frames and live, "--live reads a camera; leave the files out."),
+        (not given(ctx, *CAMERA_FLAGS), "No camera: give --camera FILE, --intrinsics FX,FY,CX,CY or --fov DEG."),
+        (
+            not given(ctx, "output", "as_json"),
+            "Nowhere to put the answer: give -o DIR, or --json to print it.",
+        ),
+        (parameters["video"] and not parameters["output"], "--video is a file; give -o DIR for it."),
+        (sigma_alone, "--scale-sigma is of a --baseline or --altitude; give both."),
+    )
+    if parameters["output"]:
+        from slopecli.io.outputs import check_directory
+        from slopecli.products import OUTPUT_NAMES
+
+        names = (LINES, *OUTPUT_NAMES)
+        check_directory(parameters["output"], names, inputs=(*frames, parameters["camera"], parameters["times_file"]))
+
+
+def _opened(frames: tuple[str, ...], parameters: dict[str, Any]) -> FrameSource:
+    """The frames that the command line names."""
+    from slopecli.io.frame_sources import VideoChoice, open_camera, open_frames, read_times
+
+    if parameters["live"]:
+        return open_camera(parameters["live"])
+    times = read_times(parameters["times_file"]) if parameters["times_file"] else None
+    choice = VideoChoice(parameters["every"], parameters["fps"], parameters["start_s"], parameters["stop_s"])
+    return open_frames(frames, parameters["pattern"], times, choice)
+
+
+def _run(
+    source: FrameSource, runner: Sequence, parameters: dict[str, Any], talk: Talk
+) -> tuple[bool, Exception | None]:
+    """Take in the frames, a line for each; whether Ctrl-C ended it, and what kept a line from being written."""
+    from slopecli import pipeline
+    from slopecli.errors import SlopemapError
+    from slopecli.products.sequence_files import frame_line
+
+    output = parameters["output"]
+    say = talk.say if parameters["as_json"] else print_result
+    began = time.monotonic()
+    with ExitStack() as stack:
+        lines = film = None
+        if output:
+            from slopecli.io.line_files import LineFile
+            from slopecli.io.outputs import store_outputs
+
+            store_outputs({}, output)  # an earlier answer does not stay beside the lines of this run
+            lines = stack.enter_context(LineFile(Path(output, LINES)))
+        if parameters["video"]:
+            from slopecli.io.film import Film
+
+            film = stack.enter_context(Film(output))
+        try:
+            for step in pipeline.sequence(source, runner, stop_when_settled=parameters["stop_when_settled"]):
+                if lines is not None:
+                    lines.write(frame_line(step))
+                if film is not None:
+                    film.add(step, runner)
+                say(_line(step, len(runner.windows)))
+                if talk.verbose:
+                    talk.say(_pace(step.state.frame, time.monotonic() - began, source.total))
+        except KeyboardInterrupt:
+            return True, None
+        except (SlopemapError, OSError) as problem:
+            if not runner.started:
+                raise
+            return False, problem
+        finally:
+            if film is not None:
+                parameters["film"] = film.content()
+    return False, None
+
+
+def _line(step: SequenceStep, windows: int) -> str:
+    """One frame on the terminal."""
+    state, report = step.state, step.report
+    name = Path(state.image).name
+    if state.why is not None:
+        return f"{state.frame:4d}  {name}: skipped, {state.why.message}"
+    if report is None:
+        return f"{state.frame:4d}  {name}: {'the first frame' if state.status == 'reference' else 'no slope known yet'}"
+    slopes = [plane.slope_deg for plane in report.planes]
+    sigmas = sorted(plane.slope_sigma_deg or 0.0 for plane in report.planes)
+    counts = {verdict: list(step.settled.values()).count(verdict) for verdict in ("safe", "unsafe")}
+    two = ", two answers" if report.ambiguity.status == "unresolved" else ""
+    return (
+        f"{state.frame:4d}  {name}: {len(slopes)} slopes {min(slopes):.1f}-{max(slopes):.1f}°, sigma "
+        f"{sigmas[0]:.2f}-{sigmas[-1]:.2f}°{two}; settled {sum(counts.values())} of {windows}: "
+        f"{counts['safe']} safe, {counts['unsafe']} unsafe"
+    )
+
+
+def _pace(done: int, seconds: float, total: int | None) -> str:
+    """Frames a second, and the time left where the end is known."""
+    rate = done / max(seconds, 1e-9)
+    left = "" if total is None else f", {(total - done) / rate:.0f} s left"
+    return f"{rate:.1f} frames a second{left}"
+
+
+def _written(runner: Sequence, parameters: dict[str, Any], talk: Talk) -> list[Path]:
+    """The files of the answer so far, with that of the lines first."""
+    from slopecli.types import Image
+
+    output, first = parameters["output"], runner.first_image
+    if not output or not runner.started or not isinstance(first, Image):
+        return []
+    from slopecli.io.outputs import store_outputs
+    from slopecli.products import SEQUENCE_PRODUCTS, VIDEO, encode_products
+
+    with talk.timed("write"):
+        keep = frozenset() if parameters["no_overlay"] else frozenset({"overlay"})
+        contents = encode_products(runner.answer(), first, keep, SEQUENCE_PRODUCTS)
+        if parameters.get("film"):
+            contents[VIDEO] = parameters["film"]
+        return [Path(output, LINES), *store_outputs(contents, output)]
+
+
+def _refuse_without_answer(runner: Sequence, interrupted: bool) -> None:
+    """Raise NoAnswer with the reason for which most frames were skipped."""
+    from slopecli.errors import NoAnswer
+
+    if interrupted:
+        raise KeyboardInterrupt
+    why = [state.why for state in runner.frames if state.why is not None]
+    last = f": the last of them {why[-1].message}" if why else ""
+    parallax = bool(why) and why[-1].code == "parallax"
+    raise NoAnswer(
+        "low-parallax" if parallax else "no-overlap",
+        f"none of {len(runner.frames)} frames gives an answer with the first{last}",
+        "take frames farther apart" if parallax else "give frames of the same ground",
+    )

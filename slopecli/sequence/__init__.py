@@ -1,0 +1,20 @@
+"""Many frames of one camera: windows of the first frame, tracked, with one set of normals. `Sequence` is the entry.
+
+>>> from slopecli.sequence import Sequence
+>>> sequence = Sequence(camera, options)
+>>> for grey in frames:
+...     state = sequence.add(grey)  # the answer so far
+"""
+
+from slopecli.face import lazy_names
+
+__getattr__, __dir__ = lazy_names(
+    __name__,
+    {
+        "frame": "Frame SequenceAnswer SequenceStep",
+        "frame_gates": "FrameGates",
+        "settling_test": "SettlingTest",
+        "stream": "FrameMotion FrameState Sequence",
+        "tracking_tunables": "TRACKING",
+    },
+)

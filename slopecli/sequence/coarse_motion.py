@@ -1,0 +1,154 @@
+"""The motion of a new frame to a fraction of a pixel: from the last frame by tracking, or anew by features."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from slopecli.geometry.camera import pixels_from_rays, rays_from_pixels
+from slopecli.geometry.epipolar import homogeneous, rotation_from_vector, rotation_vector
+from slopecli.geometry.solver.resection import Motion, Resection, resect
+from slopecli.geometry.solver.views import predict_views
+from slopecli.look.features import EFFORTS, QUICK, FeatureMemory, Grey, match_sift
+from slopecli.sequence.tracking_tunables import TRACKING
+from slopecli.sequence.tracks import Tracks
+from slopecli.types import BoolArray, Camera, FloatArray
+
+FLOOR_PX = 0.3  # 1-sigma of the coarse tracks, px of the whole frame: they serve to place it only
+
+
+class CoarseMotion:
+    """Places frames one after the other against points of known inverse depths.
+
+    last : the frame used before, its motion and the one before it, from which the next is extrapolated.
+    """
+
+    def __init__(self, camera: Camera, tracks: Tracks, reference: Grey) -> None:
+        self.camera, self.tracks = camera, tracks
+        self._reference = reference
+        self._memory = FeatureMemory(2)
+        self._last: Grey | None = None
+        self._motions: list[Motion] = [(np.eye(3), np.zeros(3))]
+
+    def accept(self, frame: Grey, motion: Motion) -> None:
+        """Remember a frame that was used, with its motion."""
+        self._last = _half(frame)
+        self._motions = [*self._motions[-1:], motion]
+
+    def predicted(self) -> Motion:
+        """The motion if the camera goes on as it went between the last two frames used."""
+        if len(self._motions) < 2:
+            return self._motions[-1]
+        (R0, T0), (R1, T1) = self._motions
+        turn = rotation_vector(R1 @ R0.T)
+        return rotation_from_vector(turn) @ R1, 2.0 * T1 - T0
+
+    def place(self, frame: Grey, u: FloatArray, alive: BoolArray) -> Resection | None:
+        """The motion of a frame near those before it; None where too few points agree with one.
+
+        u : (n,) inverse depths of the points, used where `alive` (n,).
+        """
+        if self._last is None:
+            return None
+        index = self._sample(alive & (u > 0.0))
+        if len(index) < 12:
+            return None
+        p, depth = self.tracks.p[:, index], u[index]
+        before, ahead = self._pixels(p, depth, self._motions[-1])
+        guess, ahead2 = self._pixels(p, depth, self.predicted())
+        inside = _inside(before, self.camera) & (ahead > 0.0) & (ahead2 > 0.0)
+        guess = np.where(_inside(guess, self.camera)[:, None], guess, before)
+        if np.count_nonzero(inside) < 12:
+            return None
+        index, p, depth = index[inside], p[:, inside], depth[inside]
+        moved, status = _tracked(self._last, _half(frame), before[inside], guess[inside])
+        x = rays_from_pixels(self.camera, moved)
+        good = status & np.isfinite(x).all(axis=1) & _inside(moved, self.camera, 1.0)
+        if np.count_nonzero(good) < 12:
+            return None
+        return self._resected(p[:, good], x[good].T, depth[good], [self.predicted(), self._motions[-1]])
+
+    def place_anew(self, frame: Grey, normals: FloatArray, u: FloatArray, alive: BoolArray) -> Resection | None:
+        """The motion of a frame anywhere, from features shared with the reference; None if they do not agree."""
+        for effort in (QUICK, EFFORTS[0]):
+            uv1, uv2, _ = match_sift(self._reference, frame, effort, self._memory)
+            if len(uv1) < 12:
+                continue
+            rays, x = rays_from_pixels(self.camera, uv1), rays_from_pixels(self.camera, uv2)
+            fine = np.isfinite(rays).all(axis=1) & np.isfinite(x).all(axis=1)
+            p, x = homogeneous(rays[fine]).T, x[fine].T
+            depth = self._depth_near(uv1[fine], normals, u, alive)
+            start = _by_consensus(p, x, depth, 4.0 / self.camera.focal_px)
+            found = self._resected(p, x, depth, start)
+            if found is not None:
+                return found
+        return None
+
+    def _resected(self, p: FloatArray, x: FloatArray, u: FloatArray, starts: list[Motion]) -> Resection | None:
+        if p.shape[1] < 12:
+            return None
+        found = resect(p, x, u, starts, FLOOR_PX / self.camera.focal_px)
+        # a wrong motion agrees with as many points as its tolerance is wide
+        sure = found.share >= TRACKING.least_share and found.sigma * self.camera.focal_px < 4.0 * FLOOR_PX * 4.0
+        return found if sure and np.count_nonzero(found.fits) >= 12 else None
+
+    def _pixels(self, p: FloatArray, u: FloatArray, motion: Motion) -> tuple[FloatArray, FloatArray]:
+        x, ahead = predict_views(p, motion[0][None], motion[1][None], u)
+        return np.nan_to_num(pixels_from_rays(self.camera, x[0].T), nan=-1e6), ahead[0]
+
+    def _sample(self, usable: BoolArray) -> NDArray[np.int64]:
+        index = np.flatnonzero(usable)
+        step = max(len(index) // TRACKING.coarse_points, 1)
+        return np.asarray(index[::step])
+
+    def _depth_near(self, uv: FloatArray, normals: FloatArray, u: FloatArray, alive: BoolArray) -> FloatArray:
+        """(k,) inverse depth at pixels (k, 2) of the reference: that of the nearest point tracked."""
+        usable = np.flatnonzero(alive & (u > 0.0))
+        apart = ((uv[:, None] - self.tracks.uv[usable][None]) ** 2).sum(axis=2)
+        return np.asarray(u[usable][apart.argmin(axis=1)])
+
+
+def _by_consensus(p: FloatArray, x: FloatArray, u: FloatArray, threshold: float) -> list[Motion]:
+    """The motion that most points agree with, by random samples of four; none where OpenCV finds none."""
+    points = (p / u).T
+    done, w, t, _ = cv2.solvePnPRansac(
+        np.ascontiguousarray(points),
+        np.ascontiguousarray(x.T),
+        np.eye(3),
+        None,
+        iterationsCount=300,
+        reprojectionError=threshold,
+        flags=cv2.SOLVEPNP_EPNP,
+    )
+    if not done:
+        return []
+    R = np.asarray(cv2.Rodrigues(w)[0], float)
+    return [(R, -R.T @ np.asarray(t, float).ravel())]
+
+
+def _tracked(last: Grey, frame: Grey, before: FloatArray, guess: FloatArray) -> tuple[FloatArray, BoolArray]:
+    """Points (n, 2) of the whole last frame in the new one, both images halved; status (n,)."""
+    start, end = ((0.5 * (uv + 0.5) - 0.5).astype(np.float32) for uv in (before, guess))
+    moved, status, _ = cv2.calcOpticalFlowPyrLK(
+        last,
+        frame,
+        np.ascontiguousarray(start),
+        np.ascontiguousarray(end),
+        winSize=(15, 15),
+        maxLevel=3,
+        criteria=(cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_COUNT, 15, 0.03),
+        flags=cv2.OPTFLOW_USE_INITIAL_FLOW,
+    )
+    return 2.0 * (np.asarray(moved, float) + 0.5) - 0.5, np.asarray(status.ravel() > 0)
+
+
+def _half(grey: Grey) -> Grey:
+    h, w = grey.shape
+    small = cv2.resize(grey, (w // 2, h // 2), interpolation=cv2.INTER_AREA)
+    return np.asarray(small, np.uint8)
+
+
+def _inside(uv: FloatArray, camera: Camera, margin: float = 4.0) -> BoolArray:
+    u, v = uv.T
+    return np.asarray((u >= margin) & (u < camera.width - margin) & (v >= margin) & (v < camera.height - margin))

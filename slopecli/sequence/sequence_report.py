@@ -1,0 +1,141 @@
+"""The report of a sequence: the first frame and the last one as a pair, with the normals of all frames."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from slopecli.findings.camera_test import CameraTest
+from slopecli.geometry.camera import pixels_from_rays
+from slopecli.geometry.solver.views import predict_views
+from slopecli.look.matches import Evidence, Matches
+from slopecli.options import Options
+from slopecli.patches.join import Joined
+from slopecli.patches.patch import Patch
+from slopecli.patches.windows.unmatched_parts import gaps_of, unseen_rad
+from slopecli.patches.windows.window_finder import window_patch
+from slopecli.report.build import build_report
+from slopecli.sequence.tracking_tunables import TRACKING
+from slopecli.sequence.view_estimator import ViewEstimator
+from slopecli.types import BoolArray, Camera, Diagnostic, FloatArray, Image, ImageInfo, Plane, Report, Solution
+from slopecli.windows import Window
+
+
+def joined_of(estimator: ViewEstimator, windows: list[Window], camera: Camera) -> tuple[Joined, BoolArray]:
+    """The windows with their points as the last view shows them, and (m,) which windows have enough of them.
+
+    A point that an earlier view alone showed is where its depth puts it in the last one.
+    """
+    tracks, line = estimator.tracks, estimator.best
+    state = line.root.state
+    known = estimator.alive & (line.root.system.V > 0.0) & (state.u > 0.0)
+    x2 = predict_views(tracks.p, state.R[-1:], state.T[-1:], state.u)[0][0]
+    shown = line.points.weight[-1] > 0.0
+    x2 = np.where(shown, line.points.x[-1], x2)
+    uv2 = pixels_from_rays(camera, x2.T)
+    every = Matches(tracks.uv, uv2, tracks.p[:2].T, x2.T)
+    evidence = _evidence(every, state.u, known, camera, float(np.linalg.norm(state.T[-1])))
+    patches = [_patch(estimator, every, evidence, known, window, i) for i, window in enumerate(windows)]
+    outside = every.take(known & (tracks.patch < 0))
+    joined = Joined.of(patches, outside, np.ones(len(outside)))
+    return joined, np.array([patch.origin == "own" for patch in patches])
+
+
+def _evidence(every: Matches, u: FloatArray, known: BoolArray, camera: Camera, baseline: float) -> Evidence:
+    """All points known, as evidence of how the ground bends from one part to the next."""
+    leverage = np.full(len(u), baseline)
+    kept = every.take(known)
+    blank = np.zeros(len(kept))
+    return Evidence(
+        *(kept.uv1, kept.uv2, kept.x1, kept.x2), u[known], leverage[known], blank, camera.focal_px, n_given=len(u)
+    )
+
+
+def _patch(
+    estimator: ViewEstimator, every: Matches, evidence: Evidence, known: BoolArray, window: Window, i: int
+) -> Patch:
+    """Window number i (from 0) with its points, and the doubt of its part that no view but the first showed."""
+    tracks, blank = estimator.tracks, window_patch(window, i + 1)
+    own = known & (tracks.patch == i)
+    n = int(np.count_nonzero(own))
+    if n < TRACKING.slope_points:
+        return blank.unmatched(f"{n} of its points could be tracked, at least {TRACKING.slope_points} are needed")
+    share = min(n / max(int(tracks.cells[i]), 1), 1.0)
+    relief_px = float(estimator.best.root.relief[i]) * evidence.focal_px
+    gaps = gaps_of(window, tracks.uv[own], share)
+    unseen = 0.0 if share > 0.98 else unseen_rad(gaps, relief_px, evidence)
+    return replace(
+        blank,
+        matches=every.take(own),
+        weight=np.ones(n),
+        cell=tracks.cell[own],
+        origin="own",
+        score=1.0,
+        share=share,
+        tilt_sigma_rad=unseen,
+        unmatched_sigma_rad=unseen,
+    )
+
+
+def report_of(
+    estimator: ViewEstimator,
+    windows: list[Window],
+    images: tuple[Image | ImageInfo, Image | ImageInfo],
+    camera: Camera,
+    options: Options,
+    diagnostics: list[Diagnostic],
+) -> Report:
+    """The report of the answer so far; lengths are in metres, or in baselines of the first move.
+
+    Raises
+    ------
+    NoAnswer : no window has a slope that is known.
+    """
+    joined, enough = joined_of(estimator, windows, camera)
+    views = estimator.solution()
+    length = float(np.linalg.norm(views.T[-1]))
+    solution = _chosen(views.pair(), enough, joined)
+    if options.baseline_m is not None:
+        options = replace(options, baseline_m=options.baseline_m * length)
+    report = build_report(images, (camera, camera), options, joined, solution, diagnostics, test=CameraTest())
+    return in_first_baselines(report, length) if report.scale.unit == "baseline" else report
+
+
+def _chosen(solution: Solution, enough: BoolArray, joined: Joined) -> Solution:
+    """The solution of the windows that have enough points, its residuals in the order of the joined matches."""
+    kept = np.flatnonzero(enough)
+    rows = (3 * kept[:, None] + np.arange(3)).ravel()
+    other = solution.ambiguity.alternative
+    n = len(joined.matches)
+    joint = solution.joint_normals
+    return replace(
+        solution,
+        scaled_normals=solution.scaled_normals[kept],
+        normal_covariance=solution.normal_covariance[kept],
+        normal_gain=solution.normal_gain[kept],
+        relief=solution.relief[kept],
+        joint_normals=None if joint is None else joint[np.ix_(rows, rows)],
+        inlier=np.ones(n, bool),
+        ambiguity=replace(solution.ambiguity, alternative=None if other is None else _chosen(other, enough, joined)),
+    )
+
+
+def in_first_baselines(report: Report, length: float) -> Report:
+    """A report in baselines of the pair with its lengths in baselines of the first move, `length` to one."""
+
+    def longer(plane: Plane) -> Plane:
+        return replace(plane, distance=plane.distance * length)
+
+    motion = replace(report.motion, baseline_cam1=report.motion.baseline_cam1 * length)
+    other = report.ambiguity.alternative
+    if other is not None:
+        moved = replace(other.motion, baseline_cam1=other.motion.baseline_cam1 * length)
+        planes = tuple(replace(plane, distance=plane.distance * length) for plane in other.planes)
+        other = replace(other, motion=moved, planes=planes)
+    return replace(
+        report,
+        motion=motion,
+        planes=tuple(longer(plane) for plane in report.planes),
+        ambiguity=replace(report.ambiguity, alternative=other),
+    )

@@ -1,0 +1,230 @@
+"""`Sequence`: frames in, the answer so far out. One frame costs the same, the hundredth as the third."""
+
+from __future__ import annotations
+
+from collections import Counter
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import numpy as np
+
+from slopecli.errors import InputError, NoAnswer
+from slopecli.findings.wording import finding
+from slopecli.geometry.epipolar import rotation_angle
+from slopecli.geometry.solver.many_views import ViewsSolution
+from slopecli.geometry.solver.one_thread import one_blas_thread
+from slopecli.geometry.solver.resection import Motion as Placed
+from slopecli.look.features import FeatureMemory, Grey
+from slopecli.look.threads import single_threaded
+from slopecli.options import Options
+from slopecli.patches.windows.window_finder import wanted_windows
+from slopecli.sequence.coarse_motion import CoarseMotion
+from slopecli.sequence.first_move import first_move
+from slopecli.sequence.frame import Frame, SequenceAnswer
+from slopecli.sequence.frame_alignment import Aligner
+from slopecli.sequence.frame_gates import FrameGates, Skipped
+from slopecli.sequence.sequence_report import report_of
+from slopecli.sequence.tracking_tunables import TRACKING
+from slopecli.sequence.tracks import choose_tracks
+from slopecli.sequence.view_estimator import ViewEstimator
+from slopecli.types import Camera, Diagnostic, FloatArray, Image, ImageInfo, Motion, Report
+
+
+@dataclass(frozen=True, eq=False)
+class FrameState:
+    """What became of a frame.
+
+    frame : its number, from 1.  image : what it is called.  time_s : when it was taken, None where that is not known.
+    status : "reference" (the first), "used" or "skipped"; why : code and words if skipped.
+    R, T : of the frame, in axes of the first, unit: the first move; None if it was not used.
+    """
+
+    frame: int
+    status: Literal["reference", "used", "skipped"]
+    image: str = ""
+    time_s: float | None = None
+    why: Skipped | None = None
+    R: FloatArray | None = None
+    T: FloatArray | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class FrameMotion:
+    """The motion of a frame that was used, in axes of the first and the unit of the report."""
+
+    frame: int
+    image: str
+    time_s: float | None
+    motion: Motion
+
+
+class Sequence:
+    """Slopes of windows of the first frame from all frames so far.
+
+    Parameters
+    ----------
+    camera : of every frame.  options : windows are in px of the first frame that is used.
+    """
+
+    def __init__(self, camera: Camera, options: Options | None = None) -> None:
+        self.camera, self.options = camera, options or Options()
+        self.windows = wanted_windows(self.options, camera.width, camera.height)
+        self.frames: list[FrameState] = []
+        self._gates = FrameGates((camera.height, camera.width))
+        self._memory = FeatureMemory(1)
+        self._aligner: Aligner | None = None
+        self._estimator: ViewEstimator | None = None
+        self._coarse: CoarseMotion | None = None
+        self.current: Image | None = None
+        self._images: tuple[Image | ImageInfo, Image | ImageInfo] = (ImageInfo("", None, None, ""),) * 2
+
+    @one_blas_thread()
+    @single_threaded()
+    def add(self, grey: Grey, image: str = "", time_s: float | None = None) -> FrameState:
+        """Take in the next frame (h, w) uint8; never raises for what a frame shows: it is skipped, and why is said."""
+        frame = np.ascontiguousarray(grey)
+        why = self._gates.check(frame)
+        state = FrameState(len(self.frames) + 1, "skipped", why=why) if why else self._taken(frame)
+        if state.status != "skipped":
+            self._gates.accept(frame)
+        state = replace(state, image=image, time_s=time_s)
+        self.frames.append(state)
+        return state
+
+    def _taken(self, frame: Grey) -> FrameState:
+        number = len(self.frames) + 1
+        if self._aligner is None:
+            tracks = choose_tracks(frame, self.windows, self.camera)
+            if not len(tracks) or (tracks.patch < 0).all():
+                return FrameState(number, "skipped", why=Skipped("dark", "has no texture in any window"))
+            self._aligner = Aligner(frame, self.camera, self.windows, tracks)
+            return FrameState(number, "reference", R=np.eye(3), T=np.zeros(3))
+        found = self._started(frame) if self._estimator is None else self._tracked(frame)
+        if isinstance(found, Skipped):
+            return FrameState(number, "skipped", why=found)
+        return FrameState(number, "used", R=found[0], T=found[1])
+
+    def _started(self, frame: Grey) -> Placed | Skipped:
+        """The first move, if this frame is far enough from the first."""
+        aligner = self._reference()
+        move = first_move(aligner.grey, frame, self.camera, aligner, self._memory)
+        if isinstance(move, Skipped):
+            return move
+        self._estimator = ViewEstimator(aligner.tracks, self.camera.focal_px)
+        self._estimator.start(move.found.x, move.used, move.solution)
+        self._coarse = CoarseMotion(self.camera, aligner.tracks, aligner.grey)
+        self._coarse.accept(frame, self._estimator.motion)
+        return self._estimator.motion
+
+    def _tracked(self, frame: Grey) -> Placed | Skipped:
+        """The motion of a frame of a running sequence, which is taken into the answer."""
+        aligner, estimator, coarse = self._reference(), self._estimator, self._coarse
+        if estimator is None or coarse is None:
+            raise InputError("the sequence has not started")
+        u, alive = estimator.inverse_depth, estimator.alive
+        placed = coarse.place(frame, u, alive) or coarse.place_anew(frame, estimator.normals, u, alive)
+        if placed is None:
+            return Skipped("foreign", "does not show the ground of the frames before")
+        motion: Placed = (placed.R, placed.T)
+        found = aligner.find(frame, motion, estimator.normals, u, alive)
+        share = estimator.share_of(found, motion)
+        if share < TRACKING.least_share:
+            return Skipped("foreign", f"agrees with the frames before at {100 * share:.0f} % of its points only")
+        estimator.add(found.x, found.seen, motion)
+        coarse.accept(frame, estimator.motion)
+        return estimator.motion
+
+    def _reference(self) -> Aligner:
+        if self._aligner is None:
+            raise InputError("no frame was taken yet")
+        return self._aligner
+
+    @property
+    def started(self) -> bool:
+        """Whether there is an answer."""
+        return self._estimator is not None
+
+    def solution(self) -> ViewsSolution:
+        """Motions of the views kept and normals of all windows, with covariance and a second root if one is left."""
+        if self._estimator is None:
+            raise InputError("there is no answer yet: no frame has moved far enough from the first")
+        return self._estimator.solution()
+
+    def take(self, frame: Frame) -> FrameState:
+        """Take in a frame with its name and time; one that could not be read is skipped."""
+        self.current = frame.image
+        if frame.image is None:
+            why = Skipped("unread", frame.problem)
+            state = FrameState(len(self.frames) + 1, "skipped", frame.name, frame.time_s, why)
+            self.frames.append(state)
+            return state
+        state = self.add(frame.image.grey, frame.name, frame.time_s)
+        if state.status != "skipped":
+            info = ImageInfo(frame.image.path, frame.image.width, frame.image.height, frame.image.sha256)
+            self._images = (frame.image if state.status == "reference" else self._images[0], info)
+        return state
+
+    def answer(self) -> SequenceAnswer:
+        """The answer so far, with the motions of all frames used. InputError or NoAnswer as `report`."""
+        report = self.report(self._images)
+        return SequenceAnswer(report, tuple(self.motions(report)))
+
+    def report_or_none(self) -> Report | None:
+        """The answer so far; None while no slope is known."""
+        try:
+            return self.report((_named(self._images[0]), _named(self._images[1])))
+        except NoAnswer:
+            return None
+
+    @property
+    def first_image(self) -> Image | ImageInfo:
+        """The first frame that was used."""
+        return self._images[0]
+
+    def report(self, images: tuple[Image | ImageInfo, Image | ImageInfo] | None = None) -> Report:
+        """The answer so far as a report of the first frame and the last one used.
+
+        images : both, for their names and what the first shows; names alone where they are not given.
+
+        Raises
+        ------
+        InputError : there is no answer yet.  NoAnswer : no window has a slope that is known.
+        """
+        if self._estimator is None:
+            raise InputError("there is no answer yet: no frame has moved far enough from the first")
+        used = [state for state in self.frames if state.status != "skipped"]
+        size = self.camera.width, self.camera.height
+        named = images or (ImageInfo(used[0].image, *size, ""), ImageInfo(used[-1].image, *size, ""))
+        return report_of(self._estimator, self.windows, named, self.camera, self.options, self._notes())
+
+    def motions(self, report: Report) -> list[FrameMotion]:
+        """Motions of all frames used, in the unit of the report, each as it was when its frame came in."""
+        last = next(state for state in reversed(self.frames) if state.T is not None and state.status == "used")
+        length = float(
+            np.linalg.norm(report.motion.baseline_cam1) / np.linalg.norm(np.zeros(3) if last.T is None else last.T)
+        )
+        return [
+            FrameMotion(
+                state.frame,
+                state.image,
+                state.time_s,
+                Motion(state.R, state.T * length, float(np.degrees(rotation_angle(state.R))), None, None),
+            )
+            for state in self.frames
+            if state.R is not None and state.T is not None
+        ]
+
+    def _notes(self) -> list[Diagnostic]:
+        """That frames were skipped, how many, and why."""
+        why = [state.why for state in self.frames if state.why is not None]
+        if not why:
+            return []
+        counts = Counter(one.code for one in why)
+        told = ", ".join(f"{count} {code}" for code, count in sorted(counts.items()))
+        message = f"{len(why)} of {len(self.frames)} frames were not used: {told}"
+        return [finding("frame-skipped", message, len(why))]
+
+
+def _named(image: Image | ImageInfo) -> ImageInfo:
+    """What a report says of an image, without its pixels."""
+    return ImageInfo(image.path, image.width, image.height, image.sha256)

@@ -1,0 +1,35 @@
+"""Numbers of the tracker, each with its unit and its reason."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class TrackingTunables:
+    """As measured on rendered descents and flights; see docs/sequence.md."""
+
+    per_window: int = 225  # points of a window: 144 lose a tenth of the accuracy, 400 cost twice the time
+    in_all: int = 4000  # points of all windows, so that a grid of a hundred costs about twice that of nine
+    outside: int = 200  # points outside the windows, for the motion alone
+    least_cell_px: int = 5  # side of the cell that a point is the best corner of; in smaller ones they coincide
+    margin_px: int = 9  # points so near the border of an image are not tracked
+    kept_views: int = 5  # whole views; older ones are summed up
+    open_views: int = 8  # the same while two answers are left, when nothing is summed up
+    shared_errors: int = 12  # variables for the errors of the motions of views summed up; more change nothing
+    new_view: float = 0.1  # of its baseline: a view that moved less replaces the last, as errors repeat
+    lk_px: int = 17  # window of Lucas and Kanade on the aligned frame
+    map_step_px: int = 8  # between the nodes of the depth that a frame is aligned by
+    coarse_points: int = 400  # points by which the motion between two frames is found
+    least_share: float = 0.4  # of the coarse points that agree with a motion; with fewer the frame is not understood
+    misses: int = 2  # frames in turn whose track contradicts the rest, after which it is given up
+    least_sigma_px: float = 0.03  # 1-sigma of a tracked point that is believed at least
+    start_parallax_px: float = 3.0  # median displacement that a rotation leaves, for the first move
+    flat_grey: float = 4.0  # 1-sigma of the grey values of a frame below which it shows nothing
+    same_grey: float = 0.2  # mean difference of two frames, grey levels, below which one repeats the other
+    sharpness: float = 0.6  # of the frame used before: with less a frame is blurred
+    most_blurred: int = 5  # blurred frames in turn; the next is taken, as the ground itself may be smoother
+    slope_points: int = 8  # tracks that a window needs for an answer
+
+
+TRACKING = TrackingTunables()

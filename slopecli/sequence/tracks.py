@@ -1,0 +1,73 @@
+"""Points of the reference frame that are tracked: the best corner of every cell of every window."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+
+from slopecli.geometry.camera import rays_from_pixels
+from slopecli.geometry.epipolar import homogeneous
+from slopecli.look.features import Grey
+from slopecli.sequence.tracking_tunables import TRACKING
+from slopecli.types import Camera, FloatArray, IntArray
+from slopecli.windows import Window
+
+
+@dataclass(frozen=True, eq=False)
+class Tracks:
+    """uv (n, 2) px of the reference, p (3, n) rays, patch (n,) window of each, -1 outside; points of a window in turn,
+    those outside last; cell (n, 2) row and column on the lattice of its window; cells (m,) of each window."""
+
+    uv: FloatArray
+    p: FloatArray
+    patch: IntArray
+    cell: IntArray
+    cells: IntArray
+
+    def __len__(self) -> int:
+        return len(self.uv)
+
+
+def choose_tracks(grey: Grey, windows: list[Window], camera: Camera) -> Tracks:
+    """The points to track in the windows (px) of a frame, and some outside them."""
+    corner = np.asarray(cv2.cornerMinEigenVal(grey, 7), float)
+    height, width = grey.shape
+    edge = TRACKING.margin_px
+    corner[:edge], corner[height - edge :], corner[:, :edge], corner[:, width - edge :] = 0.0, 0.0, 0.0, 0.0
+    # a corner that grey noise alone would make: its gradients have a variance of about twice that of the noise
+    least = 0.02 * float(np.median(corner[corner > 0.0])) if (corner > 0.0).any() else 0.0
+    wanted = min(TRACKING.per_window, max(TRACKING.in_all // len(windows), 9))
+    parts = [_best_corners(corner, window, wanted, least) for window in windows]
+    covered = np.zeros(grey.shape, bool)
+    for x, y, w, h in windows:
+        covered[y : y + h, x : x + w] = True
+    outside = (np.zeros((0, 2)), np.zeros((0, 2), np.int64), 0)
+    if covered.mean() < 0.8:
+        free = np.where(covered, 0.0, corner)
+        outside = _best_corners(free, (0, 0, width, height), TRACKING.outside, least)
+    uv = np.concatenate([*(part[0] for part in parts), outside[0]])
+    patch = np.repeat([*range(len(parts)), -1], [*(len(part[0]) for part in parts), len(outside[0])])
+    rays = rays_from_pixels(camera, uv)
+    seen = np.isfinite(rays).all(axis=1)
+    cell = np.concatenate([*(part[1] for part in parts), outside[1]])
+    cells = np.array([part[2] for part in parts])
+    return Tracks(uv[seen], homogeneous(rays[seen]).T, patch[seen], cell[seen], cells)
+
+
+def _best_corners(corner: FloatArray, window: Window, wanted: int, least: float) -> tuple[FloatArray, IntArray, int]:
+    """Places (k, 2) of the best corner of every cell that has one, their cells (k, 2), and the number of cells."""
+    x, y, w, h = window
+    side = max(np.sqrt(w * h / wanted), TRACKING.least_cell_px)
+    columns, rows = max(round(w / side), 1), max(round(h / side), 1)
+    xs, ys = np.linspace(x, x + w, columns + 1).astype(int), np.linspace(y, y + h, rows + 1).astype(int)
+    places, cells = [], []
+    for r in range(rows):
+        for c in range(columns):
+            part = corner[ys[r] : ys[r + 1], xs[c] : xs[c + 1]]
+            if part.size and part.max() > least:
+                row, column = divmod(int(part.argmax()), part.shape[1])
+                places.append((xs[c] + column, ys[r] + row))
+                cells.append((r, c))
+    return np.array(places, float).reshape(-1, 2), np.array(cells, np.int64).reshape(-1, 2), rows * columns

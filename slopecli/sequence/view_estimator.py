@@ -1,0 +1,250 @@
+"""The answer so far: views kept whole, older ones summed up, one or two roots; a new view costs the same every time."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from slopecli.geometry.epipolar import epipolar_distance, essential_matrix
+from slopecli.geometry.solver.many_views import (
+    Root,
+    ViewsSolution,
+    heights_of,
+    information_of_relief,
+    noise_of,
+    refine,
+    relief_of,
+    standing_off,
+)
+from slopecli.geometry.solver.resection import Motion, resect
+from slopecli.geometry.solver.summed_views import sum_up
+from slopecli.geometry.solver.view_roots import judged
+from slopecli.geometry.solver.views import Summed, ViewPoints, ViewState
+from slopecli.look.noise import correlation_gain
+from slopecli.sequence.frame_alignment import Found
+from slopecli.sequence.fused_planes import fused_normals
+from slopecli.sequence.tracking_tunables import TRACKING
+from slopecli.sequence.tracks import Tracks
+from slopecli.types import BoolArray, FloatArray, Solution
+
+
+@dataclass(frozen=True, eq=False)
+class Line:
+    """One root with the views that it holds: the points with what older views told, and the minimum."""
+
+    points: ViewPoints
+    root: Root
+
+
+class ViewEstimator:
+    """Motions of the views and normals of the windows from tracked points, view by view.
+
+    tracks : the points.  focal_px : pixels per unit of normalised coordinate.
+    """
+
+    def __init__(self, tracks: Tracks, focal_px: float) -> None:
+        self.tracks = tracks
+        self._focal_px = focal_px
+        self._floor = TRACKING.least_sigma_px / focal_px
+        self._lines: list[Line] = []
+        self._key: list[FloatArray] = []  # positions of the views that the last may replace
+        self.alive = np.ones(len(tracks), bool)
+        self._missed = np.zeros(len(tracks), np.int64)
+        self._solution: ViewsSolution | None = None
+
+    # ---- start ----
+
+    def start(self, x: FloatArray, seen: BoolArray, solution: Solution) -> None:
+        """Begin with the first move: places x (2, n) of the points seen (n,), and the roots of the pair's solution."""
+        weight = (seen & self.alive).astype(float)[None]
+        m = len(self.tracks.cells)
+        count = np.bincount(self.tracks.patch[self.tracks.patch >= 0], minlength=m)
+        first = np.cumsum(count) - count
+        order = np.arange(len(self.tracks))
+        points = ViewPoints(self.tracks.p, x[None].copy(), weight, count, first, order, Summed.nothing(len(order), m))
+        other = solution.ambiguity.alternative
+        self._lines = []
+        for one in (solution, other):
+            if one is not None:
+                u = np.maximum(_plane_depths(points, one.scaled_normals), 1e-9)
+                state = ViewState(one.R[None], one.T[None], one.scaled_normals, u, np.zeros(0))
+                noise = max(one.noise, self._floor)
+                q = information_of_relief(points, one.scaled_normals, one.relief, noise)
+                self._lines.append(self._settled(points, state, q, one.relief, noise, rounds=4, most=8))
+        self._key = [solution.T]
+        self._sort()
+
+    @property
+    def best(self) -> Line:
+        return self._lines[0]
+
+    @property
+    def is_open(self) -> bool:
+        """Whether two roots are left."""
+        return len(self._lines) > 1
+
+    @property
+    def motion(self) -> Motion:
+        """That of the last view."""
+        state = self.best.root.state
+        return state.R[-1], state.T[-1]
+
+    @property
+    def normals(self) -> FloatArray:
+        return self.best.root.state.N
+
+    @property
+    def inverse_depth(self) -> FloatArray:
+        return self.best.root.state.u
+
+    # ---- one more view ----
+
+    def share_of(self, found: Found, motion: Motion) -> float:
+        """Share of the points of a frame that agree with what is known of them."""
+        used = found.seen & self.alive
+        return float(self._agreeing(found.x, used, motion)[used].mean()) if used.any() else 0.0
+
+    def add(self, x: FloatArray, seen: BoolArray, motion: Motion) -> float:
+        """Take in a view near a motion; the share of its points that agree with the rest.
+
+        x : (2, n) places of the points seen (n,).
+        """
+        used = seen & self.alive
+        agree = self._agreeing(x, used, motion)
+        self._missed = np.where(used, np.where(agree, 0, self._missed + 1), self._missed)
+        self.alive &= self._missed < TRACKING.misses
+        weight = (used & agree).astype(float)
+        lines = [self._extended(line, x, weight, motion) for line in self._lines]
+        self._lines = lines
+        self._key.append(self.motion[1])
+        self._sort()
+        self._solution = None
+        return float(agree[used].mean()) if used.any() else 0.0
+
+    def _extended(self, line: Line, x: FloatArray, weight: FloatArray, motion: Motion) -> Line:
+        """A root with one more view, the last one replaced if it was taken from nearly the same place."""
+        points, state = self._slimmed(line)
+        used = weight > 0.0
+        if line is not self.best:
+            own = (state.R[-1], state.T[-1])
+            motion = resect(points.p[:, used], x[:, used], state.u[used], [own], self._floor, 6)[:2]
+        R, T = np.concatenate([state.R, motion[0][None]]), np.concatenate([state.T, motion[1][None]])
+        points = replace(
+            points, x=np.concatenate([points.x, x[None]]), weight=np.concatenate([points.weight, weight[None]])
+        )
+        state = state._replace(R=R, T=T)
+        return self._settled(points, state, line.root.q, line.root.relief, line.root.noise, rounds=1, most=4)
+
+    def _slimmed(self, line: Line) -> tuple[ViewPoints, ViewState]:
+        """Points and state without the views that are not to be kept whole."""
+        points, root = line.points, line.root
+        state = root.state
+        if points.n_views > 1 and self._repeats_last(state):
+            return _without(points, state, points.n_views - 1)
+        most = TRACKING.open_views if self.is_open else TRACKING.kept_views
+        if points.n_views < most:
+            return points, state
+        if self.is_open:  # a view in the middle, as linearising early would decide wrongly
+            return _without(points, state, 1 + points.n_views // 2)
+        return sum_up(points, state, root.terms, 0, TRACKING.shared_errors)
+
+    def _repeats_last(self, state: ViewState) -> bool:
+        """Whether the last view was taken from nearly the same place as the one before it."""
+        moved = float(np.linalg.norm(state.T[-1] - state.T[-2]))
+        return moved < TRACKING.new_view * float(np.linalg.norm(state.T[-1]))
+
+    def _settled(
+        self,
+        points: ViewPoints,
+        state: ViewState,
+        q: FloatArray,
+        relief: FloatArray,
+        noise: float,
+        rounds: int,
+        most: int,
+    ) -> Line:
+        """The minimum, with noise and relief estimated again in every round."""
+        for _ in range(rounds):
+            state, terms, system, converged, iterations = refine(points, state, q, most=most, tolerance=1e-2)
+            noise = max(noise_of(points, terms, system)[0], self._floor)
+            heights = heights_of(points, system, state, noise)
+            off = standing_off(points, heights)
+            relief = relief_of(points, heights, off | ~self.alive)
+            q = np.where(off | ~self.alive, 0.0, information_of_relief(points, state.N, relief, noise))
+        return Line(points, Root(state, terms, system, relief, q, noise, converged or iterations >= most, iterations))
+
+    def _agreeing(self, x: FloatArray, used: BoolArray, motion: Motion) -> BoolArray:
+        """(n,) whether the places x agree with the motion and with what is known of the inverse depths."""
+        line = self.best
+        u, t = line.root.state.u, line.root.system.t
+        R, T = motion
+        y = R @ self.tracks.p - (R @ T)[:, None] * u
+        seen = y[:2] / np.maximum(y[2], 1e-9)
+        slide = (seen * (R @ T)[2] - (R @ T)[:2, None]) / np.maximum(y[2], 1e-9)
+        length = np.maximum(np.hypot(*slide), 1e-12)
+        along_axis = slide / length
+        e = seen - x
+        along = np.abs((e * along_axis).sum(axis=0))
+        across = np.abs(along_axis[0] * e[1] - along_axis[1] * e[0])
+        noise = max(line.root.noise, self._floor)
+        sigma = np.median(across[used]) * 1.4826 if used.any() else noise
+        sigma = max(noise, float(sigma))
+        spread = np.hypot(sigma, length * noise * np.sqrt(np.maximum(t, 0.0)))
+        return np.asarray((across < 4.5 * sigma) & (along < 4.5 * np.hypot(spread, sigma)))
+
+    # ---- the answer ----
+
+    def _sort(self) -> None:
+        """Best root first; a root that is ruled out, or that has become the other one, is forgotten."""
+        if len(self._lines) < 2:
+            return
+        noise = min(line.root.noise for line in self._lines)
+        lines = sorted(self._lines, key=lambda line: line.root._replace(noise=noise).cost / noise**2)
+        solution = self._judged(lines)
+        self._lines = lines[:1] if solution.status == "resolved" else lines[:2]
+
+    def _judged(self, lines: list[Line]) -> ViewsSolution:
+        noise = max(lines[0].root.noise, self._floor)
+        gain = self._gain(lines[0])
+        roots = [line.root._replace(noise=noise) for line in lines]
+        return judged(lines[0].points, roots, noise * gain, gain)
+
+    def solution(self) -> ViewsSolution:
+        """Motions of the views kept and normals, with covariance and the second root if one is left."""
+        if self._solution is None:
+            found = self._judged(self._lines)
+            other = found.alternative
+            if other is not None:
+                other = replace(other, scaled_normals=self._fused(self._lines[1]))
+            self._solution = replace(found, scaled_normals=self._fused(self._lines[0]), alternative=other)
+        return self._solution
+
+    def _fused(self, line: Line) -> FloatArray:
+        return fused_normals(line.points, line.root, line.root.q > 0.0)
+
+    def _gain(self, line: Line) -> float:
+        """Factor on standard errors for errors that neighbouring points have in common."""
+        points, state = line.points, line.root.state
+        used = (points.weight[-1] > 0.0) & (self.tracks.patch >= 0)
+        across = epipolar_distance(
+            essential_matrix(state.R[-1], state.T[-1]), points.p[:2, used].T, points.x[-1][:, used].T
+        )
+        patch, cell = self.tracks.patch[used], self.tracks.cell[used]
+        return correlation_gain([(cell[patch == i], across[patch == i]) for i in range(points.n_planes)])
+
+
+def _plane_depths(points: ViewPoints, N: FloatArray) -> FloatArray:
+    """(n,) inverse depth of its window's plane at every point, of those outside the median."""
+    u = np.asarray((points.per_point(N.T) * points.p).sum(axis=0))
+    n = points.n_on_planes
+    if n < len(u):
+        u[n:] = np.median(u[:n])
+    return u
+
+
+def _without(points: ViewPoints, state: ViewState, view: int) -> tuple[ViewPoints, ViewState]:
+    """Points and state without one view, which tells nothing then."""
+    left = [k for k in range(points.n_views) if k != view]
+    slim = replace(points, x=points.x[left], weight=points.weight[left])
+    return slim, state._replace(R=state.R[left], T=state.T[left])

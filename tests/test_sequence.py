@@ -1,0 +1,137 @@
+"""Many frames, one set of normals: they sharpen the answer, and frames that tell nothing leave no trace."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+import pytest
+from frames import CAMERA, STEP, frame, true_normals
+from scenery import to_grey
+
+from slopecli.geometry import normal_angle, solve_views
+from slopecli.geometry.solver import ViewsSolution
+from slopecli.options import Options
+from slopecli.sequence import Sequence, SettlingTest
+from slopecli.types import FloatArray
+
+OPTIONS = Options(grid=(2, 2))
+
+
+def run(*frames: FloatArray) -> Sequence:
+    sequence = Sequence(CAMERA, OPTIONS)
+    for one in frames:
+        sequence.add(one)
+    return sequence
+
+
+def errors_deg(sequence: Sequence) -> FloatArray:
+    return np.degrees(normal_angle(-sequence.solution().scaled_normals, true_normals()))
+
+
+def sigmas_deg(solution: ViewsSolution) -> FloatArray:
+    length = np.linalg.norm(solution.scaled_normals, axis=1)
+    largest = np.linalg.eigvalsh(solution.normal_covariance)[:, 1]
+    return np.degrees(np.sqrt(largest) / length)
+
+
+def test_every_frame_sharpens_the_answer() -> None:
+    sequence = run(frame(0))
+    errors, sigmas = [], []
+    for number in range(1, 7):
+        assert sequence.add(frame(number)).status == "used"
+        errors.append(np.sqrt(np.mean(errors_deg(sequence) ** 2)))
+        sigmas.append(np.median(sigmas_deg(sequence.solution())))
+    assert errors[-1] < 0.5 * errors[0]
+    assert errors[-1] < 0.15
+    assert sigmas[-1] < 0.5 * sigmas[0]
+
+
+def test_positions_are_in_steps_of_the_first_move() -> None:
+    sequence = run(*(frame(number) for number in range(7)))
+    for number, state in enumerate(sequence.frames):
+        assert state.T is not None
+        np.testing.assert_allclose(state.T, STEP * number, atol=0.02 * max(number, 1))
+
+
+def test_a_frame_more_costs_no_more_views() -> None:
+    """Older views are summed up: those kept whole do not grow in number, and nothing is forgotten."""
+    sequence = run(*(frame(number) for number in range(9)))
+    assert len(sequence.solution().R) <= 6
+    assert errors_deg(sequence).max() < 0.2
+
+
+def black(number: int) -> FloatArray:
+    return np.zeros_like(frame(number))
+
+
+def doubled(number: int) -> FloatArray:
+    return frame(number - 1)
+
+
+def blurred(number: int) -> FloatArray:
+    return cv2.GaussianBlur(frame(number), (0, 0), 4.0)
+
+
+def foreign(number: int) -> FloatArray:
+    rng = np.random.default_rng(number)
+    return to_grey(128 + 200 * cv2.GaussianBlur(rng.standard_normal(frame(0).shape), (0, 0), 2.0))
+
+
+def smaller(number: int) -> FloatArray:
+    return np.ascontiguousarray(frame(number)[:200])
+
+
+@pytest.mark.parametrize(
+    ("bad", "why"),
+    [(black, "dark"), (doubled, "repeated"), (blurred, "blurred"), (foreign, "foreign"), (smaller, "size")],
+    ids=lambda value: getattr(value, "__name__", value),
+)
+def test_a_frame_that_tells_nothing_is_said_and_leaves_no_trace(bad, why) -> None:  # type: ignore[no-untyped-def]
+    disturbed = run(frame(0), frame(1), frame(2), bad(3), frame(3), frame(4))
+    straight = run(frame(0), frame(1), frame(2), frame(3), frame(4))
+    skipped = disturbed.frames[3]
+    assert (skipped.status, skipped.why.code if skipped.why else "") == ("skipped", why)
+    np.testing.assert_array_equal(disturbed.solution().scaled_normals, straight.solution().scaled_normals)
+    assert [note.code for note in disturbed.report().diagnostics].count("frame-skipped") == 1
+
+
+def test_frames_are_found_again_after_a_gap() -> None:
+    sequence = run(frame(0), frame(1), frame(2), frame(7), frame(8))
+    assert [state.status for state in sequence.frames] == ["reference", *["used"] * 4]
+    assert errors_deg(sequence).max() < 0.3
+
+
+def test_without_parallax_there_is_no_answer_yet() -> None:
+    """A camera that hovers tells nothing; the first frame that has moved does."""
+    rng = np.random.default_rng(0)
+    hovering = np.clip(frame(0) + rng.normal(0, 2.0, frame(0).shape), 0, 255).astype(np.uint8)
+    sequence = run(frame(0), hovering)
+    assert sequence.frames[1].why is not None
+    assert sequence.frames[1].why.code == "parallax"
+    assert not sequence.started
+    assert sequence.add(frame(1)).status == "used"
+
+
+def test_the_answer_is_that_of_the_solver_on_the_same_points() -> None:
+    """Frame by frame gives what one solution of all views gives, within its sigma."""
+    sequence = run(*(frame(number) for number in range(5)))
+    estimator = sequence._estimator
+    assert estimator is not None
+    points = estimator.best.points
+    x = np.where(points.weight[:, None] > 0.0, points.x, np.nan).transpose(0, 2, 1)
+    whole = solve_views(points.p[:2].T, x, points.plane_of_point(), relief=True)
+    off = np.degrees(normal_angle(whole.scaled_normals, sequence.solution().scaled_normals))
+    assert (off < 1.5 * sigmas_deg(sequence.solution())).all()
+
+
+def test_verdicts_settle_only_where_they_will_stand() -> None:
+    """Each of many looks is another chance to be wrong, so each takes a verdict only at its own share of the risk."""
+    test = SettlingTest(4, 0.99)
+    sequence = run(frame(0), frame(1))
+    report = sequence.report()
+    settled = dict(test.look(report))
+    for plane in report.planes:
+        if plane.id in settled:
+            assert settled[plane.id] == plane.verdict
+            assert plane.p_safe is not None
+            assert min(plane.p_safe, 1.0 - plane.p_safe) <= 0.01 / (4 * 2)

@@ -1,0 +1,175 @@
+"""`slopemap sequence`: files in, a line a frame, the same bytes again, and what it keeps when it is broken off."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from command import slopemap
+from frames import CAMERA, GRID, frame, true_normals, write_frames
+from jsonschema import validate
+
+from slopecli.io import LineFile, load_schema, read_lines
+from slopecli.sequence import Sequence
+
+
+@pytest.fixture(scope="module")
+def descent(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("descent")
+    write_frames(folder, 5)
+    return folder
+
+
+def arguments(descent: Path, out: Path) -> list[str]:
+    camera = str(descent / "camera.json")
+    return ["sequence", str(descent), "--camera", camera, "--grid", GRID, "-o", str(out)]
+
+
+@pytest.fixture(scope="module")
+def answered(descent: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    out = tmp_path_factory.mktemp("answered")
+    done = slopemap(*arguments(descent, out))
+    assert done.returncode == 0, done.stderr
+    assert [line[:4] for line in done.stdout.splitlines()[:5]] == ["   1", "   2", "   3", "   4", "   5"]
+    return out
+
+
+def test_files_are_complete_and_fit_the_schema(answered: Path) -> None:
+    assert {path.name for path in answered.iterdir()} == {
+        "overlay.png", "sequence.jsonl", "slopes.json", "trajectory.txt",
+    }  # fmt: skip
+    document = json.loads((answered / "slopes.json").read_text())
+    validate(document, load_schema())
+    found = np.array([plane["normal_cam1"] for plane in document["planes"]])
+    off = np.degrees(np.arccos(np.clip((found * true_normals()).sum(axis=1), -1, 1)))
+    assert off.max() < 0.5
+    assert [motion["frame"] for motion in document["motions"]] == [1, 2, 3, 4, 5]
+    assert Path(document["images"][1]["path"]).name == "frame5.png"
+    assert document["motion"]["baseline_cam1"] == document["motions"][-1]["motion"]["baseline_cam1"]
+    length = np.linalg.norm(document["motions"][1]["motion"]["baseline_cam1"])
+    assert length == pytest.approx(1.0, abs=0.02)
+
+
+def test_every_frame_has_its_line(answered: Path) -> None:
+    lines = read_lines(answered / "sequence.jsonl")
+    assert [line["frame"] for line in lines] == [1, 2, 3, 4, 5]
+    assert [line["status"] for line in lines] == ["reference", *["used"] * 4]
+    document = json.loads((answered / "slopes.json").read_text())
+    last = {plane["id"]: plane["slope_deg"] for plane in lines[-1]["planes"]}
+    assert last == {plane["id"]: plane["slope_deg"] for plane in document["planes"]}
+
+
+def test_the_trajectory_is_in_tum_format(answered: Path) -> None:
+    rows = np.loadtxt(answered / "trajectory.txt")
+    assert rows.shape == (5, 8)
+    np.testing.assert_allclose(np.linalg.norm(rows[:, 4:], axis=1), 1.0, atol=1e-8)
+    document = json.loads((answered / "slopes.json").read_text())
+    x, y, z, w = rows[-1, 4:]
+    R = np.array(document["motion"]["rotation_cam2_from_cam1"])
+    turned = [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)]
+    np.testing.assert_allclose(turned, R.T[0], atol=1e-7)
+
+
+def test_the_same_frames_give_the_same_bytes(descent: Path, answered: Path, tmp_path: Path) -> None:
+    assert slopemap(*arguments(descent, tmp_path)).returncode == 0
+    for path in answered.iterdir():
+        assert (tmp_path / path.name).read_bytes() == path.read_bytes(), path.name
+
+
+def test_a_broken_frame_is_said_and_skipped(descent: Path, tmp_path: Path) -> None:
+    folder = tmp_path / "frames"
+    write_frames(folder, 3)
+    (folder / "frame2.png").write_bytes((descent / "frame2.png").read_bytes()[:500])
+    done = slopemap(*arguments(folder, tmp_path / "out"))
+    assert done.returncode == 0
+    assert "frame2.png: skipped, " in done.stdout
+    line = read_lines(tmp_path / "out" / "sequence.jsonl")[1]
+    assert (line["status"], line["diagnostics"][0]["code"]) == ("skipped", "frame-skipped")
+
+
+def test_a_video_gives_what_its_frames_give(descent: Path, answered: Path, tmp_path: Path) -> None:
+    video = tmp_path / "descent.avi"
+    writer = cv2.VideoWriter(str(video), cv2.VideoWriter.fourcc(*"MJPG"), 10.0, (CAMERA.width, CAMERA.height))
+    writer.set(cv2.VIDEOWRITER_PROP_QUALITY, 100)
+    for number in range(5):
+        writer.write(cv2.cvtColor(frame(number), cv2.COLOR_GRAY2BGR))
+    writer.release()
+    out = tmp_path / "out"
+    done = slopemap("sequence", str(video), *arguments(descent, out)[2:], "--start", "0", "--video")
+    assert done.returncode == 0, done.stderr
+    assert (out / "sequence.mp4").stat().st_size > 1000
+    assert [line["time_s"] for line in read_lines(out / "sequence.jsonl")] == [0.0, 0.1, 0.2, 0.3, 0.4]
+    both = [json.loads((folder / "slopes.json").read_text())["planes"] for folder in (out, answered)]
+    for one, other in zip(*both, strict=True):
+        assert abs(one["slope_deg"] - other["slope_deg"]) < 2 * one["slope_sigma_deg"] + 0.05
+
+
+def test_it_stops_when_every_window_is_settled(descent: Path, tmp_path: Path) -> None:
+    done = slopemap(*arguments(descent, tmp_path), "--stop-when-settled")
+    assert done.returncode == 0
+    lines = read_lines(tmp_path / "sequence.jsonl")
+    assert len(lines) < 5
+    assert [one["verdict"] for one in lines[-1]["settled"]] == ["safe"] * 4
+
+
+def test_interrupted_it_keeps_what_it_has(descent: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    taken = Sequence.take
+
+    def until_the_fourth(self: Sequence, one: object) -> object:
+        if len(self.frames) == 3:
+            raise KeyboardInterrupt
+        return taken(self, one)  # type: ignore[arg-type]
+
+    monkeypatch.setattr(Sequence, "take", until_the_fourth)
+    done = slopemap(*arguments(descent, tmp_path))
+    assert done.returncode == 130
+    assert len(read_lines(tmp_path / "sequence.jsonl")) == 3
+    assert len(json.loads((tmp_path / "slopes.json").read_text())["motions"]) == 3
+
+
+def test_frames_of_one_place_have_no_answer(tmp_path: Path) -> None:
+    folder = tmp_path / "frames"
+    write_frames(folder, 1)
+    noise = np.random.default_rng(0).normal(0, 2.0, frame(0).shape)
+    cv2.imwrite(str(folder / "frame2.png"), np.clip(frame(0) + noise, 0, 255).astype(np.uint8))
+    done = slopemap(*arguments(folder, tmp_path / "out"))
+    assert done.returncode == 3
+    assert done.stderr.count("\n") == 1
+    assert "too little" in done.stderr
+    assert not (tmp_path / "out" / "slopes.json").exists()
+
+
+@pytest.mark.parametrize(
+    ("given", "said"),
+    [
+        ([], "No frames"),
+        (["{frames}", "--live", "0"], "--live"),
+        (["{frames}/frame1.png", "-o", "{out}"], "at least two"),
+        (["{frames}", "-o", "{out}", "--glob", "*.tif"], "*.tif"),
+        (["{frames}", "-o", "{out}", "--times", "{frames}/camera.json"], "time in s"),
+        (["{frames}/no.mp4", "-o", "{out}"], "no such video"),
+        (["{frames}", "-o", "{out}", "--every", "2", "--fps", "3"], "--every and --fps"),
+    ],
+    ids=lambda value: value[-1] if isinstance(value, list) and value else None,
+)
+def test_what_cannot_be_used_is_refused_in_a_line(descent: Path, tmp_path: Path, given: list[str], said: str) -> None:
+    places = {"frames": str(descent), "out": str(tmp_path / "out")}
+    done = slopemap("sequence", *(one.format(**places) for one in given), "--fov", "60")
+    assert done.returncode in (1, 2)
+    assert said in done.stderr
+    assert "Traceback" not in done.stderr
+
+
+def test_a_reader_ignores_a_line_that_is_not_finished(tmp_path: Path) -> None:
+    path = tmp_path / "lines.jsonl"
+    with LineFile(path) as lines:
+        lines.write(b'{"frame":1}')
+    with path.open("ab") as file:
+        file.write(b'{"frame":2,"ima')
+    assert read_lines(path) == [{"frame": 1}]
+    with LineFile(path) as lines:
+        lines.write(b'{"frame":3}')
+    assert read_lines(path) == [{"frame": 3}]
