@@ -151,7 +151,7 @@ def write_examples_and_pictures() -> None:
     from study_figures import make_study_figures
 
     IMAGES.mkdir(exist_ok=True)
-    for document in (README, SEGMENT, BATCH, PLAN, SOLVE, MAP):
+    for document in (README, CAMERAS, SEGMENT, BATCH, PLAN, SOLVE, MAP):
         with tempfile.TemporaryDirectory() as folder:
             rewrite_examples(document, Path(folder))
             if document == PLAN:

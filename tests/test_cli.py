@@ -65,9 +65,12 @@ def test_help_answers_at_once(arguments: list[str]) -> None:
     assert any(seconds() < 0.2 for _ in range(7))
 
 
-@pytest.mark.parametrize("command", commands.commands)
+COMMANDS = [name for name in commands.commands if name != "camera"] + ["camera show"]
+
+
+@pytest.mark.parametrize("command", COMMANDS)
 def test_help_is_in_groups_and_no_longer_than_a_person_reads(command: str) -> None:
-    lines = slopemap(command, "--help", COLUMNS="80").stdout.splitlines()
+    lines = slopemap(*command.split(), "--help", COLUMNS="80").stdout.splitlines()
     headings = [line for line in lines if re.fullmatch(r"[A-Z][a-z ]+:", line)]
     assert headings[-1] == "General:"
     assert {"Input:", "Output:", "Windows and planes:", "Frame and scale:"} & set(headings)

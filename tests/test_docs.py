@@ -75,6 +75,14 @@ def test_readme_commands_are_make_targets() -> None:
     assert asked <= targets
 
 
+# ---- docs/cameras.md ----
+
+
+def test_camera_example_is_what_the_command_prints(tmp_path: Path) -> None:
+    example = GENERATE["EXAMPLE"].search((ROOT / "docs" / "cameras.md").read_text(encoding="utf-8"))
+    assert GENERATE["run_example"](example["command"], tmp_path) == example["output"]
+
+
 # ---- docs/segment.md ----
 
 

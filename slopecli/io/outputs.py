@@ -23,8 +23,10 @@ from slopecli.types import Image, Report
 if TYPE_CHECKING:
     from slopecli.ground.slope_map import SlopeMap
     from slopecli.plan.result import Plan
+    from slopecli.report.camera_summary import CameraFacts
 
 PLAN_NAMES = ("plan.png", "plan.json")  # the plan comes last: where it is, the map is
+CAMERA_NAMES = ("camera.png", "camera.json")
 RECORD = "pair.json"
 
 
@@ -175,6 +177,25 @@ def write_plan(plan: Plan, directory: str | Path) -> list[Path]:
 
     contents = {"plan.json": (plan_to_json(plan) + "\n").encode("ascii"), "plan.png": encode_picture(draw_plan(plan))}
     return store_outputs(contents, directory, PLAN_NAMES)
+
+
+# ---- a camera ----
+
+
+def write_camera(facts: CameraFacts, lines: list[str], image: Image | None, directory: str | Path) -> list[Path]:
+    """Write camera.json, a native camera file, and camera.png to a folder: `store_outputs`. Returns their paths.
+
+    lines : what is told of the camera, for the legend.  image : of the camera, for the background, if there is one.
+    """
+    from slopecli.products.camera_json import native_camera
+    from slopecli.products.camera_picture import draw_camera
+    from slopecli.products.drawing.canvas import encode_picture
+
+    contents = {
+        "camera.json": native_camera(facts.camera).encode("utf-8"),
+        "camera.png": encode_picture(draw_camera(facts, lines, image)),
+    }
+    return store_outputs(contents, directory, CAMERA_NAMES)
 
 
 # ---- one pair of a batch ----

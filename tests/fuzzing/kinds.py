@@ -108,7 +108,11 @@ def camera(rng: Random) -> Case:
         return Case(
             "camera", ["estimate", *IMAGES, "--camera", picked, *QUICK, *_output(rng)], {**_pair(*IMAGES), **files}
         )
-    if way < 0.3:
+    if way < 0.25:
+        given = rng.choice(([], [], ["--size", "1024x768"], ["--image", IMAGES[0]]))
+        output = rng.choice(([], ["-o", "out"], ["--json"]))
+        return Case("camera", ["camera", "show", picked, *given, *output], {**_pair(IMAGES[0]), **files})
+    if way < 0.35:
         flight = ["--trajectory", "45", "--height", "80", "--baseline", "16"]
         return Case("camera", ["plan", "--camera", picked, *flight, *_output(rng)], files)
     return Case("camera", ["solve", MATCHES, "--camera", picked, *_output(rng)], {**_pair(MATCHES), **files})

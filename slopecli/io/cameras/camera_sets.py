@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from types import ModuleType
 from typing import Any
 
@@ -22,19 +22,24 @@ def find(content: CameraFileContent) -> dict[str, Found]:
     """Cameras by their names, each with its format; {} for another format."""
     tree = content.tree
     folder = next((tree[key] for key in FOLDERS if isinstance(tree.get(key), Mapping)), tree)
-    shared = {key: value for key, value in tree.items() if not isinstance(value, Mapping | list)}
-    shared = {key: value for key, value in shared.items() if is_size_key(key) or is_mark_key(key)}
+    plain = {key: value for key, value in tree.items() if not isinstance(value, Mapping | list)}
+    shared = {key: value for key, value in plain.items() if is_size_key(key) or is_mark_key(key)}
     found: dict[str, Found] = {}
     for name, value in folder.items():
-        if isinstance(value, Mapping) and "rows" not in value and "data" not in value:
+        if isinstance(value, Mapping) and not {"rows", "data"} & set(value):
             found |= {str(name): part for part in _in_part({**shared, **value})}
-    unread = [key for key in tree if key not in shared and tree[key] is not folder and str(key) not in found]
     if found:
-        remedy = "give each camera its own coefficients"
-        values.refuse_unread_distortion(unread, (), remedy)
-        if beside := next((key for key in unread if opencv.KEY.fullmatch(values.plain_key(key))), None):
-            raise InputError(f"{beside!r} stands beside the named cameras; {remedy}")
+        _refuse_beside(key for key in tree if key not in shared and tree[key] is not folder and str(key) not in found)
     return {"": next(iter(found.values()))} if len(found) == 1 and folder is tree else found
+
+
+def _refuse_beside(keys: Iterable[Any]) -> None:
+    """Refuse a matrix or a distortion that stands beside the named cameras: of which of them would it be?"""
+    remedy = "give each camera its own coefficients"
+    for key in keys:
+        values.refuse_unread_distortion([key], (), remedy)
+        if opencv.KEY.fullmatch(values.plain_key(key)):
+            raise InputError(f"{key!r} stands beside the named cameras; {remedy}")
 
 
 def _in_part(tree: values.Tree) -> list[Found]:

@@ -88,6 +88,12 @@ def decode_camera(
         return replace(camera, note="; ".join(filter(None, (*content.notes, picked, camera.note))))
 
 
+def camera_format(data: bytes, file: str | PathLike[str]) -> CameraFormat:
+    """The format of a camera file. Raises InputError as `decode_camera`."""
+    with _one_line(file):
+        return _find_cameras(CameraFileContent(data))[0]
+
+
 def camera_names(data: bytes, file: str | PathLike[str]) -> tuple[str, ...]:
     """The names of the cameras of a file, "" for one without a name. Raises InputError as `decode_camera`."""
     with _one_line(file):

@@ -1,0 +1,169 @@
+"""`slopemap camera show`: what was understood of a camera file, or of an image's metadata."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import click
+
+from slopecli.cli import shared_options as shared
+from slopecli.cli.checks import refuse
+from slopecli.cli.parameter_types import PATH, SIZE
+from slopecli.cli.shared_options import Flag, Option
+from slopecli.cli.table import Table, print_table
+from slopecli.cli.talk import Talk, check_stdout, print_result
+from slopecli.errors import InputError, visible
+
+if TYPE_CHECKING:
+    from slopecli.types import Camera, Image
+
+
+@click.group()
+def camera() -> None:
+    """Camera files, and what they mean."""
+
+
+@camera.command(
+    cls=shared.Command,
+    params=[
+        Option(shared.INPUT, "--image", "IMG", PATH, "Image of the camera: its size, its metadata, the background"),
+        Option(shared.INPUT, "--size", "WxH", SIZE, "Image size, px, of a file that has none"),
+        Option(shared.OUTPUT, "-o --output", "DIR", PATH, "Folder for camera.json, native, and camera.png"),
+        Flag(shared.OUTPUT, "--json as_json", "Print the numbers as JSON"),
+        *shared.talk_options("Time taken"),
+    ],
+)
+@click.argument("file", metavar="[FILE]", type=PATH, required=False)
+@click.pass_context
+def show(
+    ctx: click.Context,
+    file: str | None,
+    image: str | None,
+    size: tuple[int, int] | None,
+    output: str | None,
+    as_json: bool,
+) -> None:
+    """What was understood of a camera file, or of an image's metadata.
+
+    Prints field of view, focal length, principal point, distortion at the corners and the conventions that were
+    converted. Of a FILE that holds several cameras it lists them; FILE#NAME picks one. DIR gets camera.png, which draws
+    all that, and camera.json, the same camera as a native file.
+
+    \b
+    Examples:
+      slopemap camera show camchain.yaml#cam1 -o shown
+      slopemap camera show --image DJI_0001.JPG
+    """
+    refuse(
+        ctx,
+        (not file and not image, "No camera: give a camera FILE, or --image IMG for what the image itself says."),
+        (size and image, "--size and --image contradict each other; give one."),
+    )
+    talk = ctx.ensure_object(Talk)
+    if output:
+        from slopecli.io.outputs import CAMERA_NAMES, check_directory
+
+        check_directory(output, CAMERA_NAMES, [file, image])
+    shown = _load_image(image)
+    size = (shown.width, shown.height) if shown else size
+    if file and _lists_several(file, size, image, output, talk):
+        return
+    found, converted, more = _camera(file, shown, size)
+    _deliver(found, converted, more, shown, output, as_json, talk)
+
+
+def _load_image(path: str | None) -> Image | None:
+    from slopecli.io.images import load_image
+
+    return load_image(path) if path else None
+
+
+def _lists_several(file: str, size: tuple[int, int] | None, image: str | None, output: str | None, talk: Talk) -> bool:
+    """Print the cameras of a file that holds several, of which none is picked; False where there is one to show."""
+    from slopecli.io.cameras.reading import camera_names, decode_camera, read_camera_file, split_name
+
+    path, name = split_name(file)
+    data = read_camera_file(path)
+    names = camera_names(data, path)
+    try:
+        decode_camera(data, path, name, size, image)
+        return False
+    except InputError:
+        if name is not None or len(names) < 2 or output:
+            return False
+    rows = []
+    for one in names[:100]:
+        try:
+            rows.append((one, *_row(decode_camera(data, path, one, size))))
+        except InputError as error:
+            rows.append((one, "-", "-", "-", str(error).removeprefix(f"{path}: ")))
+    print_table(Table(("camera", "image", "field of view", "focal length", "note"), rows))
+    talk.say(f"info: {path}: {len(names)} cameras; show one, for example {path}#{names[0]}")
+    return True
+
+
+def _row(found: Camera) -> tuple[str, ...]:
+    from slopecli.report.camera_summary import LENSES, camera_facts
+
+    facts = camera_facts(found)
+    view = "-" if facts.horizontal_deg is None else f"{facts.horizontal_deg:.4g}°"
+    return f"{found.width}x{found.height}", view, f"{facts.focal_px:.5g} px", LENSES[found.model]
+
+
+def _camera(file: str | None, image: Image | None, size: tuple[int, int] | None) -> tuple[Camera, str, list[str]]:
+    """The camera, the conventions that were converted, and lines about the metadata of the image."""
+    from slopecli.io.cameras.reading import camera_for, camera_format, load_camera, read_camera_file, split_name
+    from slopecli.options import CameraChoice
+
+    stated, lines = _of_metadata(image)
+    if file is None:
+        if stated is None:
+            raise InputError(f"{'; '.join(lines)}; give a camera file")
+        return stated, "", lines
+    if image is None:
+        found = load_camera(file, size=size)
+    else:
+        found, notes = camera_for(image, CameraChoice(file=file))
+        found = replace(found, note="; ".join(note.removeprefix(f"{file}: ") for note in notes))
+        if stated is not None:
+            ratio = found.focal_px / stated.focal_px
+            lines.append(f"the focal length of the file is {ratio:.4g} times that of the image's metadata")
+    path, _ = split_name(file)
+    return found, camera_format(read_camera_file(path), path).converted.replace("`", ""), lines
+
+
+def _of_metadata(image: Image | None) -> tuple[Camera | None, list[str]]:
+    """The camera that the metadata of an image state, and what is told of it."""
+    from slopecli.io.metadata.metadata_reading import read_metadata
+
+    if image is None:
+        return None, []
+    metadata = read_metadata(image.path)
+    lines = [f"metadata: {note}" for note in metadata.notes]
+    maker = " ".join(filter(None, (metadata.maker, metadata.model)))
+    if metadata.lens is None:
+        return None, [f"{image.path}: its metadata state no focal length{f' ({maker})' if maker else ''}", *lines]
+    lens = metadata.lens
+    said = f"metadata{f' of {maker}' if maker else ''}: {lens.source}, 1-sigma {100 * lens.sigma:.2g} %"
+    return lens.camera(), [said, *lines]
+
+
+def _deliver(
+    found: Camera, converted: str, more: list[str], image: Image | None, output: str | None, as_json: bool, talk: Talk
+) -> None:
+    from slopecli.io.outputs import write_camera
+    from slopecli.products.camera_json import camera_report
+    from slopecli.report.camera_summary import camera_facts, camera_lines
+
+    facts = camera_facts(found)
+    lines = camera_lines(facts, converted)
+    with talk.timed("write"):
+        written = write_camera(facts, lines, image, output) if output else []
+    if not written:
+        check_stdout()
+    print_result(camera_report(facts, converted) if as_json else "\n".join(map(visible, lines)))
+    for line in more:
+        talk.say(f"info: {line}")
+    if written:
+        talk.say(f"wrote {', '.join(map(str, written))}")
