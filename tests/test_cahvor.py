@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
+import json
+from pathlib import Path
+
 import numpy as np
 import pytest
+from command import slopemap
 
 from slopecli.geometry import pixels_from_rays, radial_term, rays_from_pixels, scale_camera, with_radial_term
 from slopecli.types import Camera
@@ -127,3 +131,24 @@ def test_the_radial_term_can_be_changed(camera: Camera) -> None:
     moved = pixels_from_rays(changed, np.array([[0.3, 0.1]])) - pixels_from_rays(camera, np.array([[0.3, 0.1]]))
     r3 = 0.01 * np.hypot(0.3, 0.1) ** 3 * camera.focal_px
     assert np.hypot(*moved[0]) == pytest.approx(r3, rel=0.2)
+
+
+SAMPLES = Path(__file__).parent.parent / "sample_data"
+
+
+@pytest.mark.parametrize(
+    ("model", "distortion"),
+    [("polynomial", [-0.06, 0.012, 0, 0, 0, 1e-12, 1e-12]), ("cahvor", [0, -0.06, 0.012, 0, 0, 1, 0])],
+)
+def test_slopes_with_the_same_lens_in_another_model_are_the_same(
+    tmp_path: Path, model: str, distortion: list[float]
+) -> None:
+    brown = json.loads((SAMPLES / "descent" / "camera.json").read_text())
+    slopes = {}
+    for name, keys in (("brown", {}), (model, {"model": model, "distortion": distortion})):
+        (tmp_path / f"{name}.json").write_text(json.dumps({**brown, **keys}))
+        done = slopemap("solve", str(SAMPLES / "matches.csv"), "--camera", str(tmp_path / f"{name}.json"), "--json")
+        answer = json.loads(done.stdout)
+        assert answer["cameras"][0]["model"] == name
+        slopes[name] = [plane["slope_deg"] for plane in answer["planes"]]
+    assert slopes[model] == pytest.approx(slopes["brown"], abs=1e-6)

@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 from camera_factory import KITTI_ODOMETRY, KITTI_RAW, brown_image, check_pixels, directions, refusal, write
 
-from slopecli.io.cameras import load_camera
+from slopecli.io.cameras import decode_camera, load_camera
 
 
 def test_kitti_rectified_images_have_the_first_columns_of_p(tmp_path: Path) -> None:
@@ -44,3 +44,10 @@ def test_kitti_recorded_and_rectified_images_are_never_taken_for_each_other(tmp_
 )
 def test_kitti_refusals(tmp_path: Path, old: str, new: str, words: str) -> None:
     assert words in refusal(f"{write(tmp_path, KITTI_RAW.replace(old, new))}#K_00")
+
+
+def test_the_folder_of_an_image_finds_its_camera() -> None:
+    differing = KITTI_ODOMETRY.replace("P2: 7.188560e+02", "P2: 7.180000e+02").encode()
+    for folder, focal in (("image_2", 718), ("image_0", 718.856)):
+        image = f"05/{folder}/000017.png"
+        assert decode_camera(differing, "calib.txt", size=(1241, 376), image=image).fx == focal

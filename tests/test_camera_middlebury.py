@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 from camera_factory import MIDDLEBURY, check_pixels, directions, refusal, write
 
-from slopecli.io.cameras import load_camera
+from slopecli.io.cameras import decode_camera, load_camera
 
 
 @pytest.mark.parametrize(("name", "cx"), [("cam0", 1176.728), ("cam1", 1307.839)])
@@ -37,3 +37,10 @@ def test_middlebury_refusals(tmp_path: Path, old: str, new: str, words: str) -> 
 
 def test_middlebury_needs_a_choice(tmp_path: Path) -> None:
     assert "holds 2 cameras (cam0, cam1)" in refusal(write(tmp_path, MIDDLEBURY))
+
+
+@pytest.mark.parametrize(("image", "cx"), [("Piano/im0.png", 1176.728), ("Piano/im1.png", 1307.839)])
+def test_the_images_of_the_data_set_find_their_cameras(image: str, cx: float) -> None:
+    camera = decode_camera(MIDDLEBURY.encode(), "calib.txt", image=image)
+    assert camera.cx == cx
+    assert f"is that of {image}" in camera.note

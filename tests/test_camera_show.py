@@ -74,6 +74,13 @@ def test_what_is_said_of_a_camera(tmp_path: Path) -> None:
     assert "half a pixel; p1 and p2 change places; cx and cy from the middle" in converted
 
 
+def test_what_has_no_rays_is_said(tmp_path: Path) -> None:
+    said = " ".join(slopemap("camera", "show", str(write(tmp_path, KANNALA_BRANDT))).stdout.split())
+    assert "172.3° high; no rays at the left or right edge and the corners" in said
+    assert "no corner has a ray" in said
+    assert "with rays 67.5 % of the image" in said
+
+
 def test_json_has_the_numbers(tmp_path: Path) -> None:
     done = slopemap("camera", "show", str(write(tmp_path, KANNALA_BRANDT)), "--json")
     shown = json.loads(done.stdout)

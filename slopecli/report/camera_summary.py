@@ -31,6 +31,7 @@ COEFFICIENTS = {
     "polynomial": "k1 k2 p1 p2 k3 k4 skew",
     "cahvor": "R0 R1 R2 tilt_x tilt_y linearity skew",
 }
+EDGES = ("the left or right edge", "the upper or lower edge", "the corners")
 CORNERS = ("upper left", "upper right", "lower right", "lower left")
 
 
@@ -109,8 +110,7 @@ def camera_lines(facts: CameraFacts, converted: str = "") -> list[str]:
         f"format           {camera.source}",
         f"image            {camera.width}x{camera.height} px"
         + ("" if camera.size_given else ", which the file does not say"),
-        f"field of view    {_degrees(facts.horizontal_deg)} wide, {_degrees(facts.vertical_deg)} high, "
-        f"{_degrees(facts.diagonal_deg)} from corner to corner",
+        f"field of view    {_view(facts)}",
         f"focal length     {camera.fx:.6g} x {camera.fy:.6g} px, {facts.focal_widths:.4g} image widths "
         f"({mm:.3g} mm on a sensor 36 mm wide)",
         f"principal point  {camera.cx:.6g}, {camera.cy:.6g} px; {facts.offset_px[0]:+.4g}, {facts.offset_px[1]:+.4g} "
@@ -118,7 +118,9 @@ def camera_lines(facts: CameraFacts, converted: str = "") -> list[str]:
         f"lens             {LENSES[camera.model]}" + (f": {terms}" if terms else ""),
     ]
     if camera.model != "pinhole":
-        lines.append(f"at the corners   {'; '.join(map(_corner, CORNERS, facts.corner_shift_px, facts.corner_deg))}")
+        corners = list(zip(CORNERS, facts.corner_shift_px, facts.corner_deg, strict=True))
+        shifts = "; ".join(_corner(*corner) for corner in corners if corner[1] is not None)
+        lines.append(f"distortion       {shifts or 'no corner has a ray'}")
         lines.append(f"with rays        {100 * facts.seen:.3g} % of the image")
     if converted:
         lines.append(f"converted        {converted}")
@@ -126,11 +128,15 @@ def camera_lines(facts: CameraFacts, converted: str = "") -> list[str]:
     return lines + ([f"in doubt         {facts.doubt}; no verdict is safe with it"] if facts.doubt else [])
 
 
-def _degrees(angle: float | None) -> str:
-    return "beyond the lens" if angle is None else f"{angle:.4g}°"
+def _view(facts: CameraFacts) -> str:
+    ways = ("wide", facts.horizontal_deg), ("high", facts.vertical_deg), ("from corner to corner", facts.diagonal_deg)
+    known = ", ".join(f"{angle:.4g}° {way}" for way, angle in ways if angle is not None)
+    blind = [edges for edges, (_, angle) in zip(EDGES, ways, strict=True) if angle is None]
+    none = f"no rays at {' and '.join(blind)}" if blind else ""
+    return "; ".join(filter(None, (known, none)))
 
 
 def _corner(name: str, shift: tuple[float, float] | None, angle: float | None) -> str:
     if shift is None or angle is None:
-        return f"{name} none"
+        return f"{name} no ray"
     return f"{name} {np.hypot(*shift):.4g} px at {angle:.3g}°"

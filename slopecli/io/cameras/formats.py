@@ -37,10 +37,11 @@ class CameraFormat:
     """One format of camera files.
 
     name : in messages, in docs/cameras.md and at the start of `Camera.source`.
-    module : with two functions.
+    module : with functions.
         find(CameraFileContent) -> cameras by name ("" when they have none); {} if the file is of another format.
         read(one of these cameras, image size to use where the file gives none) -> Camera in OpenCV's convention
         (px, pixel centres at integers); raises InputError for a camera that is not supported.
+        and where need be images_called(name of a camera) -> what its images or their folder are called.
     stems : names, lower case and without suffix, under which `slopemap batch` looks for such files beside the images.
     files, recognised_by, lenses, converted : the columns of the table in docs/cameras.md, Markdown.
     """

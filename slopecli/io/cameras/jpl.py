@@ -142,6 +142,7 @@ def read(model: Model, image: values.Size | None) -> Camera:
     if tilt[2] <= 0:
         raise InputError("O points away from A; it must be the optical axis")
     skew = float(across @ y) / fx
+    skew = skew if abs(skew) > 1e-12 else 0.0  # rounding
     lens = (*radial, *(tilt[:2] / tilt[2]).tolist(), linearity, skew)
     own = values.size_of(*model["size"])
     if kind == "CAHV":

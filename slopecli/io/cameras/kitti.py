@@ -18,6 +18,11 @@ LINE = re.compile(r"^((?:P|K|D|S|S_rect|P_rect)_?\d{1,2}):[ \t]+([^\r\n]*)", re.
 Lines = Mapping[str, list[str]]
 
 
+def images_called(camera: str) -> str:
+    """The folder that the images of P0 to P3 are in; images of K_00 and P_rect_00 are in folders of the same name."""
+    return camera.replace("P", "image_") if len(camera) == 2 else ""
+
+
 def find(content: CameraFileContent) -> dict[str, tuple[str, Lines]]:
     """The matrices P and K by their names, each with all lines; {} for another format."""
     if content.is_binary or content.text.lstrip().startswith(("{", "[", "<", "%")):

@@ -18,6 +18,11 @@ MATRIX = re.compile(r"^(cam[01])[ \t]*=[ \t]*\[([^\]\r\n]*)\]", re.MULTILINE)
 NUMBER = re.compile(r"^(width|height|doffs)[ \t]*=[ \t]*([^\s]+)", re.MULTILINE)
 
 
+def images_called(camera: str) -> str:
+    """What images of cam0 and cam1 are called."""
+    return camera.replace("cam", "im")
+
+
 def find(content: CameraFileContent) -> dict[str, dict[str, Any]]:
     """The matrices cam0 and cam1 of the files im0 and im1; {} for another format."""
     if content.is_binary or "cam0" not in content.text:

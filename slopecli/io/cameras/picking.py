@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Collection, Iterable
+from collections.abc import Callable, Collection, Iterable
 from pathlib import PurePath
 
 from slopecli.errors import InputError
@@ -30,11 +30,13 @@ def named(cameras: Collection[str], name: str) -> str:
     raise InputError(f"has no camera {name!r}; {held}")
 
 
-def of_image(cameras: Collection[str], image: str) -> str | None:
+def of_image(cameras: Collection[str], image: str, images_called: Callable[[str], str] | None = None) -> str | None:
     """The camera whose name fits the path of an image, None if none does.
 
     A name that is a path fits where it ends as the path of the image does; a name such as `cam0` or `left` where the
     file, or a folder that it is in, is called so.
+
+    images_called : what the images of a camera are called, where that is not as the camera; "" for nothing else.
 
     Raises
     ------
@@ -45,7 +47,8 @@ def of_image(cameras: Collection[str], image: str) -> str | None:
     fitting = [one for one, length in ends.items() if length == longest > 0]
     if not fitting:
         parts = _parts(image)[-4:]
-        fitting = [one for one in cameras if any(_is_called(part, one) for part in parts)]
+        names = {one: (one, images_called(one) if images_called else "") for one in cameras}
+        fitting = [one for one in cameras if any(_is_called(part, name) for part in parts for name in names[one])]
     if len(fitting) > 1:
         raise InputError(f"has {len(fitting)} cameras for this image; pick one of them with #NAME: {listed(fitting)}")
     return fitting[0] if fitting else None

@@ -230,7 +230,8 @@ def _pick(
         return named(cameras, name), ""
     if len(cameras) == 1:
         return next(iter(cameras)), ""
-    fitting = of_image(cameras, os.path.abspath(image)) if image else None
+    called = getattr(form.module, "images_called", None)
+    fitting = of_image(cameras, os.path.abspath(image), called) if image else None
     if fitting is not None:
         return fitting, f"of its {len(cameras)} cameras, {fitting} is that of {image}"
     first = next(iter(cameras))
