@@ -95,13 +95,14 @@ class Surface:
     """A plane of scaled normal (3,), 1/baseline, that image 1 shows inside `box` (None: everywhere).
 
     bump : what its inverse depth adds to the plane's, (n, 2) px of image 1 -> (n,) 1/baseline.
-    contrast : of its texture, relative; 0 is bare ground.
+    contrast : of its texture, relative; 0 is bare ground.  coarseness : of its texture; 16 is the shading of a wall.
     """
 
     normal: FloatArray
     box: Box | None = None
     bump: Callable[[FloatArray], FloatArray] | None = None
     contrast: float = 1.0
+    coarseness: float = 1.0
 
     def shows(self, uv1: FloatArray) -> NDArray[np.bool_]:
         if self.box is None:
@@ -205,7 +206,8 @@ def _paint(pair: Pair, uv1: FloatArray, shown: IntArray, seed: int, coarseness: 
     # every surface has a part of the texture of its own, or what is hidden in image 1 would look like what hides it
     own_part = np.array([[173.0, 71.0]]) * shown[:, None]
     contrast = np.array([surface.contrast for surface in pair.surfaces])[shown]
-    return MEAN_GREY + SIGMA_GREY * contrast * texture_at(np.nan_to_num(ideal) / coarseness + own_part, seed)
+    coarse = coarseness * np.array([surface.coarseness for surface in pair.surfaces])[shown][:, None]
+    return MEAN_GREY + SIGMA_GREY * contrast * texture_at(np.nan_to_num(ideal) / coarse + own_part, seed)
 
 
 def _cast(pair: Pair, x2: FloatArray) -> tuple[FloatArray, IntArray]:

@@ -1,13 +1,14 @@
-"""Matches borrowed from the plane around a window that has none of its own."""
+"""Matches borrowed from the plane around a window that has none of its own, or from one of known orientation."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 
 from slopecli.geometry.statistics import median
-from slopecli.look.matches import ON_PLANE_PX, thin
+from slopecli.look.matches import ON_PLANE_PX, Matches, thin
 from slopecli.look.noise import OVERVIEW_CELL_PX
 from slopecli.look.scene import Scene, view_of
 from slopecli.look.warp import covered
@@ -36,9 +37,9 @@ def _from_around(patch: Patch, scene: Scene) -> Patch | None:
         near = evidence.near(window, grow)
         if near.sum() < TUNE.least_near:
             continue
-        vote = near * _similarity(window, scene, grow)
+        vote = near * similarity(window, scene, grow)
         planes = [p for p in (evidence.plane_through(near), *scene.planes) if p is not None]
-        share = _shares(planes, scene, vote)
+        share = shares(planes, scene, vote)
         best = int(np.argmax(share))
         chosen = np.flatnonzero(near & (evidence.misfit_px(planes[best]) < ON_PLANE_PX))
         if len(chosen) >= TUNE.least_borrowed and vote.sum() * share[best] >= 2 and share[best] >= 0.5:
@@ -53,9 +54,9 @@ def _from_scene(patch: Patch, scene: Scene) -> Patch | None:
         return None
     window = patch.window
     near = scene.evidence.near(window, TUNE.reaches[-1])
-    local = _shares(scene.planes, scene, near * _similarity(window, scene, TUNE.reaches[-1]))
-    weight = local + _shares(scene.planes, scene, np.ones(len(scene.evidence)))
-    parallel = np.exp(-((_angles(scene.planes) / np.radians(10.0)) ** 2))
+    local = shares(scene.planes, scene, near * similarity(window, scene, TUNE.reaches[-1]))
+    weight = local + shares(scene.planes, scene, np.ones(len(scene.evidence)))
+    parallel = np.exp(-((angles(scene.planes) / np.radians(10.0)) ** 2))
     best = int(np.argmax(parallel @ weight))
     chosen = np.flatnonzero(scene.evidence.misfit_px(scene.planes[best]) < ON_PLANE_PX)
     if len(chosen) < TUNE.least_borrowed:
@@ -65,19 +66,19 @@ def _from_scene(patch: Patch, scene: Scene) -> Patch | None:
     return _borrowed(chosen, patch, scene, scene.planes[best], sigma, words)
 
 
-def _shares(planes: list[FloatArray], scene: Scene, vote: FloatArray) -> FloatArray:
+def shares(planes: Sequence[FloatArray] | FloatArray, scene: Scene, vote: FloatArray) -> FloatArray:
     """(k,) weighted share of all matches that lie on each plane; vote (n,): the weights."""
     on = np.array([scene.evidence.misfit_px(plane) < ON_PLANE_PX for plane in planes])
     return np.asarray(on @ vote / max(float(vote.sum()), 1e-9))
 
 
-def _angles(planes: list[FloatArray]) -> FloatArray:
+def angles(planes: Sequence[FloatArray] | FloatArray) -> FloatArray:
     """(k, k) angles between planes, 0..pi/2."""
-    unit = np.array(planes) / np.linalg.norm(planes, axis=1, keepdims=True)
+    unit = np.asarray(planes) / np.linalg.norm(np.asarray(planes), axis=1, keepdims=True)
     return np.asarray(np.arccos(np.clip(np.abs(unit @ unit.T), 0.0, 1.0)))
 
 
-def _similarity(window: Window, scene: Scene, grow: float) -> FloatArray:
+def similarity(window: Window, scene: Scene, grow: float) -> FloatArray:
     """(n,) weight of each match around the window, 0..1: high if it is close and of similar brightness."""
     x, y, w, h = window
     grey = scene.pyramid1.at(1.0).grey[y : y + h, x : x + w]
@@ -87,25 +88,38 @@ def _similarity(window: Window, scene: Scene, grow: float) -> FloatArray:
     return np.asarray(np.exp(-(offset**2)) * np.exp(-(contrast**2)))
 
 
-def _borrowed(chosen: IntArray, patch: Patch, scene: Scene, plane: FloatArray, sigma: float, words: str) -> Patch:
-    """The window with the chosen matches (indices) of a plane; sigma: of its tilt, rad."""
-    evidence, window = scene.evidence, patch.window
-    chosen = thin(evidence.uv1, chosen, 300)  # more would not be more certain of the window
-    spacing = max(max(window[2:]) / TUNE.cells_across, 1.0)
-    cell = np.round(evidence.uv1[chosen, ::-1] / spacing).astype(np.int64)
-    code, reason = _why_not(window, scene, plane)
-    if code == "poor-fit":  # on this plane it would have been matched
-        sigma = max(sigma, TUNE.unexplained_rad)
+def from_elsewhere(patch: Patch, scene: Scene, matches: Matches, sigma: float, name: str) -> Patch:
+    """The window with the orientation of a plane elsewhere, by the matches on that.
+
+    sigma : of its tilt, rad.  name : what that plane is.
+    """
+    code, why = ("low-texture", "only faint matches inside")
+    if patch.origin != "own":
+        code, why = _why_not(patch.window, scene, None)
+    reason = f"{why}: orientation from elsewhere, that of {name}, its distance is not the window's"
+    return _with_matches(patch.unmatched(reason, code), matches, sigma)
+
+
+def _with_matches(patch: Patch, matches: Matches, sigma: float) -> Patch:
+    """The window with some of the matches of another plane; sigma: of its tilt, rad."""
+    matches = matches.take(thin(matches.uv1, np.arange(len(matches)), 300))  # more would not be surer of the window
+    spacing = max(max(patch.window[2:]) / TUNE.cells_across, 1.0)
     return replace(
         patch,
-        matches=evidence.take(chosen),
-        weight=weight_of(np.full(len(chosen), (3 * OVERVIEW_CELL_PX) ** 2)),
-        cell=cell,
+        matches=matches,
+        weight=weight_of(np.full(len(matches), (3 * OVERVIEW_CELL_PX) ** 2)),
+        cell=np.round(matches.uv1[:, ::-1] / spacing).astype(np.int64),
         origin="borrowed",
-        reason=f"{reason}: {words}",
-        code=code,
         tilt_sigma_rad=sigma,
     )
+
+
+def _borrowed(chosen: IntArray, patch: Patch, scene: Scene, plane: FloatArray, sigma: float, words: str) -> Patch:
+    """The window with the chosen matches (indices) of a plane; sigma: of its tilt, rad."""
+    code, reason = _why_not(patch.window, scene, plane)
+    if code == "poor-fit":  # on this plane it would have been matched
+        sigma = max(sigma, TUNE.unexplained_rad)
+    return _with_matches(patch.unmatched(f"{reason}: {words}", code), scene.evidence.take(chosen), sigma)
 
 
 def _why_not(window: Window, scene: Scene, plane: FloatArray | None) -> tuple[str, str]:
@@ -132,4 +146,4 @@ def why_unmatched(shown: float, contrast: float) -> tuple[str, str]:
 
 def _disagreement(planes: list[FloatArray], share: FloatArray, best: int) -> float:
     """RMS angle, rad, between the chosen plane and the others, each weighted by its share."""
-    return float(np.sqrt(share @ _angles(planes)[best] ** 2 / max(float(share.sum()), 1e-9)))
+    return float(np.sqrt(share @ angles(planes)[best] ** 2 / max(float(share.sum()), 1e-9)))

@@ -23,6 +23,7 @@ from slopecli.options import Options
 from slopecli.patches.patch import Found, Patch, overdispersion, weight_of, window_footprint
 from slopecli.patches.windows.borrowed import borrow
 from slopecli.patches.windows.direct_alignment import polish
+from slopecli.patches.windows.known_orientations import with_known_orientations
 from slopecli.patches.windows.tunables import TUNE
 from slopecli.patches.windows.unmatched_parts import with_unmatched_parts
 from slopecli.types import FloatArray
@@ -34,7 +35,8 @@ def find_in_windows(scene: Scene, options: Options) -> Found:
     windows = wanted_windows(options, scene.camera1.width, scene.camera1.height)
     match = WINDOW_MATCHERS[options.features]
     with single_threaded():
-        return Found([match(window_patch(window, k), scene) for k, window in enumerate(windows, 1)])
+        patches = [match(window_patch(window, k), scene) for k, window in enumerate(windows, 1)]
+        return Found(with_known_orientations(patches, scene))
 
 
 def wanted_windows(options: Options, width: int, height: int) -> list[Window]:
