@@ -146,3 +146,15 @@ def test_cahvore_refusals(tmp_path: Path, old: str, new: str, words: str) -> Non
 def test_the_projection_is_the_inverse(tmp_path: Path) -> None:
     camera = load_camera(write(tmp_path, PDS3))
     np.testing.assert_allclose(pixels_from_rays(camera, rays_from_pixels(camera, UV)), UV, atol=1e-9)
+
+
+def test_units_and_a_pupil_that_hardly_moves(tmp_path: Path) -> None:
+    with_units = PDS3.replace("(0.800000,0.000000,0.600000)", "(0.800000 <unit>, 0.000000 <unit>, 0.600000 <unit>)")
+    assert load_camera(write(tmp_path, with_units)) == load_camera(write(tmp_path, PDS3, "plain"))
+    still = VICAR.replace("MODEL_COMPONENT_7=(0.0005, 0.001, -0.0002)", "MODEL_COMPONENT_7=(-8e-09, 1e-08, -2.9e-08)")
+    assert load_camera(write(tmp_path, still)).note == ""
+
+
+def test_a_label_of_many_groups_takes_no_time(tmp_path: Path) -> None:
+    many = "GROUP = GEOMETRIC_CAMERA_MODEL\n" * 30_000
+    assert "camera that is understood" in refusal(write(tmp_path, many))

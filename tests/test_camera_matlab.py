@@ -79,6 +79,13 @@ def test_two_cameras_of_bouguets_toolbox(tmp_path: Path) -> None:
     assert "holds 2 cameras (left, right)" in refusal(path)
 
 
+def test_a_stereo_pair_of_the_toolbox(tmp_path: Path) -> None:
+    second = {**WITHOUT, "K": [[900, 0, 512.5], *K[1:]]}
+    path = write(tmp_path, {"stereoParams": {"CameraParameters1": MATLAB, "CameraParameters2": second, "Version": "1"}})
+    assert load_camera(f"{path}#CameraParameters2").fx == 900
+    assert "holds 2 cameras (CameraParameters1, CameraParameters2)" in refusal(path)
+
+
 @pytest.mark.parametrize(
     ("content", "words"),
     [

@@ -12,7 +12,9 @@ from typing import Any
 import cv2
 import numpy as np
 import pytest
+from camera_factory import MATRIX
 from command import slopemap
+from fuzzing.samples import pair
 from report_factory import make_camera
 
 from slopecli.batch import find_pairs
@@ -202,3 +204,16 @@ def test_cameras_of_all_data_sets_pass_without_a_word() -> None:
             assert unlikely(given) == ""
             cameras += 1
     assert cameras > 100
+
+
+def test_a_lens_that_has_no_rays_for_most_of_the_image_ends_in_an_answer(tmp_path: Path) -> None:
+    """Small images, whose windows are matched pixel by pixel, under tangential distortion as no lens has it."""
+    for name in ("image1.png", "image2.png"):
+        (tmp_path / name).write_bytes(pair()[name])
+    tree = {"width": 1024, "height": 1024, "K": MATRIX, "distortion": [0.1, 0.0, 5, 1]}
+    (tmp_path / "camera.json").write_text(json.dumps(tree))
+    images = [str(tmp_path / name) for name in ("image1.png", "image2.png")]
+    done = slopemap("estimate", *images, "--camera", str(tmp_path / "camera.json"), "--grid", "1x1", "--json")
+    assert done.returncode == 0, done.stderr
+    assert "implausible-camera" in done.stderr
+    assert json.loads(done.stdout)["planes"][0]["verdict"] != "safe"

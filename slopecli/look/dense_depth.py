@@ -236,7 +236,8 @@ def _hidden(w: FloatImage, uv2: FloatImage, known: NDArray[np.bool_], scene: Sce
     """(h, w) whether a nearer surface stands before a pixel in image 2."""
     step = 2.0 * max(1.0, float(np.sqrt(np.prod(scene.shape2) / w.size)))
     height, width = (int(np.ceil(n / step)) for n in scene.shape2)
-    at = (np.clip(uv2, 0, [scene.shape2[1] - 1, scene.shape2[0] - 1]) / step).astype(np.int64)
+    # not np.clip, which keeps the NaN of pixels that have no place in image 2; these are not known
+    at = (np.fmin(np.fmax(uv2, 0), [scene.shape2[1] - 1, scene.shape2[0] - 1]) / step).astype(np.int64)
     place = at[..., 1] * width + at[..., 0]
     nearest, logarithm = np.full(height * width, -np.inf, np.float32), np.log(w)
     np.maximum.at(nearest, place[known], logarithm[known])

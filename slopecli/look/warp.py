@@ -140,7 +140,7 @@ def cut(layer: Layer, x: float, y: float, width: float, height: float, side: int
 
 
 def magnification(transfer_values: FloatImage, grid: Grid) -> float:
-    """Median length in image 2 of one full pixel of image 1, from a map over the grid."""
+    """Median length in image 2 of one full pixel of image 1, from a map over the grid; 1 where that has no values."""
     if min(grid.shape) < 3:
         return 1.0
     step = max(1, min(grid.shape) // 24)
@@ -149,7 +149,8 @@ def magnification(transfer_values: FloatImage, grid: Grid) -> float:
         return 1.0
     dx, dy = np.diff(sub, axis=1)[:-1], np.diff(sub, axis=0)[:, :-1]
     area = np.abs(dx[..., 0] * dy[..., 1] - dx[..., 1] * dy[..., 0]) / step**2
-    return float(np.sqrt(median(area))) * grid.mean_scale
+    area = area[np.isfinite(area)]  # a lens has no ray for some places
+    return float(np.sqrt(median(area))) * grid.mean_scale if len(area) else 1.0
 
 
 def sample_layer(layer: Layer, mapping: FloatImage, *, cubic: bool = False) -> FloatImage:

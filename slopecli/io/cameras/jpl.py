@@ -9,6 +9,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator
 from dataclasses import dataclass
+from itertools import islice
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -24,7 +25,7 @@ if TYPE_CHECKING:
     from xml.etree.ElementTree import Element
 
 GROUPS = (
-    re.compile(r"^\s*(?:GROUP|OBJECT)\s*=\s*\"?(\w*GEOMETRIC_CAMERA_MODEL\w*)\"?", re.MULTILINE),
+    re.compile(r"^[ \t]*(?:GROUP|OBJECT)\s*=\s*\"?(\w*GEOMETRIC_CAMERA_MODEL\w*)\"?", re.MULTILINE),
     re.compile(r"PROPERTY\s*=\s*'(\w*GEOMETRIC_CAMERA_MODEL\w*)'"),
 )
 GROUP_ENDS = re.compile(r"\bEND_(?:GROUP|OBJECT)\b|\bPROPERTY\s*=|\bTASK\s*=")
@@ -51,6 +52,7 @@ class Pupil:
 
     tolerated_px: float = 0.1  # the systematic error that matches have anyway
     nearest_m: float = 100.0  # ground of which all is nearer is all that rovers and landers measure
+    none_nearer_m: float = 0.05  # nothing in focus is so near
 
 
 def find(content: CameraFileContent) -> dict[str, Model]:
@@ -70,10 +72,11 @@ def _in_label(text: str) -> Iterator[tuple[str, Model]]:
     """Groups of a PDS3 label, or properties of a VICAR label."""
     size = _label_size(text)
     for pattern in GROUPS:
-        for start in pattern.finditer(text):
+        for start in islice(pattern.finditer(text), 50):  # labels have one or two
             body = text[start.end() : start.end() + 10_000]  # a group has a twentieth of that
             end = GROUP_ENDS.search(body)
-            pairs = dict(PAIR.findall(body[: end.start()] if end else body))
+            without_units = re.sub("<[^<>]*>", "", body[: end.start()] if end else body)
+            pairs = dict(PAIR.findall(without_units))
             letters = re.findall(r"[A-Z]", pairs.get("MODEL_COMPONENT_ID", LETTERS)) or LETTERS.split()
             parts = {
                 letter: re.findall(r"[^\s(),'\"<>]+", pairs[f"MODEL_COMPONENT_{k}"])
@@ -86,7 +89,7 @@ def _in_label(text: str) -> Iterator[tuple[str, Model]]:
 
 
 def _label_size(text: str) -> tuple[Any, Any]:
-    image = re.search(r"^\s*OBJECT\s*=\s*IMAGE\s*$", text, re.MULTILINE)
+    image = re.search(r"^[ \t]*OBJECT[ \t]*=[ \t]*IMAGE[ \t\r]*$", text, re.MULTILINE)
     if image is not None:
         names, text = ("LINE_SAMPLES", "LINES"), text[image.end() :]
     else:
@@ -197,6 +200,8 @@ def _pupil_note(camera: Camera, E: FloatArray, limit: Pupil = Pupil()) -> str:
     shift_m = np.abs((theta / np.sin(theta) - 1.0) * (E[0] + E[1] * theta**2 + E[2] * theta**4))
     moved_px = float((shift_m * np.sin(theta)).max(initial=0.0)) * camera.focal_px  # of a point at 1 m
     near_m = moved_px / limit.tolerated_px
+    if near_m < limit.none_nearer_m:
+        return ""
     what = f"its entrance pupil moves by up to {1000 * float(shift_m.max(initial=0.0)):.3g} mm along O"
     if near_m > limit.nearest_m:
         raise InputError(

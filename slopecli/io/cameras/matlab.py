@@ -18,7 +18,7 @@ from slopecli.io.cameras.content import CameraFileContent
 from slopecli.io.cameras.sizes import image_size
 from slopecli.types import Camera
 
-ASSIGNED = re.compile(r"^\s*(\w+)[ \t]*=[ \t]*(\[[^\]]*\]|[-+.\deE]+)", re.MULTILINE)
+ASSIGNED = re.compile(r"^[ \t]*(\w+)[ \t]*=[ \t]*(\[[^\]]*\]|[-+.\deE]+)", re.MULTILINE)
 BOUGUET = re.compile(r"(fc|cc|kc|alpha_c)(_left|_right)?")
 TOOLBOX = {"RadialDistortion", "TangentialDistortion"}
 SAVE = "save it as save(FILE, '-struct', 'S', '-v7') with S = toStruct(cameraParams), or as jsonencode(S)"
@@ -30,6 +30,8 @@ def find(content: CameraFileContent) -> dict[str, values.Tree]:
     if tree is None:
         return {}
     structs = {str(key): value for key, value in tree.items() if isinstance(value, Mapping)}
+    for struct in tuple(structs.values()):  # of a stereo pair, one level further down
+        structs |= {str(key): value for key, value in struct.items() if isinstance(value, Mapping)}
     if any("MappingCoefficients" in struct for struct in (tree, *structs.values())):
         raise InputError("MATLAB's fisheyeParameters (Scaramuzza's polynomial) are not supported; undistort first")
     if set(tree) >= TOOLBOX:
@@ -56,7 +58,7 @@ def _variables(content: CameraFileContent) -> values.Tree | None:
         return _of_mat_file(content.data)
     if content.is_binary:
         return None
-    if re.search(r"^\s*fc(_left|_right)?\s*=\s*\[", content.text[:100_000], re.MULTILINE):
+    if re.search(r"^[ \t]*fc(_left|_right)?[ \t]*=[ \t]*\[", content.text[:100_000], re.MULTILINE):
         return _of_script(content.text[:100_000])
     if "RadialDistortion" not in content.text and "MappingCoefficients" not in content.text:
         return None

@@ -14,7 +14,7 @@ from slopecli.io.cameras import values
 from slopecli.io.cameras.content import CameraFileContent
 from slopecli.types import Camera
 
-HEADER = re.compile(r"^\s*Pix4D camera calibration file\b[ \t]*(\S*)", re.MULTILINE)
+HEADER = re.compile(r"^[ \t]*Pix4D camera calibration file\b[ \t]*(\S*)", re.MULTILINE)
 SENSOR = re.compile(r"sensor width of\s*([-+.\deE]+)\s*x\s*([-+.\deE]+)\s*mm")
 KEYS = ("F", "Px", "Py", "K1", "K2", "K3", "T1", "T2")
 

@@ -27,7 +27,7 @@ TEXT = {
     "a lens profile of Adobe": r"\bstCamera:",
     "a target of Kalibr": r"^target_type:",
     "a cube of ISIS": r"\AObject = IsisCube",
-    "a .cahvor file of JPL, not a label": r"^\s*Model\s*=\s*CAHV",
+    "a .cahvor file of JPL, not a label": r"^[ \t]*Model[ \t]*=[ \t]*CAHV",
     "a Pix4D file of another kind": r"^#Focal Length mm|^OffsetXX",
     "COLMAP's images.txt, not its cameras.txt": r"IMAGE_ID, QW",
     "a slopes.json or another result of slopemap": r"\"slopemap_version\"",
