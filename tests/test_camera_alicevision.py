@@ -72,7 +72,8 @@ def test_alicevision_fisheye(tmp_path: Path) -> None:
         (sfm("1.2.8", NEW, sensorWidth="-1"), "sensorWidth = -1"),
         (sfm("1.2.8", NEW, distortionParams=["0.1"]), "1 numbers"),
         (sfm("1.0.0", OLD, type="pinhole"), "without distortion"),
-        (sfm("1.2.8", NEW, principalPoint=["2000", "1500"]), "outside"),  # measured from the corner
+        (sfm("1.2.8", NEW, principalPoint=["511.5", "383.5"]), "version 1.2.8 measure it from there"),
+        (sfm("1.0.0", OLD, principalPoint=["-0.5", "-0.5"]), "version 1.0.0 measure it from a corner"),
     ],
 )
 def test_alicevision_refusals(tmp_path: Path, tree: dict, words: str) -> None:

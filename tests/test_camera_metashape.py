@@ -78,6 +78,7 @@ def test_initial_values_are_said_to_be_such(tmp_path: Path) -> None:
             "tangential distortion or skew of a fisheye",
         ),
         ('type="frame" class="adjusted"', 'type="spherical" class="adjusted"', "camera type 'spherical'"),
+        ("<cx>3</cx>", "<cx>515</cx>", "measured from there"),  # as before version 1.2.5
         ("</document>", "", "damaged XML"),
         ("calibration", "nothing", "XML without a camera"),
     ],

@@ -96,9 +96,10 @@ def test_several_cameras_are_listed(tmp_path: Path) -> None:
     assert [line.split()[0] for line in lines] == ["camera", "cam0", "cam1", "cam2"]
     assert "'omni' is not supported" in lines[3]
     assert "#cam0" in done.stderr
-    picked = slopemap("camera", "show", str(tmp_path / "camera"), "-o", str(tmp_path / "out"))
-    assert (picked.returncode, picked.stdout) == (1, "")
-    assert "holds 3 cameras" in picked.stderr
+    for option in (["-o", str(tmp_path / "out")], ["--json"]):
+        picked = slopemap("camera", "show", str(tmp_path / "camera"), *option)
+        assert (picked.returncode, picked.stdout) == (1, "")
+        assert "holds 3 cameras" in picked.stderr
     assert not (tmp_path / "out").exists()
 
 
@@ -130,6 +131,7 @@ def test_metadata_of_an_image_are_shown_and_compared(tmp_path: Path) -> None:
     alone = slopemap("camera", "show", "--image", str(tmp_path / "a.jpg"), "-o", str(tmp_path / "out"))
     assert alone.returncode == 0
     assert "EXIF" in alone.stdout
+    assert slopemap("camera", "show", str(tmp_path / "a.jpg")).stdout == alone.stdout
     stated = load_camera(tmp_path / "out" / "camera.json")
     both = slopemap("camera", "show", f"{write(tmp_path, KALIBR)}#cam0", "--image", str(tmp_path / "a.jpg"))
     ratio = np.sqrt(800 * 810) / stated.focal_px

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
@@ -48,12 +49,12 @@ def show(
 
     Prints field of view, focal length, principal point, distortion at the corners and the conventions that were
     converted. Of a FILE that holds several cameras it lists them; FILE#NAME picks one. DIR gets camera.png, which draws
-    all that, and camera.json, the same camera as a native file.
+    all that, and camera.json, the same camera as a native file. FILE may also be an image: what its metadata state.
 
     \b
     Examples:
       slopemap camera show camchain.yaml#cam1 -o shown
-      slopemap camera show --image DJI_0001.JPG
+      slopemap camera show DJI_0001.JPG
     """
     refuse(
         ctx,
@@ -61,16 +62,24 @@ def show(
         (size and image, "--size and --image contradict each other; give one."),
     )
     talk = ctx.ensure_object(Talk)
+    if file and not image and _is_image(file):
+        file, image = None, file
     if output:
         from slopecli.io.outputs import CAMERA_NAMES, check_directory
 
         check_directory(output, CAMERA_NAMES, [file, image])
     shown = _load_image(image)
     size = (shown.width, shown.height) if shown else size
-    if file and _lists_several(file, size, image, output, talk):
+    if file and not (output or as_json) and _lists_several(file, size, image, talk):
         return
     found, converted, more = _camera(file, shown, size)
     _deliver(found, converted, more, shown, output, as_json, talk)
+
+
+def _is_image(file: str) -> bool:
+    from slopecli.io.pair_sources import IMAGE_SUFFIXES
+
+    return Path(file).suffix.lower() in IMAGE_SUFFIXES
 
 
 def _load_image(path: str | None) -> Image | None:
@@ -79,7 +88,7 @@ def _load_image(path: str | None) -> Image | None:
     return load_image(path) if path else None
 
 
-def _lists_several(file: str, size: tuple[int, int] | None, image: str | None, output: str | None, talk: Talk) -> bool:
+def _lists_several(file: str, size: tuple[int, int] | None, image: str | None, talk: Talk) -> bool:
     """Print the cameras of a file that holds several, of which none is picked; False where there is one to show."""
     from slopecli.io.cameras.reading import camera_names, decode_camera, read_camera_file, split_name
 
@@ -90,7 +99,7 @@ def _lists_several(file: str, size: tuple[int, int] | None, image: str | None, o
         decode_camera(data, path, name, size, image)
         return False
     except InputError:
-        if name is not None or len(names) < 2 or output:
+        if name is not None or len(names) < 2:
             return False
     rows = []
     for one in names[:100]:

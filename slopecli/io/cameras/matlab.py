@@ -29,9 +29,9 @@ def find(content: CameraFileContent) -> dict[str, values.Tree]:
     tree = _variables(content)
     if tree is None:
         return {}
-    structs = {str(key): value for key, value in tree.items() if isinstance(value, Mapping)}
+    structs = _structs_in(tree)
     for struct in tuple(structs.values()):  # of a stereo pair, one level further down
-        structs |= {str(key): value for key, value in struct.items() if isinstance(value, Mapping)}
+        structs |= _structs_in(struct)
     if any("MappingCoefficients" in struct for struct in (tree, *structs.values())):
         raise InputError("MATLAB's fisheyeParameters (Scaramuzza's polynomial) are not supported; undistort first")
     if set(tree) >= TOOLBOX:
@@ -41,6 +41,10 @@ def find(content: CameraFileContent) -> dict[str, values.Tree]:
         return found if len(found) > 1 else {"": next(iter(found.values()))}
     names = {match[2] or "" for match in map(BOUGUET.fullmatch, map(str, tree)) if match and match[1] == "fc"}
     return {name.lstrip("_"): _without(tree, name) for name in sorted(names)}
+
+
+def _structs_in(tree: values.Tree) -> dict[str, values.Tree]:
+    return {str(key): value for key, value in tree.items() if isinstance(value, Mapping)}
 
 
 def _without(tree: values.Tree, suffix: str) -> values.Tree:

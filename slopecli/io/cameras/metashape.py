@@ -73,4 +73,5 @@ def _intrinsics(tags: dict[str, Any], size: values.Size) -> values.Intrinsics:
         fx, fy, cx, cy = (values.number(tags.get(key), key) for key in ("fx", "fy", "cx", "cy"))
         return fx, fy, cx - 0.5, cy - 0.5
     f, b1, cx, cy = (values.number(tags.get(key) or 0, key) for key in ("f", "b1", "cx", "cy"))
+    values.refuse_off_middle((cx, cy), size, "Metashape's cx and cy are measured from there: are these from a corner?")
     return f + b1, f, size[0] / 2 + cx - 0.5, size[1] / 2 + cy - 0.5

@@ -169,6 +169,17 @@ def refuse_nonzero(values: Mapping[str, Any], names: Sequence[str], what: str) -
             raise InputError(f"{name} = {values[name]} ({what}) is not supported; undistort the images first")
 
 
+def refuse_off_middle(offset: Sequence[float], size: Size, why: str) -> None:
+    """Refuse a principal point, px from the middle of the image, that is measured from elsewhere; `why` says whence.
+
+    It is more than a quarter of the image off: lenses are centred to a few percent, and these formats know no crops.
+    """
+    if any(abs(off) > side / 4 for off, side in zip(offset, size, strict=True)):
+        raise InputError(
+            f"the principal point is {offset[0]:.6g}, {offset[1]:.6g} px off the middle of the image; {why}"
+        )
+
+
 def with_skew(coefficients: Sequence[float], skew: float) -> tuple[CameraModel, Sequence[float]]:
     """Model and coefficients of a Brown lens in OpenCV's order with a skew, the share of y_d that is added to x_d.
 
