@@ -17,16 +17,16 @@ from functools import lru_cache
 
 import numpy as np
 
-from slopecli.geometry.polynomials import smallest_positive_root
+from slopecli.geometry.polynomials import INVERSION, smallest_positive_root
 from slopecli.types import BoolArray, FloatArray
 
 Coefficients = tuple[float, ...]
 
 
-def distort(x: FloatArray, y: FloatArray, k: Coefficients, most: float) -> tuple[FloatArray, FloatArray]:
+def distort(x: FloatArray, y: FloatArray, k: Coefficients) -> tuple[FloatArray, FloatArray]:
     """Distorted images of normalised coordinates x, y that broadcast against each other.
 
-    most : angle off A, rad, beyond which a direction has no image; NaN there and beyond the fold of the polynomial.
+    NaN beyond the fold of the polynomial, and for directions `INVERSION.largest_angle` or more off A.
     """
     x, y = np.broadcast_arrays(x, y)
     ray = np.stack([x, y, np.ones_like(x)], axis=-1)
@@ -35,12 +35,12 @@ def distort(x: FloatArray, y: FloatArray, k: Coefficients, most: float) -> tuple
     theta = np.arctan2(across, along)
     chi = _chi_of(theta, k[5])
     image = axis + (chi * _growth(chi, k))[..., None] * towards
-    seen = (theta < _largest_theta(k)) & (x * x + y * y < np.tan(most) ** 2) & (image[..., 2] > 0)
+    seen = (theta < _largest_theta(k)) & (x * x + y * y < np.tan(INVERSION.largest_angle) ** 2) & (image[..., 2] > 0)
     distorted = np.where(seen[..., None], image[..., :2] / image[..., 2:], np.nan)
     return distorted[..., 0], distorted[..., 1]
 
 
-def undistort(distorted: FloatArray, k: Coefficients, most: float) -> FloatArray:
+def undistort(distorted: FloatArray, k: Coefficients) -> FloatArray:
     """Normalised coordinates (n, 2) of distorted ones (n, 2), the inverse of `distort`."""
     axis = optical_axis(k)
     along, across, towards = _split(np.column_stack([distorted, np.ones(len(distorted))]), axis)
@@ -49,7 +49,7 @@ def undistort(distorted: FloatArray, k: Coefficients, most: float) -> FloatArray
     ray = np.cos(theta)[:, None] * axis + np.sin(theta)[:, None] * towards
     x = ray[:, :2] / ray[:, 2:]
     seen = (theta >= 0) & (theta < _largest_theta(k))  # Newton may end on the branch beyond the fold, or across O
-    good = settled & seen & (along > 0) & (ray[:, 2] > 0) & (np.hypot(*x.T) < np.tan(most))
+    good = settled & seen & (along > 0) & (ray[:, 2] > 0) & (np.hypot(*x.T) < np.tan(INVERSION.largest_angle))
     return np.where(good[:, None], x, np.nan)
 
 
@@ -93,15 +93,15 @@ def _theta_of(chi: FloatArray, linearity: float) -> FloatArray:
 
 def _chi_from_image(image: FloatArray, k: Coefficients) -> tuple[FloatArray, BoolArray]:
     """chi (n,) of chi' (n,) by Newton's method from a table, and where it settled."""
-    theta = np.linspace(0.0, _largest_theta(k), 1025)[:-1]  # so fine that Newton starts next to the root
+    theta = np.linspace(0.0, _largest_theta(k), INVERSION.table_size)[:-1]
     table = _chi_of(theta, k[5])
     chi = np.interp(image, table * _growth(table, k), table)
-    for _ in range(20):  # three or four do
+    for _ in range(INVERSION.steps):
         square = chi * chi
         rate = 1 + k[0] + square * (3 * k[1] + 5 * k[2] * square)
         step = (chi * _growth(chi, k) - image) / rate
         chi = chi - step
-        settled = np.abs(step) <= 1e-12 * (1 + np.abs(chi))
+        settled = np.abs(step) <= INVERSION.settled * (1 + np.abs(chi))
         if settled.all():
             break
     return chi, settled

@@ -7,7 +7,7 @@ Reconstruction" (Brown 1966 with the rational radial factor) and "Fisheye camera
 cx`. "cahvor" is in `cahvor.py`.
 
 A lens polynomial is invertible only up to its fold, the angle where the distorted radius stops growing with the true
-one. Both directions return NaN beyond it, and for rays `MAX_ANGLE` or more off the axis.
+one. Both directions return NaN beyond it, and for rays `INVERSION.largest_angle` or more off the axis.
 """
 
 from __future__ import annotations
@@ -20,20 +20,17 @@ import numpy as np
 from slopecli.errors import InputError
 from slopecli.geometry import cahvor
 from slopecli.geometry.epipolar import homogeneous
-from slopecli.geometry.polynomials import smallest_positive_root
+from slopecli.geometry.polynomials import INVERSION, smallest_positive_root
 from slopecli.types import BoolArray, Camera, CameraModel, FloatArray
 
-MAX_ANGLE = np.radians(89.9)  # normalised coordinates beyond tan = 573 are useless
 MAX_COEFFICIENTS = {"pinhole": 0, "brown": 8, "fisheye": 4, "polynomial": 7, "cahvor": 7}
 OUTSIDE_PX = -1.0e4  # coordinate outside any image that cv2.remap still accepts (16 bit)
-TABLE_SIZE = 1025  # starts Newton within 1e-6 of the root in any usable field of view
-NEWTON_STEPS, NEWTON_SETTLED = 20, 1e-8  # Newton squares the error: after a step this small only rounding is left
 
 
 def rays_from_pixels(camera: Camera, uv: FloatArray) -> FloatArray:
     """Undistort pixels (n, 2), as stored, to normalised coordinates (X/Z, Y/Z) (n, 2), to rounding error.
 
-    NaN where the model has no inverse: beyond the fold of the lens polynomial, or `MAX_ANGLE` or more off the axis.
+    NaN where the model has no inverse: beyond the fold of the polynomial, or `INVERSION.largest_angle` off the axis.
     InputError if the camera has more distortion coefficients than its model.
 
     Newton's method on the forward model; OpenCV's five fixed-point iterations leave 0.5 px with k1 = -0.28.
@@ -49,7 +46,7 @@ def rays_from_pixels(camera: Camera, uv: FloatArray) -> FloatArray:
             return _undistort_brown(distorted, k)
         distorted[:, 0] -= k[6] * distorted[:, 1]
         if camera.model == "cahvor":
-            return cahvor.undistort(distorted, k, float(MAX_ANGLE))
+            return cahvor.undistort(distorted, k)
         return _undistort_brown(distorted, _as_brown(k))
 
 
@@ -161,7 +158,7 @@ def _project(camera: Camera, x: FloatArray, y: FloatArray) -> tuple[FloatArray, 
 def _distort(model: CameraModel, x: FloatArray, y: FloatArray, k: tuple[float, ...]) -> tuple[FloatArray, FloatArray]:
     """Distorted images of normalised coordinates by a lens, NaN where it has none."""
     if model == "cahvor":
-        x, y = cahvor.distort(x, y, k, float(MAX_ANGLE))
+        x, y = cahvor.distort(x, y, k)
         return x + k[6] * y, y
     if model == "polynomial":
         x, y = _distort("brown", x, y, _as_brown(k))
@@ -204,20 +201,20 @@ def _radial_polynomials(k: tuple[float, ...]) -> tuple[FloatArray, FloatArray]:
 def _undistort_brown(distorted: FloatArray, k: tuple[float, ...]) -> FloatArray:
     limit = _valid_angle("brown", k)
     x, y = (distorted * _radial_start(distorted, k, limit)[:, None]).T
-    for _ in range(NEWTON_STEPS):
+    for _ in range(INVERSION.steps):
         step_x, step_y, determinant = _newton_step(x, y, distorted, k)
         x, y = x - step_x, y - step_y
         step = np.hypot(step_x, step_y) / (1 + np.abs(x) + np.abs(y))
-        if not np.any(step > NEWTON_SETTLED):
+        if not np.any(step > INVERSION.settled):
             break
     # a positive determinant alone would also admit the branch beyond a second fold
-    good = (step <= NEWTON_SETTLED) & (determinant > 0) & (np.hypot(x, y) < np.tan(limit))
+    good = (step <= INVERSION.settled) & (determinant > 0) & (np.hypot(x, y) < np.tan(limit))
     return np.where(good[:, None], np.stack([x, y], axis=1), np.nan)
 
 
 def _radial_start(distorted: FloatArray, k: tuple[float, ...], limit: float) -> FloatArray:
     """r / r_d from a table of the radial part alone; at and beyond the fold, a point just inside it."""
-    r = np.tan(np.linspace(0, limit, TABLE_SIZE))
+    r = np.tan(np.linspace(0, limit, INVERSION.table_size))
     r_d = r * _radial_factor(r * r, k)
     radius = np.hypot(distorted[:, 0], distorted[:, 1])
     start = np.interp(radius, r_d[:-1], r[:-1])
@@ -260,15 +257,15 @@ def _fisheye_radius(theta: FloatArray, k: tuple[float, ...]) -> FloatArray:
 def _undistort_fisheye(distorted: FloatArray, k: tuple[float, ...]) -> FloatArray:
     limit = _valid_angle("fisheye", k)
     r_d = np.hypot(distorted[:, 0], distorted[:, 1])
-    grid = np.linspace(0, limit, TABLE_SIZE)
+    grid = np.linspace(0, limit, INVERSION.table_size)
     theta = np.interp(r_d, _fisheye_radius(grid, k), grid)
     slope = np.array([9.0, 7.0, 5.0, 3.0, 1.0]) * [*k[::-1], 1.0]
-    for _ in range(NEWTON_STEPS):
+    for _ in range(INVERSION.steps):
         step = (_fisheye_radius(theta, k) - r_d) / np.polyval(slope, theta * theta)
         theta = theta - step
-        if not np.any(np.abs(step) > NEWTON_SETTLED):
+        if not np.any(np.abs(step) > INVERSION.settled):
             break
-    good = (np.abs(step) <= NEWTON_SETTLED) & (theta < limit)
+    good = (np.abs(step) <= INVERSION.settled) & (theta < limit)
     ratio = np.divide(np.tan(theta), r_d, out=np.ones_like(r_d), where=r_d > 0)
     return np.where(good[:, None], distorted * ratio[:, None], np.nan)
 
@@ -278,7 +275,7 @@ def _undistort_fisheye(distorted: FloatArray, k: tuple[float, ...]) -> FloatArra
 
 @lru_cache(maxsize=32)
 def _valid_angle(model: CameraModel, k: tuple[float, ...]) -> float:
-    """Angle off the axis, rad, below which the radial part of the lens model grows: its fold, or `MAX_ANGLE`."""
+    """Angle off the axis, rad, below which the radial part of a lens grows: its fold, or `INVERSION.largest_angle`."""
     with np.errstate(over="ignore", invalid="ignore"):
         return _fold_angle(model, k)
 
@@ -287,11 +284,11 @@ def _fold_angle(model: CameraModel, k: tuple[float, ...]) -> float:
     """As `_valid_angle`; 0 where coefficients overflow."""
     if model == "fisheye":
         fold = smallest_positive_root(np.array([9.0, 7.0, 5.0, 3.0, 1.0]) * [*k[::-1], 1.0])
-        return min(float(np.sqrt(fold)), float(MAX_ANGLE))
+        return min(float(np.sqrt(fold)), INVERSION.largest_angle)
     # d(r N/D)/dr = 0  <=>  (N + 2 s N') D - 2 s N D' = 0 with s = r^2; D = 0 is a pole and ends the model as well
     n, d = _radial_polynomials(k)
     two_s = np.array([2.0, 0.0])
     grown = np.polyadd(n, np.polymul(two_s, np.polyder(n)))
     rate: FloatArray = np.polysub(np.polymul(grown, d), np.polymul(np.polymul(two_s, n), np.polyder(d)))
     fold = min(smallest_positive_root(rate), smallest_positive_root(d))
-    return min(float(np.arctan(np.sqrt(fold))), float(MAX_ANGLE))
+    return min(float(np.arctan(np.sqrt(fold))), INVERSION.largest_angle)

@@ -1,10 +1,25 @@
-"""Roots of polynomials of lenses."""
+"""Polynomials of lenses: their roots, and how they are inverted."""
 
 from __future__ import annotations
+
+from dataclasses import dataclass
 
 import numpy as np
 
 from slopecli.types import FloatArray
+
+
+@dataclass(frozen=True)
+class Inversion:
+    """How lens polynomials are inverted: Newton's method from a table."""
+
+    table_size: int = 1025  # starts Newton within 1e-6 of the root in any usable field of view
+    steps: int = 20  # three or four do
+    settled: float = 1e-8  # Newton squares the error: after a step this small only rounding is left
+    largest_angle: float = float(np.radians(89.9))  # off the axis; normalised coordinates beyond tan = 573 are useless
+
+
+INVERSION = Inversion()
 
 
 def smallest_positive_root(polynomial: FloatArray) -> float:

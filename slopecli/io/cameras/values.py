@@ -6,7 +6,7 @@ import math
 import re
 from collections import Counter
 from collections.abc import Collection, Hashable, Iterable, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Any, TypeVar
 
 from slopecli.errors import InputError
@@ -32,15 +32,22 @@ LENSES_KNOWN = "pinhole, radial-tangential, rational and equidistant fisheye"
 BROWN_ORDER = ("k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6")
 FISHEYE_ORDER = ("k1", "k2", "k3", "k4")
 LOOKS_LIKE_DISTORTION = "coef|distor|^r?dist(?!ance)|radial|tangential|lensparam"
-# Focal length over the longer side of the image, below which no lens of a kind is made; millimetres and shares of
-# the image width fall below. The middle of a pinhole's range is far narrower: `findings.camera_checks`.
-LEAST_FOCAL: dict[CameraModel, float] = {
-    **dict.fromkeys(("pinhole", "brown", "polynomial"), 0.15),
-    **dict.fromkeys(("fisheye", "cahvor"), 0.06),
-}
-MOST_FOCAL = 1000.0
-LARGEST_COEFFICIENT = 1e6  # rational models have a few hundred
-LEAST_SEEN = 0.1  # of the pixels of an image must have a ray
+
+
+@dataclass(frozen=True)
+class Bounds:
+    """What no camera is beyond. The middle of a pinhole's range is far narrower: `findings.camera_checks`."""
+
+    least_focal: float = 0.15  # over the longer side of the image; millimetres and shares of the width fall below
+    least_wide_focal: float = 0.06  # the same of fisheye lenses
+    most_focal: float = 1000.0
+    largest_coefficient: float = 1e6  # rational models have a few hundred
+    least_seen: float = 0.1  # of the pixels of an image must have a ray
+    most_off_middle: float = 0.25  # of the image, where a format knows no crops: lenses are centred to a few percent
+
+
+BOUNDS = Bounds()
+WIDE: tuple[CameraModel, ...] = ("fisheye", "cahvor")
 
 
 def lens_model(name: Any, what: str = "lens model") -> CameraModel:
@@ -170,11 +177,8 @@ def refuse_nonzero(values: Mapping[str, Any], names: Sequence[str], what: str) -
 
 
 def refuse_off_middle(offset: Sequence[float], size: Size, why: str) -> None:
-    """Refuse a principal point, px from the middle of the image, that is measured from elsewhere; `why` says whence.
-
-    It is more than a quarter of the image off: lenses are centred to a few percent, and these formats know no crops.
-    """
-    if any(abs(off) > side / 4 for off, side in zip(offset, size, strict=True)):
+    """Refuse a principal point, px from the middle of the image, that is measured from elsewhere; `why` says whence."""
+    if any(abs(off) > BOUNDS.most_off_middle * side for off, side in zip(offset, size, strict=True)):
         raise InputError(
             f"the principal point is {offset[0]:.6g}, {offset[1]:.6g} px off the middle of the image; {why}"
         )
@@ -242,9 +246,9 @@ def _check_focal(value: float, name: str, size: Size, model: CameraModel) -> Non
     if value < 0:
         raise InputError(f"{name} = {value:g} is negative, needed a focal length in pixels")
     longer = max(size)
-    if LEAST_FOCAL[model] * longer <= value <= MOST_FOCAL * longer:
+    wide = model in WIDE
+    if (BOUNDS.least_wide_focal if wide else BOUNDS.least_focal) * longer <= value <= BOUNDS.most_focal * longer:
         return
-    wide = model in ("fisheye", "cahvor")
     lens = "no fisheye lens" if wide else "no lens but a fisheye"
     sees = f"a field of view of {2 * math.degrees(math.atan(longer / 2 / value)):.3g} deg"
     if wide:
@@ -270,7 +274,7 @@ def _check_centre(centre: tuple[float, float], size: Size, size_given: bool) -> 
 
 def _check_lens(camera: Camera) -> None:
     """Refuse distortion that leaves hardly a pixel with a ray."""
-    if camera.model != "pinhole" and (seen := share_with_rays(camera)) < LEAST_SEEN:
+    if camera.model != "pinhole" and (seen := share_with_rays(camera)) < BOUNDS.least_seen:
         raise InputError(
             f"its distortion leaves only {100 * seen:.0f} % of the image with rays; coefficients must be in OpenCV's "
             "order and units (of normalised coordinates)"
@@ -278,7 +282,7 @@ def _check_lens(camera: Camera) -> None:
 
 
 def _lens(model: CameraModel, coefficients: list[float]) -> tuple[CameraModel, list[float]]:
-    if too_large := next((k for k in coefficients if abs(k) > LARGEST_COEFFICIENT), None):
+    if too_large := next((k for k in coefficients if abs(k) > BOUNDS.largest_coefficient), None):
         raise InputError(f"a distortion coefficient is {too_large:g}, which no lens has; calibrate again")
     if model == "pinhole" and any(coefficients):
         raise InputError("the lens is a pinhole without distortion, but coefficients are given; name the lens model")
