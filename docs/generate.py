@@ -20,6 +20,7 @@ from slopecli.cli import slopemap
 from slopecli.findings.codes import CODES
 from slopecli.io.cameras import CAMERA_FORMATS
 from slopecli.io.correspondences import MATCH_FORMATS
+from slopecli.io.metadata import ATTITUDE_SOURCES, LENS_SOURCES
 
 ROOT = Path(__file__).resolve().parent.parent
 README = ROOT / "README.md"
@@ -28,6 +29,7 @@ DIAGNOSTICS = ROOT / "docs" / "diagnostics.md"
 SEGMENT = ROOT / "docs" / "segment.md"
 CAMERAS = ROOT / "docs" / "cameras.md"
 BATCH = ROOT / "docs" / "batch.md"
+DRONE = ROOT / "docs" / "drone.md"
 NEVER_SAFE = " While it stands, no verdict is safe."
 PLAN = ROOT / "docs" / "plan.md"
 SOLVE = ROOT / "docs" / "solve.md"
@@ -66,6 +68,21 @@ def match_formats_table() -> str:
     """The table of docs/solve.md: a row a format."""
     rows = [("format", "files", "what is read of it", "what is converted"), ("---",) * 4]
     return table([*rows, *((f.name, f.files, f.holds, f.converted) for f in MATCH_FORMATS)])
+
+
+def lenses_table() -> str:
+    """The table of docs/drone.md: a row a way in which focal lengths are stated."""
+    return table([("stated", "tags"), ("---",) * 2, *((row.name, row.needs) for row in LENS_SOURCES)])
+
+
+def attitudes_table() -> str:
+    """The table of docs/drone.md: a row a set of names for angles."""
+    rows = [("stated by", "XMP names", "angles are 0 where the camera", "1 sigma of up, of north"), ("---",) * 4]
+    for row in ATTITUDE_SOURCES:
+        zero = "looks down, the top of the image to the north" if row.of_body else "looks north along the horizon"
+        names = " ".join(f"`{name}`" for name in row.angles)
+        rows.append((row.name, names, zero, f"{row.tilt_sigma_deg:g}°, {row.yaw_sigma_deg:g}°"))
+    return table(rows)
 
 
 def table(rows: Sequence[Sequence[str]]) -> str:
@@ -140,6 +157,8 @@ def write_tables() -> None:
     """Write docs/cli.md and the tables made from rows."""
     rewrite_table(CAMERAS, camera_formats_table())
     rewrite_table(SOLVE, match_formats_table())
+    rewrite_table(DRONE, lenses_table())
+    rewrite_table(DRONE, attitudes_table())
     REFERENCE.write_text(cli_reference(), encoding="utf-8")
     rewrite_table(DIAGNOSTICS, codes_table())
     rewrite_table(DIAGNOSTICS, rejections_table())

@@ -59,7 +59,8 @@ def measure(solution: Solution, joined: Joined, options: Options) -> Measured:
     """Measure all planes of one root against the up direction the options ask for. InputError if there is none."""
     north = None if options.north is None else np.array(options.north, float)
     sigma = float(np.radians(options.up_sigma_deg))
-    source: Literal["camera", "given", "dominant-plane"] = "camera" if options.up == "camera" else "given"
+    given: Literal["given", "exif"] = "exif" if options.stated is not None and options.stated.up else "given"
+    source: Literal["camera", "given", "dominant-plane", "exif"] = "camera" if options.up == "camera" else given
     level: int | None = None
     if options.up == "dominant-plane":
         source, level = "dominant-plane", dominant_plane(joined)

@@ -16,11 +16,13 @@ class CameraChoice:
     file : path of a camera file, with #NAME if it holds several.
     intrinsics : fx, fy, cx, cy, px.
     fov_deg : horizontal field of view, principal point in the centre.
+    exif : whether it is the one that the metadata of the image state.
     """
 
     file: str | None = None
     intrinsics: tuple[float, float, float, float] | None = None
     fov_deg: float | None = None
+    exif: bool = False
 
 
 @dataclass(frozen=True)
@@ -50,6 +52,58 @@ class Position:
 
 
 @dataclass(frozen=True)
+class Place:
+    """Where camera 1 was, and how it was turned, for maps; each part None where it is not known.
+
+    north_cam1 : unit, towards true north along the horizon, camera-1 axes.
+    heading_deg : azimuth of the image's up direction on the ground, or of the viewing direction where the camera looks
+    at the horizon; heading_sigma_deg : its 1-sigma.
+    """
+
+    position: Position | None
+    north_cam1: tuple[float, float, float] | None = None
+    heading_deg: float | None = None
+    heading_sigma_deg: float | None = None
+
+
+@dataclass(frozen=True)
+class MetadataChoice:
+    """What is to be taken from the metadata of the images of a pair: of "up", "north", "baseline" and "altitude".
+
+    must : what has to be stated there.  may : what is taken where it is stated.
+    yaw_deg, pitch_deg, roll_deg : of camera 1, in place of what they state; see `geometry.attitude`.
+    """
+
+    must: tuple[str, ...] = ()
+    may: tuple[str, ...] = ()
+    yaw_deg: float | None = None
+    pitch_deg: float | None = None
+    roll_deg: float | None = None
+
+
+@dataclass(frozen=True)
+class Stated:
+    """What is known of how two images were taken besides their pixels; the answer is compared with it.
+
+    up, scale : whether the options' up, and the length that their scale is from, are from metadata of the images.
+    notes : what was taken from there, and what was asked for and is missing, for the user.
+    attitude1, attitude2 : rotations from camera axes to north, east, down, row by row; None where one is not known.
+    attitude_sigma_deg : 1-sigma of an attitude, of its heading above all.
+    move_m : from camera 1 to camera 2, metres north, east, down; None where it is not known.  move_sigma_deg : 1-sigma
+    of its direction.
+    """
+
+    up: bool = False
+    scale: bool = False
+    notes: tuple[str, ...] = ()
+    attitude1: tuple[float, ...] | None = None
+    attitude2: tuple[float, ...] | None = None
+    attitude_sigma_deg: float = 0.0
+    move_m: tuple[float, float, float] | None = None
+    move_sigma_deg: float = 0.0
+
+
+@dataclass(frozen=True)
 class Options:
     """Options of `slopemap estimate`.
 
@@ -68,6 +122,9 @@ class Options:
     up: str | tuple[float, float, float] = "camera"  # "camera", "dominant-plane" or a vector in camera-1 axes
     up_sigma_deg: float = 0.0
     north: tuple[float, float, float] | None = None  # None: the image's up direction
+    north_sigma_deg: float = 0.0  # 1-sigma of its azimuth
+    position: Position | None = None  # of camera 1
+    stated: Stated | None = None  # by the metadata of the images; None where they were not read
     rotation_prior: tuple[float, ...] | None = None  # quaternion w, x, y, z of camera 2 from camera 1; 1-sigma, deg
     direction_prior: tuple[float, ...] | None = None  # of the motion, in camera-1 axes: x, y, z; 1-sigma, deg
     pose: Pose | None = None  # known motion, m: only planes are solved, unless it has a sigma

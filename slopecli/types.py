@@ -12,6 +12,8 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from slopecli.options import Place
+
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 BoolArray = NDArray[np.bool_]
@@ -93,9 +95,8 @@ class Solution:
     noise : 1-sigma of a normalised coordinate in image 2, given, or estimated where residuals exceed it.
     relief : (m,) RMS height of the points off their plane over its distance, 0 where points are held coplanar.
     joint_normals : (3m, 3m) covariance of all normals, where they share more than the motion; None where they do not.
-    prior_chi2 : growth of chi-square due to the prior of the motion; None without one.
     inlier : (n,) which correspondences were kept.  rms : of their residuals in image 2, normalised coordinates.
-    chi2 : weighted sum of squares at the optimum.
+    chi2 : weighted sum of squares at the optimum.  prior_chi2 : its growth due to a prior of the motion; None without.
     noise_gain : factor on standard errors for errors that neighbouring correspondences share.
     focal_shift : (3m + 5,) change of all normals and the motion by 1-sigma of the focal length; in the covariances.
     """
@@ -172,14 +173,12 @@ class ImageInfo:
 
 @dataclass(frozen=True)
 class Up:
-    """What slopes are measured against.
-
-    plane_id : of the plane that is taken as level, if up is its normal.
+    """What slopes are measured against. plane_id : of the plane that is taken as level, if up is its normal.
     otherwise_cam1 : up, unit, as the evidence against the assumed one suggests; None where nothing was doubted.
     """
 
     vector_cam1: tuple[float, float, float]
-    source: Literal["camera", "given", "dominant-plane"]
+    source: Literal["camera", "given", "dominant-plane", "exif"]
     sigma_deg: float = 0.0
     plane_id: int | None = None
     otherwise_cam1: tuple[float, float, float] | None = None
@@ -188,7 +187,7 @@ class Up:
 @dataclass(frozen=True)
 class Scale:
     unit: Literal["baseline", "m"] = "baseline"
-    source: Literal["none", "baseline", "altitude", "pose"] = "none"
+    source: Literal["none", "baseline", "altitude", "pose", "exif"] = "none"
     sigma: float | None = None  # relative 1-sigma of lengths; None while they are in baselines
 
 
@@ -338,6 +337,7 @@ class Report:
     labels: NDArray[np.uint16]
     epipole1_px: tuple[float, float] | None = None
     segmentation: Segmentation | None = None
+    place: Place | None = None
 
     @property
     def found(self) -> bool:

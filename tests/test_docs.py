@@ -75,6 +75,12 @@ def test_readme_commands_are_make_targets() -> None:
     assert asked <= targets
 
 
+def test_page_on_metadata_has_its_tables() -> None:
+    text = (ROOT / "docs" / "drone.md").read_text(encoding="utf-8")
+    assert GENERATE["lenses_table"]() in text
+    assert GENERATE["attitudes_table"]() in text
+
+
 # ---- docs/cameras.md ----
 
 

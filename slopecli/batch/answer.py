@@ -15,8 +15,10 @@ from slopecli.errors import InputError, NoAnswer, SlopemapError
 from slopecli.ground.slope_map import SlopeMap
 from slopecli.io.cameras.reading import camera_for, read_camera_file
 from slopecli.io.images import decode_image, read_image_file
+from slopecli.io.metadata.applied import apply_metadata
+from slopecli.io.metadata.metadata_reading import decode_metadata
 from slopecli.look.features import FeatureMemory
-from slopecli.options import CameraChoice
+from slopecli.options import CameraChoice, Options
 from slopecli.pipeline import estimate, slope_map
 from slopecli.products import MAP_PRODUCTS, encode_products
 from slopecli.types import Camera, Image, Report
@@ -129,14 +131,25 @@ def _estimate(job: Job, inputs: Shipped) -> tuple[Outcome, dict[str, bytes]]:
         (image1, camera1), (image2, camera2) = (_load(path, choice, inputs.files) for path, choice in _sides(job))
     except InputError:
         raise InputError("; ".join(_problems(job, inputs.files))) from None
+    options = _options(job, inputs.files)
     if job.wanted is not None:
         pair = image1, image2, camera1, camera2
-        ground = slope_map(*pair, job.options, job.wanted, memory=_memory.features)
+        ground = slope_map(*pair, options, job.wanted, memory=_memory.features)
         contents = encode_products(ground, image1, job.keep, MAP_PRODUCTS)
         return _outcome_of_map(job, ground, inputs.fingerprint, tuple(contents)), contents
-    report = estimate(image1, image2, camera1, camera2, job.options, memory=_memory.features)
+    report = estimate(image1, image2, camera1, camera2, options, memory=_memory.features)
     contents = encode_products(report, image1, job.keep)
     return _outcome_of(job, report, inputs.fingerprint, tuple(contents)), contents
+
+
+def _options(job: Job, files: Mapping[str, bytes]) -> Options:
+    """The options of a job, with what the metadata of its images state."""
+    if job.metadata is None:
+        return job.options
+    both = (decode_metadata(files[path], path) for path in (job.pair.image1, job.pair.image2))
+    first, second = both
+    (_, one), (_, two) = _sides(job)
+    return apply_metadata((first, second), job.metadata, job.options, (one, two))
 
 
 def _outcome_of(job: Job, report: Report, fingerprint: str, files: tuple[str, ...]) -> Outcome:

@@ -17,7 +17,7 @@ from slopecli.errors import DiskFull
 from slopecli.io.cameras.reading import split_name
 from slopecli.io.files import DISK_FULL
 from slopecli.io.outputs import has_files, read_record, store_pair
-from slopecli.options import CameraChoice, MapOptions, Options
+from slopecli.options import CameraChoice, MapOptions, MetadataChoice, Options
 from slopecli.products import CHOICES, keep_files
 
 TRANSIENT = frozenset({"crashed", "timeout", "memory", "unexpected", "unreadable", "output"})  # failures tried again
@@ -58,7 +58,7 @@ class Job:
     """One pair with everything a worker needs. Can be pickled.
 
     keep : the user's choices of files, of `slopecli.products.CHOICES`, or of those of `MAP_PRODUCTS` for a map.
-    wanted : options of a map; None for an estimate.
+    wanted : options of a map; None for an estimate.  metadata : what is taken from the images' own; None for nothing.
     folder : where the files go, absolute.  base : folder that relative paths of the pair start from.
     shipped : None where the worker reads and writes files itself.
     """
@@ -70,6 +70,7 @@ class Job:
     base: str = ""
     shipped: Shipped | None = None
     wanted: MapOptions | None = None
+    metadata: MetadataChoice | None = None
 
 
 @dataclass(frozen=True)
@@ -113,6 +114,7 @@ def fingerprint_of(job: Job, digests: Mapping[str, str]) -> str:
         "options": asdict(job.options),
         "keep": {choice: choice in job.keep for choice in CHOICES},
         **_map_print(job),
+        **({} if job.metadata is None else {"metadata": asdict(job.metadata)}),
         "images": [digests[pair.image1], digests[pair.image2]],
         "cameras": [_camera_print(choice, job.base, digests) for choice in (pair.camera1, pair.camera2)],
     }
@@ -128,6 +130,8 @@ def _camera_print(choice: CameraChoice | None, base: str, digests: Mapping[str, 
     file, name = camera_file(choice, base)
     if file is not None:
         return [digests[file], name]
+    if choice is not None and choice.exif:
+        return "exif"
     return None if choice is None else [choice.intrinsics, choice.fov_deg]
 
 

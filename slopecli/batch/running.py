@@ -19,7 +19,7 @@ from slopecli.errors import DiskFull, InputError, SlopemapError
 from slopecli.io.files import DISK_FULL, remove_temporary, write_atomically
 from slopecli.io.lock import locked
 from slopecli.io.outputs import RECORD, check_directory, replaced_input
-from slopecli.options import MapOptions, Options
+from slopecli.options import MapOptions, MetadataChoice, Options
 from slopecli.products import OUTPUT_NAMES
 
 CHUNK = 8  # jobs in a call on a cluster: neighbours share images, but a lost worker costs a chunk
@@ -38,6 +38,7 @@ def run(
     directory: str | Path,
     *,
     wanted: MapOptions | None = None,
+    metadata: MetadataChoice | None = None,
     jobs: int | None = None,
     timeout_s: float | None = None,
     memory_gb: float | None = None,
@@ -54,11 +55,10 @@ def run(
     Parameters
     ----------
     keep : the user's choices of files, of `PRODUCTS` or `MAP_PRODUCTS`.  wanted : options of maps; None for estimates.
-    jobs : number of worker processes on this machine; None: one a core.
-    timeout_s : time limit of a pair.  memory_gb : memory limit of a worker, 1e9 bytes (Linux).
+    metadata : what is taken of each pair from the metadata of its own images; None for nothing.
+    jobs : worker processes here; None: one a core.  timeout_s, memory_gb : limits of a pair, and of a worker (Linux).
     cluster : scheduler's address of a Dask cluster that is used instead.  executor : any executor, likewise.
-    ship : send images to the workers, and files back, for workers that cannot open the paths of this machine.
-    on_progress : called after every pair.
+    ship : send images, and files back, as workers cannot open the paths here.  on_progress : called after every pair.
 
     Raises
     ------
@@ -70,9 +70,9 @@ def run(
     if len({pair.name for pair in pairs}) < len(pairs):
         raise InputError("two pairs have the same name; every pair needs a folder of its own")
     folder = Path(directory).absolute()
-    work = [Job(pair, options, keep, str(folder / pair.name), os.getcwd(), wanted=wanted) for pair in pairs]
-    results = _Results(work, on_progress)
-    limits = Limits(timeout_s, memory_gb)
+    for_all = partial(Job, options=options, keep=keep, base=os.getcwd(), wanted=wanted, metadata=metadata)
+    work = [for_all(pair, folder=str(folder / pair.name)) for pair in pairs]
+    results, limits = _Results(work, on_progress), Limits(timeout_s, memory_gb)
     with _locked(folder, pairs) as lock, _summarised(folder, pairs, results):
         if executor is not None:
             _run_elsewhere(work, executor, limits, ship, results)

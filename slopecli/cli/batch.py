@@ -12,7 +12,7 @@ from slopecli.cli import shared_options as shared
 from slopecli.cli.checks import (
     CAMERA_FLAGS,
     at_most_one,
-    camera_choice,
+    camera_choices,
     check_estimate,
     check_planes,
     given,
@@ -20,16 +20,17 @@ from slopecli.cli.checks import (
     options_from,
     refuse,
 )
+from slopecli.cli.metadata_choices import take_metadata
 from slopecli.cli.parameter_types import PAIRING, PATH, POSITIVE
 from slopecli.cli.progress import BatchProgress
 from slopecli.cli.shared_options import Flag, Option
 from slopecli.cli.table import Table, print_table
 from slopecli.cli.talk import Talk
-from slopecli.options import CameraChoice
 
 if TYPE_CHECKING:
     from slopecli.batch.jobs import Outcome, Pair
     from slopecli.batch.pairs import FoundPairs
+    from slopecli.options import CameraChoice, MetadataChoice
 
 SOME_WITHOUT_ANSWER = 4
 SEGMENT = {"planes": "regions", "up": "dominant-plane"}  # what `slopemap segment` does differently
@@ -63,7 +64,7 @@ worker_options = (
     cls=shared.Command,
     params=[
         *pair_options,
-        *shared.camera_options,
+        *shared.pair_camera_options,
         Option(shared.OUTPUT, "-o --output", "DIR", PATH, "Folder for the results; optional with --dry-run"),
         *shared.file_options,
         shared.ply_frame,
@@ -72,8 +73,8 @@ worker_options = (
         *shared.finder_options,
         *shared.region_options,
         *map_options,
-        *shared.frame_options("camera", "camera; segment: dominant-plane"),
-        *shared.solving_options,
+        *shared.pair_frame_options("camera", "camera; segment: dominant-plane"),
+        *shared.pair_solving_options,
         *shared.matching_options,
         *shared.talk_options("A line for every pair"),
     ],
@@ -94,6 +95,7 @@ def batch(ctx: click.Context, folder: str, **parameters: Any) -> None:
     _check_usage(ctx)
     if parameters["command"] == "segment":
         parameters |= {name: value for name, value in SEGMENT.items() if not given(ctx, name)}
+    parameters, metadata = take_metadata(ctx, parameters)
     talk = ctx.ensure_object(Talk)
     found = _find_pairs(folder, parameters)
     for note in found.notes:
@@ -101,7 +103,7 @@ def batch(ctx: click.Context, folder: str, **parameters: Any) -> None:
     if parameters["dry_run"]:
         print_table(Table(("pair", "image 1", "image 2", "camera", "note"), list(map(_dry_cells, found.pairs))))
         return
-    outcomes = _run(found, parameters, talk)
+    outcomes = _run(found, parameters, metadata, talk)
     print_table(maps_table(outcomes) if parameters["command"] == "map" else batch_table(outcomes))
     failed = sum(outcome.exit_status != 0 for outcome in outcomes)
     pairs = "1 pair" if len(outcomes) == 1 else f"{len(outcomes)} pairs"
@@ -147,13 +149,12 @@ def _find_pairs(folder: str, parameters: dict[str, Any]) -> FoundPairs:
     if output and not parameters["dry_run"]:
         check_directory(output, FILES, [parameters[name] for name in ("pairing", "camera", "camera2", "pose_file")])
     if any(parameters[flag] for flag in CAMERA_FLAGS):
-        first = camera_choice(parameters)
-        cameras = first, CameraChoice(file=parameters["camera2"]) if parameters["camera2"] else first
+        cameras = camera_choices(parameters)
     stride = parameters["stride"] or 1
     return find_pairs(folder, parameters["pairing"], stride=stride, cameras=cameras, output=output)
 
 
-def _run(found: FoundPairs, parameters: dict[str, Any], talk: Talk) -> list[Outcome]:
+def _run(found: FoundPairs, parameters: dict[str, Any], metadata: MetadataChoice | None, talk: Talk) -> list[Outcome]:
     from slopecli.batch import run
     from slopecli.products import MAP_PRODUCTS, PRODUCTS, kept_choices
 
@@ -162,9 +163,10 @@ def _run(found: FoundPairs, parameters: dict[str, Any], talk: Talk) -> list[Outc
     wanted = map_options_from(parameters) if is_map else None
     options, output = options_from(parameters), parameters["output"]
     how = {name: parameters[name] for name in ("jobs", "timeout_s", "memory_gb", "cluster", "ship")}
+    how |= {"wanted": wanted, "metadata": metadata}
     with BatchProgress(talk) as progress:
         try:
-            return run(found.pairs, options, keep, output, wanted=wanted, **how, on_progress=progress)
+            return run(found.pairs, options, keep, output, **how, on_progress=progress)
         except KeyboardInterrupt:
             progress.interrupted()
             raise
@@ -225,4 +227,6 @@ def _camera(choice: CameraChoice | None) -> str:
         return "-"
     if choice.file is not None:
         return choice.file
+    if choice.exif:
+        return "of the image (exif)"
     return ",".join(f"{value:g}" for value in choice.intrinsics) if choice.intrinsics else f"{choice.fov_deg:g}°"

@@ -45,7 +45,9 @@ def check_estimate(ctx: click.Context) -> None:
     at_most_one(ctx, ("pose_file", "rotation_prior"), ("pose_file", "direction_prior"))
     known = given(ctx, "rotation_prior", "direction_prior", "pose_file")
     sigma_alone = given(ctx, "pose_sigma_deg") and not given(ctx, "pose_file")
-    sigma_of_none = given(ctx, "scale_sigma_percent") and not given(ctx, "baseline_m", "altitude_m", "pose_file")
+    sigma_of_none = given(ctx, "scale_sigma_percent") and not given(
+        ctx, "baseline_m", "altitude_m", "pose_file", "metadata"
+    )
     other_solver = ctx.params["solver"] != "mle"
     refuse(
         ctx,
@@ -68,7 +70,16 @@ def check_planes(ctx: click.Context, finder: str) -> None:
 
 def camera_choice(parameters: dict[str, Any]) -> CameraChoice:
     """The camera that the options of a command name; an empty choice if they name none."""
+    if parameters["camera"] == "exif":
+        return CameraChoice(exif=True)
     return CameraChoice(parameters["camera"] or None, parameters["intrinsics"], parameters["fov"])
+
+
+def camera_choices(parameters: dict[str, Any]) -> tuple[CameraChoice, CameraChoice]:
+    """The cameras of both images: that of the second is the first's, unless it has a file of its own."""
+    first = camera_choice(parameters)
+    second = {"camera": parameters["camera2"], "intrinsics": None, "fov": None}
+    return first, camera_choice(second) if parameters["camera2"] else first
 
 
 def options_from(parameters: dict[str, Any]) -> Options:

@@ -11,7 +11,7 @@ from slopecli.cli import shared_options as shared
 from slopecli.cli.checks import (
     CAMERA_FLAGS,
     at_most_one,
-    camera_choice,
+    camera_choices,
     check_estimate,
     check_planes,
     given,
@@ -20,24 +20,26 @@ from slopecli.cli.checks import (
     refuse,
 )
 from slopecli.cli.map_table import print_map
+from slopecli.cli.metadata_choices import take_metadata
 from slopecli.cli.parameter_types import PATH
 from slopecli.cli.report_table import print_report
 from slopecli.cli.talk import Talk
 
 if TYPE_CHECKING:
+    from slopecli.options import CameraChoice, Options
     from slopecli.types import Camera, Image
 
 
 @click.command(
     cls=shared.Command,
     params=[
-        *shared.camera_options,
+        *shared.pair_camera_options,
         *shared.output_options,
         *shared.window_options,
         *shared.finder_options,
         *shared.region_options,
-        *shared.frame_options(),
-        *shared.solving_options,
+        *shared.pair_frame_options(),
+        *shared.pair_solving_options,
         *shared.matching_options,
         *shared.talk_options(),
     ],
@@ -61,11 +63,11 @@ def estimate(ctx: click.Context, image1: str, image2: str, **parameters: Any) ->
 @click.command(
     cls=shared.Command,
     params=[
-        *shared.camera_options,
+        *shared.pair_camera_options,
         *shared.output_options,
         *shared.region_options,
-        *shared.frame_options("dominant-plane"),
-        *shared.solving_options,
+        *shared.pair_frame_options("dominant-plane"),
+        *shared.pair_solving_options,
         *shared.matching_options,
         *shared.talk_options(),
     ],
@@ -91,11 +93,11 @@ def segment(ctx: click.Context, image1: str, image2: str, **parameters: Any) -> 
     "map",
     cls=shared.Command,
     params=[
-        *shared.camera_options,
+        *shared.pair_camera_options,
         *shared.map_output_options,
         *shared.map_options,
-        *shared.frame_options(),
-        *shared.solving_options,
+        *shared.pair_frame_options(),
+        *shared.pair_solving_options,
         *shared.matching_options,
         *shared.talk_options(),
     ],
@@ -113,12 +115,12 @@ def slope_map(ctx: click.Context, image1: str, image2: str, **parameters: Any) -
       slopemap map first.png second.png --camera camera.json -o out
     """
     at_most_one(ctx, ("footprint_px", "footprint_m"))
-    images, cameras = _read_pair(ctx, image1, image2, parameters)
+    images, cameras, options = _read_pair(ctx, image1, image2, parameters)
     talk, output = ctx.ensure_object(Talk), parameters["output"]
 
     from slopecli import pipeline
 
-    options, wanted = options_from(parameters), map_options_from(parameters)
+    wanted = map_options_from(parameters)
     answer = pipeline.slope_map(*images, *cameras, options, wanted, on_stage=talk.stage)
     written: list[Path] = []
     if output:
@@ -133,12 +135,12 @@ def slope_map(ctx: click.Context, image1: str, image2: str, **parameters: Any) -
 def _answer_pair(ctx: click.Context, image1: str, image2: str, parameters: dict[str, Any]) -> None:
     """Estimate one pair: files in, files out, a table or JSON on stdout."""
     check_planes(ctx, parameters["planes"])
-    images, cameras = _read_pair(ctx, image1, image2, parameters)
+    images, cameras, options = _read_pair(ctx, image1, image2, parameters)
     talk, output = ctx.ensure_object(Talk), parameters["output"]
 
     from slopecli import pipeline
 
-    report = pipeline.estimate(*images, *cameras, options_from(parameters), on_stage=talk.stage)
+    report = pipeline.estimate(*images, *cameras, options, on_stage=talk.stage)
     written: list[Path] = []
     if output:
         from slopecli.io.outputs import write_outputs
@@ -151,12 +153,15 @@ def _answer_pair(ctx: click.Context, image1: str, image2: str, parameters: dict[
 
 def _read_pair(
     ctx: click.Context, image1: str, image2: str, parameters: dict[str, Any]
-) -> tuple[tuple[Image, Image], tuple[Camera, Camera]]:
-    """The images and cameras of a pair, after checks of the command line and of the output folder."""
+) -> tuple[tuple[Image, Image], tuple[Camera, Camera], Options]:
+    """The images and cameras of a pair, and the options, after checks of the command line and of the output folder."""
     check_estimate(ctx)
-    no_camera = "No camera: give --camera FILE, --intrinsics FX,FY,CX,CY or --fov DEG."
+    parameters, choice = take_metadata(ctx, parameters)
+    no_camera = "No camera: give --camera FILE, --intrinsics FX,FY,CX,CY or --fov DEG; or --camera exif."
     no_output = "Nowhere to put the answer: give -o DIR, or --json to print it."
-    refuse(ctx, (not given(ctx, *CAMERA_FLAGS), no_camera), (not given(ctx, "output", "as_json"), no_output))
+    refuse(
+        ctx, (not given(ctx, *CAMERA_FLAGS, "metadata"), no_camera), (not given(ctx, "output", "as_json"), no_output)
+    )
     talk, output = ctx.ensure_object(Talk), parameters["output"]
     if output:
         from slopecli.io.outputs import check_directory
@@ -167,16 +172,24 @@ def _read_pair(
         from slopecli.io.images import load_image
 
         images = load_image(image1), load_image(image2)
-    return images, _load_cameras(images, parameters, talk)
+    choices, options = camera_choices(parameters), options_from(parameters)
+    cameras = _load_cameras(images, choices, talk)
+    if choice is not None:
+        from slopecli.io.metadata.applied import apply_metadata
+        from slopecli.io.metadata.metadata_reading import read_metadata
+
+        options = apply_metadata((read_metadata(image1), read_metadata(image2)), choice, options, choices)
+    return images, cameras, options
 
 
-def _load_cameras(images: tuple[Image, Image], parameters: dict[str, Any], talk: Talk) -> tuple[Camera, Camera]:
+def _load_cameras(
+    images: tuple[Image, Image], choices: tuple[CameraChoice, CameraChoice], talk: Talk
+) -> tuple[Camera, Camera]:
     """The cameras of both images; how they were read is said once."""
     from slopecli.io.cameras.reading import camera_for
 
-    choices = (parameters, {**parameters, "camera": parameters["camera2"] or parameters["camera"]})
     (camera1, notes1), (camera2, notes2) = (
-        camera_for(image, camera_choice(choice)) for image, choice in zip(images, choices, strict=True)
+        camera_for(image, choice) for image, choice in zip(images, choices, strict=True)
     )
     for note in dict.fromkeys((*notes1, *notes2)):
         talk.say(f"info: {note}")

@@ -30,6 +30,19 @@ class Parsed(click.ParamType):
             self.fail(str(error), param, ctx)
 
 
+class OrWord(click.ParamType):
+    """A value of a type, or one word."""
+
+    name = "value"
+
+    def __init__(self, kind: click.ParamType, word: str) -> None:
+        self.kind, self.word = kind, word
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        """Return the word, or what the type makes of the value."""
+        return value if value == self.word else self.kind.convert(value, param, ctx)
+
+
 def is_usual(number: float) -> bool:
     """Whether a number is 0 or of a size with which one can calculate, 1e-12 to 1e12; False for nan."""
     return number == 0 or 1e-12 <= abs(number) <= 1e12

@@ -146,6 +146,7 @@ def _up_line(report: Report) -> str:
     meaning = {
         "camera": "camera 1 taken to look straight down; see --up",
         "given": "given",
+        "exif": "by the metadata of the image",
         "dominant-plane": "the largest plane taken as level; if it is a wall, give --up X,Y,Z",
     }[report.up.source]
     sigma = f" ± {report.up.sigma_deg:g}°" if report.up.sigma_deg else ""

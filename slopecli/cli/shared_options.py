@@ -62,11 +62,12 @@ class Option(click.Option):
             self.default = default = separator.join(part if isinstance(part, str) else f"{part:g}" for part in default)
         shown = shown or (None if default is None else str(default))
         self.line = help if shown is None else f"{help}  [{shown}]"
+        self.names = ""  # what stands on the left in place of its own flags, "" for these
 
     def get_help_record(self, ctx: click.Context) -> tuple[str, str] | None:
         """What stands on the left, and on the right, of its line in the help."""
         record = super().get_help_record(ctx)
-        return record and (record[0], self.line)
+        return record and (self.names or record[0], self.line)
 
 
 def unlisted(option: Option) -> Option:
@@ -175,9 +176,9 @@ def frame_options(up: str = str(Options.up), shown: str | None = None) -> tuple[
     )
 
 
-_ROTATION_HELP = "R = RX,RY,RZ (deg) or QW,QX,QY,QZ, camera 2 from camera 1; its 1-sigma, deg"
+_ROTATION_HELP = "R: RX,RY,RZ, deg, or QW,QX,QY,QZ; 1-sigma, deg"
 _DIRECTION_HELP = "D = X,Y,Z to camera 2; its 1-sigma, deg"
-_SOLVERS_HELP = "Joint least squares (mle), homography alignment (ha) or Longuet-Higgins (lh)"
+_SOLVERS_HELP = "Joint (mle), alignment (ha), linear (lh)"
 solving_options = (
     _option(FRAME, "--baseline baseline_m", "M", POSITIVE, "Distance between the cameras, for metres"),
     _option(FRAME, "--altitude altitude_m", "M", POSITIVE, "Height of camera 1 above ground, for metres"),
@@ -208,6 +209,46 @@ solving_options = (
     Flag(SOLVER, "--merge-coplanar", "Solve coplanar and parallel planes as such"),
 )
 seed = _option(SOLVER, "--seed", "N", kinds.SEED, "Of random sampling; same seed, same bytes")
+EXIF = "exif"  # stands for what the metadata of the images state
+_WIDER = {  # options that take that word too, and what their help says then
+    "camera": "Camera file (#NAME: one of several), or exif",
+    "camera2": "Camera file of image 2, if another, or exif",
+    "up": "Up: camera (looks down), dominant-plane, X,Y,Z, or exif",
+    "north": "Where aspect is 0, or exif",
+    "baseline_m": "Distance between the cameras, m, or exif",
+    "altitude_m": "Height of camera 1 above ground, m, or exif",
+}
+metadata_options = (
+    Flag(FRAME, "--metadata", "All that EXIF and XMP state, as by each exif"),
+    Option(FRAME, "--pitch pitch_deg", "DEG", Between(-360, 360), "Of camera 1: -90 is down; yaw from north"),
+    unlisted(Option(FRAME, "--roll roll_deg", "DEG", Between(-360, 360), "Clockwise about the line of sight")),
+    unlisted(Option(FRAME, "--yaw yaw_deg", "DEG", Between(-360, 360), "Heading, clockwise from true north")),
+)
+metadata_options[1].names = "--pitch, --roll, --yaw DEG"
+
+
+def or_exif(options: Sequence[Option]) -> tuple[Option, ...]:
+    """The same options, of which those that can be taken from metadata of the images take the word exif too."""
+    return tuple(_or_exif(option) if option.name in _WIDER else option for option in options)
+
+
+def _or_exif(option: Option) -> Option:
+    wider = copy(option)
+    wider.type = kinds.OrWord(option.type, EXIF)
+    _, bracket, shown = option.line.partition("  [")
+    wider.line = f"{_WIDER[str(option.name)]}{bracket}{shown}"
+    return wider
+
+
+pair_camera_options = or_exif(camera_options)
+pair_solving_options = or_exif(solving_options)
+
+
+def pair_frame_options(up: str = str(Options.up), shown: str | None = None) -> tuple[Option, ...]:
+    """As `frame_options`, of commands that have images, whose metadata may state what is up."""
+    return (*or_exif(frame_options(up, shown)), *metadata_options)
+
+
 matching_options = (
     _option(SOLVER, "--features", None, choices_of("features"), "Image features; foerstner: the paper's"),
     seed,

@@ -5,7 +5,7 @@ To add a diagnostic: a function in the file of its subject, its name here, a row
 
 from __future__ import annotations
 
-from slopecli.findings import level_checks, pair_checks, parallax, plane_checks, solution_checks
+from slopecli.findings import level_checks, metadata_checks, pair_checks, parallax, plane_checks, solution_checks
 from slopecli.findings.facts import AnswerFacts, PairFacts
 from slopecli.types import Diagnostic
 
@@ -13,11 +13,13 @@ PAIR_CHECKS = (
     pair_checks.mirrored,
     pair_checks.cameras_as_made,
     pair_checks.image_notes,
+    metadata_checks.metadata_taken,
     pair_checks.contradicting_matches,
     parallax.low_parallax,
     pair_checks.lens_distortion,
 )
 ANSWER_CHECKS = (
+    metadata_checks.contradicted,
     level_checks.level_assumed,
     plane_checks.on_no_plane,
     plane_checks.changed_areas,

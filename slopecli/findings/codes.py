@@ -156,6 +156,15 @@ _ROWS: dict[Severity, dict[str, tuple[Any, ...]]] = {
             "check the camera file and its distortion, and that nothing in view moved",
             "noise of the matches, px",
         ),
+        "metadata-contradicted": (
+            "The motion that the images show is not the one that their metadata state: it goes another way than from "
+            "one position to the other, or turns by another angle than the gimbal did. Where one of the images would "
+            "agree if it were turned, as by a viewer that writes its pixels anew and leaves the angles as they were, "
+            "the message says so. Level or north is then wrong as well.",
+            "check that both files are as the camera wrote them, and of one flight; or give --pitch, --roll and --yaw",
+            "degrees between the two directions, or angles",
+            True,
+        ),
         "prior-contradicted": (
             "The images contradict `--rotation-prior`, `--direction-prior` or `--pose`, which was left out.",
             "check its axes and its direction (camera 2 from camera 1), or give it a larger sigma",
@@ -235,6 +244,9 @@ _ROWS: dict[Severity, dict[str, tuple[Any, ...]]] = {
             "been there.",
             "",
             "how many",
+        ),
+        "metadata": (
+            "What was taken from the [metadata of the images](drone.md), or was asked for and is not stated there.",
         ),
         "image-note": (
             "How a file was read: a rotation mark left alone, 16 bits mapped to 8.",

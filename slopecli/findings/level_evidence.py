@@ -82,7 +82,7 @@ def level_odds(
 
     planes : those with an answer, lengths in baselines.  grey : image 1, None of correspondences of a user's own.
     """
-    if root.up.source == "given" or (root.level is None and grey is None):
+    if root.up.source in ("given", "exif") or (root.level is None and grey is None):
         return None
     seen = _seen(root.solution, joined, planes, camera1, grey)
     up = np.array(root.up.vector_cam1)

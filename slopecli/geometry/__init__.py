@@ -18,7 +18,7 @@ __getattr__, __dir__ = lazy_names(
     __name__,
     {
         "alignment": "Alignment align_homographies reprojection_error solve_base_homography solve_delta_normals",
-        "attitude": "about_line_of_sight ned_displacement ned_from_camera",
+        "attitude": "about_line_of_sight forward_angles_deg ned_displacement ned_from_camera",
         "camera": "OUTSIDE_PX pinhole_of pixels_from_rays points_on_plane radial_term rays_from_pixels scale_camera "
         "share_with_rays undistortion_maps with_radial_term",
         "epipolar": "direction_angle epipolar_distance essential_matrix focus_of_expansion homogeneous normal_angle "

@@ -8,7 +8,7 @@ angles zero the camera looks north along the horizon with its image upright; a p
 from __future__ import annotations
 
 from dataclasses import dataclass
-from math import cos, radians, sin, sqrt
+from math import asin, atan2, cos, degrees, hypot, radians, sin, sqrt
 
 import numpy as np
 
@@ -37,6 +37,19 @@ def ned_from_camera(yaw_deg: float, pitch_deg: float, roll_deg: float, *, downwa
     about_x = np.array([[1.0, 0.0, 0.0], [0.0, cos(roll), -sin(roll)], [0.0, sin(roll), cos(roll)]])
     body_from_camera = [[0, -1, 0], [1, 0, 0], [0, 0, 1]] if downward else [[0, 0, 1], [1, 0, 0], [0, 1, 0]]
     return np.asarray(about_z @ about_y @ about_x @ np.array(body_from_camera, float))
+
+
+def forward_angles_deg(rotation: FloatArray) -> tuple[float, float, float]:
+    """Yaw (0 to 360), pitch and roll of a camera that looks ahead, out of its (3, 3) rotation to north, east, down.
+
+    Straight down or up, where yaw and roll turn about the same axis, the roll is 0.
+    """
+    body = rotation @ ned_from_camera(0.0, 0.0, 0.0).T
+    pitch = asin(max(-1.0, min(1.0, -body[2, 0])))
+    if hypot(body[2, 1], body[2, 2]) < 1e-6:
+        return degrees(atan2(-body[0, 1], body[1, 1])) % 360.0, degrees(pitch), 0.0
+    yaw, roll = atan2(body[1, 0], body[0, 0]), atan2(body[2, 1], body[2, 2])
+    return degrees(yaw) % 360.0, degrees(pitch), degrees(roll)
 
 
 def about_line_of_sight(turn_deg: float) -> FloatArray:

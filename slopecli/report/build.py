@@ -20,6 +20,7 @@ from slopecli.patches.join import Joined
 from slopecli.patches.patch import paint_labels
 from slopecli.report.answered_planes import divide, planes_of
 from slopecli.report.doubted_level import against_both
+from slopecli.report.place import place_of
 from slopecli.report.second_root import ambiguity_report
 from slopecli.report.units import fit_of, in_unit, motion_of, scale_of
 from slopecli.report.withheld import withhold_safe
@@ -73,6 +74,7 @@ def build_report(
             labels=facts.labels,
             epipole1_px=facts.epipole1_px,
             segmentation=joined.segmentation,
+            place=place_of(options, up),
         )
     )
 

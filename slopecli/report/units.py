@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Literal
 
 import numpy as np
 
@@ -28,11 +29,13 @@ def scale_of(root: Measured, joined: Joined, options: Options) -> tuple[Scale, f
     InputError : an altitude is given for a camera that looks along the horizon, or up.
     """
     known, sigma = known_length_m(options), options.scale_sigma_percent / 100.0
+    from_metadata = options.stated is not None and options.stated.scale
     if known is not None:
-        return Scale("m", "pose" if options.pose else "baseline", sigma), known
+        return Scale("m", "pose" if options.pose else "exif" if from_metadata else "baseline", sigma), known
     if options.altitude_m is None:
         return Scale(), 1.0
-    return Scale("m", "altitude", sigma), options.altitude_m / _mean_drop(root, joined, options.altitude_m)
+    source: Literal["exif", "altitude"] = "exif" if from_metadata else "altitude"
+    return Scale("m", source, sigma), options.altitude_m / _mean_drop(root, joined, options.altitude_m)
 
 
 def _mean_drop(root: Measured, joined: Joined, altitude_m: float) -> float:

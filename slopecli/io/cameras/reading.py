@@ -118,8 +118,8 @@ def camera_for(
 
     Parameters
     ----------
-    choice : a camera file, four numbers or a field of view.
-    files : bytes of camera files by path, if they have been read already.
+    choice : a camera file, four numbers, a field of view or the image's own metadata.
+    files : bytes of camera files and images by path, if they have been read already.
 
     Raises
     ------
@@ -128,11 +128,26 @@ def camera_for(
     size = (image.width, image.height)
     if choice.file is not None:
         return _camera_from_file(image, choice.file, files)
+    if choice.exif:
+        return _camera_of_metadata(image, files), ()
     if choice.intrinsics is not None:
         return camera_from_intrinsics(choice.intrinsics, *size), ()
     if choice.fov_deg is not None:
         return camera_from_fov(choice.fov_deg, *size), ()
     raise InputError(f"{image.path}: no camera; give a camera file, intrinsics or a field of view")
+
+
+def _camera_of_metadata(image: Image, files: Mapping[str, bytes] | None) -> Camera:
+    """The camera that the metadata of an image state."""
+    from slopecli.io.metadata.metadata_reading import decode_metadata, read_metadata
+
+    metadata = decode_metadata(files[image.path], image.path) if files else read_metadata(image.path)
+    if metadata.lens is not None:
+        return metadata.lens.camera()
+    why = next(
+        (note for note in metadata.notes if "focal length" in note or "EXIF" in note), "it states no focal length"
+    )
+    raise InputError(f"{image.path}: {why}; give --camera FILE, --intrinsics FX,FY,CX,CY or --fov DEG")
 
 
 def _camera_from_file(image: Image, path: str, files: Mapping[str, bytes] | None) -> tuple[Camera, tuple[str, ...]]:

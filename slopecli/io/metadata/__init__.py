@@ -5,6 +5,7 @@ from slopecli.face import lazy_names
 __getattr__, __dir__ = lazy_names(
     __name__,
     {
+        "applied": "Displacement apply_metadata displacement",
         "attitudes": "ATTITUDE_SOURCES",
         "image_metadata": "Attitude Lens Metadata",
         "image_tags": "ImageTags read_tags",

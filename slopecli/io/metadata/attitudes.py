@@ -38,6 +38,16 @@ class AttitudeSource:
     angles: tuple[str, str, str]
     of_body: bool
 
+    @property
+    def tilt_sigma_deg(self) -> float:
+        """1-sigma of the direction against gravity, degrees."""
+        return SIGMAS.body if self.of_body else SIGMAS.gimbal
+
+    @property
+    def yaw_sigma_deg(self) -> float:
+        """1-sigma of the heading, degrees."""
+        return SIGMAS.heading
+
 
 SIGMAS = AttitudeSigmas()
 # the first that has a pitch and a roll is used
@@ -65,8 +75,8 @@ def attitude_of(tags: ImageTags) -> tuple[Attitude | None, str]:
             roll,
             yaw,
             row.of_body,
-            tilt_sigma_deg=SIGMAS.body if row.of_body else SIGMAS.gimbal,
-            yaw_sigma_deg=SIGMAS.heading,
+            tilt_sigma_deg=row.tilt_sigma_deg,
+            yaw_sigma_deg=row.yaw_sigma_deg,
             source=row.name,
         ), ""
     return None, ""

@@ -13,7 +13,7 @@ from slopecli.options import Position
 
 @dataclass(frozen=True)
 class FixErrors:
-    """1-sigma, m, of a satellite fix that states none.
+    """1-sigma, m, of a satellite fix that states none, and of a length the relative one beyond which it gives no scale.
 
     place, height : against the map and the level of the sea: what receivers of drones and telephones reach in the open.
     apart : north and east each, of a fix against another of the same flight, whose errors are mostly the same.
@@ -24,6 +24,7 @@ class FixErrors:
     height: float = 6.0
     apart: float = 1.0
     climb: float = 0.5
+    most_share: float = 0.3  # as of --scale-sigma
 
 
 FIX = FixErrors()

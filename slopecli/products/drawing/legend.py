@@ -23,6 +23,7 @@ ROW = 2.1  # height of a line over the text size
 UP_WORDS = {
     "camera": "the camera's axis, taken as vertical",
     "given": "the given up direction",
+    "exif": "the up direction of the image's metadata",
     "dominant-plane": "the largest plane, taken as level",
 }
 

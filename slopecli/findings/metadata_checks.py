@@ -1,0 +1,136 @@
+"""Whether the motion that the images show is the one that their metadata state: positions, and angles of the gimbal."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from itertools import product
+
+import numpy as np
+
+from slopecli.findings.facts import AnswerFacts, PairFacts
+from slopecli.findings.wording import finding
+from slopecli.geometry.attitude import about_line_of_sight, forward_angles_deg
+from slopecli.geometry.epipolar import direction_angle, rotation_angle
+from slopecli.options import Stated
+from slopecli.types import Diagnostic, FloatArray, Solution
+
+
+@dataclass(frozen=True)
+class Agreement:
+    """What counts as a contradiction.
+
+    sigmas : beyond which two statements differ by more than chance.  tells_deg : 1-sigma, degrees, up to which a
+    statement tells one quarter turn from the next.
+    """
+
+    sigmas: float = 4.0
+    tells_deg: float = 15.0
+
+
+AGREES = Agreement()
+
+
+def metadata_taken(pair: PairFacts) -> list[Diagnostic]:
+    """Say what was taken from the metadata of the images, and what is missing there."""
+    stated = pair.options.stated
+    return [] if stated is None else [finding("metadata", note) for note in stated.notes]
+
+
+def contradicted(facts: AnswerFacts) -> list[Diagnostic]:
+    """Warn of a motion that is not the stated one, and say which image seems to be turned."""
+    stated = facts.options.stated
+    if stated is None or stated.attitude1 is None:
+        return []
+    solution = facts.solution
+    other = solution.ambiguity.alternative if solution.ambiguity.status == "unresolved" else None
+    roots = [solution] if other is None else [solution, other]
+    first = min((_differences(root, stated, 0, 0) for root in roots), key=lambda two: two.worst)
+    if first.worst <= 1.0:
+        return []
+    for turns in _turns():
+        if any(_differences(root, stated, *turns).worst <= 1.0 for root in roots):
+            message, remedy = _turned(turns, stated)
+            return [finding("metadata-contradicted", f"{first.words(stated)}; {message}", first.value, remedy)]
+    message = f"{first.words(stated)}; no turn of an image explains it"
+    return [finding("metadata-contradicted", message, first.value)]
+
+
+def _turned(turns: tuple[float, float], stated: Stated) -> tuple[str, str]:
+    """Which images seem to be turned, by how much, and what to do; turns: of images 1 and 2, degrees."""
+    by = " and ".join(f"{turn:.0f}°" for turn in dict.fromkeys(turns) if turn)
+    one = "image 1" if turns[0] else "image 2"
+    if all(turns):
+        message = f"both images seem to have been turned by {by} after they were taken"
+        remedy = "give both as the camera wrote them"
+    else:
+        one = one if _tells_move(stated) else "one of the images"
+        message = f"{one} seems to have been turned by {by} after it was taken"
+        remedy = f"give {one} as the camera wrote it"
+    if turns[0] and _tells_move(stated):
+        yaw, pitch, roll = forward_angles_deg(_matrix(stated.attitude1) @ about_line_of_sight(turns[0]))
+        remedy += f", or say how image 1 is turned: --yaw {yaw:.4g} --pitch {pitch:.4g} --roll {roll:.4g}"
+    return message, remedy
+
+
+@dataclass(frozen=True)
+class _Differences:
+    """Angles, degrees, between what is seen and what is stated, and their share of the largest that agrees."""
+
+    move_deg: float
+    move_share: float
+    turn_deg: float
+    turn_share: float
+
+    @property
+    def worst(self) -> float:
+        return max(self.move_share, self.turn_share)
+
+    @property
+    def value(self) -> float:
+        """The angle that does not agree, degrees."""
+        return self.move_deg if self.move_share > 1.0 else self.turn_deg
+
+    def words(self, stated: Stated) -> str:
+        """What differs, as a sentence."""
+        parts = []
+        if self.move_share > 1.0:
+            parts.append(
+                f"the images show a motion {self.move_deg:.0f}° off the direction from one GPS position to the other "
+                f"(1-sigma {stated.move_sigma_deg:.2g}°)"
+            )
+        if self.turn_share > 1.0:
+            parts.append(
+                f"the images are turned against each other by {self.turn_deg:.0f}° more than their angles say "
+                f"(1-sigma {stated.attitude_sigma_deg:.2g}°)"
+            )
+        return ", and ".join(parts)
+
+
+def _differences(root: Solution, stated: Stated, turn1: float, turn2: float) -> _Differences:
+    """Compare a root with what is stated, if images 1 and 2 had been turned by these angles, degrees."""
+    first = _matrix(stated.attitude1) @ about_line_of_sight(turn1)
+    move_deg = turn_deg = move_share = turn_share = 0.0
+    if stated.move_m is not None and _tells_move(stated):
+        move_deg = float(np.degrees(direction_angle(root.T, first.T @ np.array(stated.move_m))))
+        move_share = move_deg / (AGREES.sigmas * stated.move_sigma_deg)
+    if stated.attitude2 is not None:
+        second = _matrix(stated.attitude2) @ about_line_of_sight(turn2)
+        turn_deg = float(np.degrees(rotation_angle(root.R @ (second.T @ first).T)))
+        turn_share = turn_deg / (AGREES.sigmas * stated.attitude_sigma_deg)
+    return _Differences(move_deg, move_share, turn_deg, turn_share)
+
+
+def _tells_move(stated: Stated) -> bool:
+    """Whether the positions are known well enough to tell quarter turns of image 1."""
+    return stated.move_m is not None and stated.move_sigma_deg <= AGREES.tells_deg
+
+
+def _turns() -> Iterator[tuple[float, float]]:
+    """Quarter turns of the two images, those of one image first."""
+    quarters = (0.0, 180.0, 90.0, 270.0)
+    yield from sorted(product(quarters, quarters), key=lambda two: (two[0] > 0) + (two[1] > 0))
+
+
+def _matrix(rows: tuple[float, ...] | None) -> FloatArray:
+    return np.array(rows, float).reshape(3, 3)
