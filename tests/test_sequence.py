@@ -119,7 +119,7 @@ def test_the_answer_is_that_of_the_solver_on_the_same_points() -> None:
     assert estimator is not None
     points = estimator.best.points
     x = np.where(points.weight[:, None] > 0.0, points.x, np.nan).transpose(0, 2, 1)
-    whole = solve_views(points.p[:2].T, x, points.plane_of_point(), relief=True)
+    whole = solve_views(points.p[:2].T, x, points.plane_of_point(), relief=True, weights=points.weight)
     off = np.degrees(normal_angle(whole.scaled_normals, sequence.solution().scaled_normals))
     assert (off < 1.5 * sigmas_deg(sequence.solution())).all()
 

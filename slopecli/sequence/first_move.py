@@ -21,14 +21,13 @@ from slopecli.look.noise import LEAST_MATCH_PX, WORST_MATCH_PX
 from slopecli.sequence.frame_alignment import Aligner, Found
 from slopecli.sequence.frame_gates import Skipped
 from slopecli.sequence.tracking_tunables import TRACKING
-from slopecli.types import BoolArray, Camera, FloatArray, IntArray, Solution
+from slopecli.types import Camera, FloatArray, IntArray, Solution
 
 
 class FirstMove(NamedTuple):
     """Where the second frame shows the points, which are on planes as solved, and the solution."""
 
     found: Found
-    used: BoolArray
     solution: Solution
 
 
@@ -71,7 +70,7 @@ def _solved(frame: Grey, sparse: Sparse, camera: Camera, aligner: Aligner) -> Fi
     solution = _pair(aligner, found, [near, *sparse.roots()])
     if solution.noise * focal_px > WORST_MATCH_PX or not solution.converged:
         return Skipped("foreign", f"fits no motion: its points are {solution.noise * focal_px:.1f} px off")
-    return FirstMove(found, found.seen, solution)
+    return FirstMove(found, solution)
 
 
 def _shown(aligner: Aligner, found: Found) -> int:

@@ -26,11 +26,13 @@ Motion = tuple[FloatArray, FloatArray]  # R (3, 3) and T (3,)
 
 
 class Found(NamedTuple):
-    """Where a frame shows the points: uv (n, 2) px, x (2, n) rays, seen (n,)."""
+    """Where a frame shows the points: uv (n, 2) px, x (2, n) rays, seen (n,); zoom: px of the frame to one of the
+    reference, so that errors in the frame are as many times those of the alignment."""
 
     uv: FloatArray
     x: FloatArray
     seen: BoolArray
+    zoom: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,19 +94,19 @@ class Aligner:
         inside = _inside(uv, self.camera, TRACKING.margin_px)
         x = rays_from_pixels(self.camera, np.where(inside[:, None], uv, 0.0))
         seen = near & inside & np.isfinite(x).all(axis=1)
-        return Found(uv, np.where(seen[:, None], x, 0.0).T, seen)
+        return Found(uv, np.where(seen[:, None], x, 0.0).T, seen, zoom)
 
     def _places(self, motion: Motion, normals: FloatArray, u: FloatArray, known: BoolArray) -> NDArray[np.float32]:
-        """(h, w, 2) px of the frame that every pixel of the reference is expected at."""
+        """(2, h, w) px of the frame that every pixel of the reference is expected at."""
         nodes = self._nodes
         rows, columns = nodes.shape
         depth = self._node_depth(normals, u, known)
         x, ahead = predict_views(nodes.rays, motion[0][None], motion[1][None], depth)
         x[0][:, ahead[0] <= 0.0] = 1e3
         uv = pixels_from_rays(self.camera, x[0].T)
-        grid = np.nan_to_num(uv, nan=-1e4).reshape(rows, columns, 2).astype(np.float32)
+        grid = np.nan_to_num(uv, nan=-1e4).T.reshape(2, rows, columns).astype(np.float32)
         size = (self.camera.width, self.camera.height)
-        return np.asarray(cv2.resize(grid, size, interpolation=cv2.INTER_LINEAR), np.float32)
+        return np.stack([cv2.resize(part, size, interpolation=cv2.INTER_LINEAR) for part in grid])
 
     def _node_depth(self, normals: FloatArray, u: FloatArray, known: BoolArray) -> FloatArray:
         """(nodes,) inverse depth: that of the nearest window's plane, and what the points around are off it."""
@@ -122,8 +124,8 @@ class Aligner:
     @staticmethod
     def _zoom(places: NDArray[np.float32]) -> float:
         """Pixels of the frame a pixel of the reference, in the middle."""
-        h, w = places.shape[:2]
-        a, b = places[h // 2, w // 4], places[h // 2, 3 * w // 4]
+        h, w = places.shape[1:]
+        a, b = places[:, h // 2, w // 4], places[:, h // 2, 3 * w // 4]
         return float(np.hypot(*(b - a)) / max(3 * w // 4 - w // 4, 1))
 
 
@@ -151,9 +153,10 @@ def _brightened(grey: Grey, gain: float, offset: float) -> Grey:
 
 
 def _pulled(frame: Grey, places: NDArray[np.float32]) -> Grey:
-    """The frame resampled at places (h, w, 2), px."""
-    x, y = cv2.split(places)
-    return np.asarray(cv2.remap(frame, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE), np.uint8)
+    """The frame resampled at places (2, h, w), px."""
+    return np.asarray(
+        cv2.remap(frame, places[0], places[1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE), np.uint8
+    )
 
 
 def _blurred(grey: Grey, zoom: float) -> Grey:
@@ -164,9 +167,9 @@ def _blurred(grey: Grey, zoom: float) -> Grey:
 
 def _brightness(reference: Grey, pulled: Grey, places: NDArray[np.float32], camera: Camera) -> tuple[float, float]:
     """Gain and offset of the grey values of a pulled frame that give those of the reference."""
-    part = (slice(None, None, 4), slice(None, None, 4))
-    at = places[part]
-    valid = (at[..., 0] > 0) & (at[..., 0] < camera.width - 1) & (at[..., 1] > 0) & (at[..., 1] < camera.height - 1)
+    part = (slice(None, None, 8), slice(None, None, 8))
+    u, v = places[:, ::8, ::8]
+    valid = (u > 0) & (u < camera.width - 1) & (v > 0) & (v < camera.height - 1)
     if np.count_nonzero(valid) < 100:
         return 1.0, 0.0
     a, b = reference[part][valid].astype(float), pulled[part][valid].astype(float)
@@ -175,15 +178,16 @@ def _brightness(reference: Grey, pulled: Grey, places: NDArray[np.float32], came
 
 
 def _sampled(places: NDArray[np.float32], uv: FloatArray) -> FloatArray:
-    """Bilinear values (n, 2) of a map (h, w, 2) at pixels (n, 2)."""
-    h, w = places.shape[:2]
+    """Bilinear values (n, 2) of a map (2, h, w) at pixels (n, 2)."""
+    h, w = places.shape[1:]
     at = np.clip(uv, 0.0, [w - 1.001, h - 1.001])
     corner = at.astype(np.int64)
-    fx, fy = (at - corner).T[..., None]
-    x, y = corner.T
-    upper = places[y, x] * (1.0 - fx) + places[y, x + 1] * fx
-    lower = places[y + 1, x] * (1.0 - fx) + places[y + 1, x + 1] * fx
-    return np.asarray(upper * (1.0 - fy) + lower * fy, float)
+    fx, fy = (at - corner).T
+    index = corner[:, 1] * w + corner[:, 0]
+    flat = places.reshape(2, -1)
+    upper = flat[:, index] * (1.0 - fx) + flat[:, index + 1] * fx
+    lower = flat[:, index + w] * (1.0 - fx) + flat[:, index + w + 1] * fx
+    return np.asarray((upper * (1.0 - fy) + lower * fy).T, float)
 
 
 def _inside(uv: FloatArray, camera: Camera, margin: float) -> BoolArray:

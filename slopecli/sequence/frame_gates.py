@@ -24,7 +24,7 @@ class FrameGates:
     def __init__(self, shape: tuple[int, int]) -> None:
         self._shape = shape
         self._last: Grey | None = None
-        self._sharpness = 0.0
+        self._sharpness = self._own = 0.0  # of the frame used last, and of the one checked
         self._blurred = 0
 
     def check(self, frame: Grey) -> Skipped | None:
@@ -39,7 +39,8 @@ class FrameGates:
         if self._last is not None and self._repeats(frame):
             return Skipped("repeated", "repeats the frame before")
         if self._last is not None:
-            share = sharpness(frame) / max(self._sharpness, 1e-9)
+            self._own = sharpness(frame)
+            share = self._own / max(self._sharpness, 1e-9)
             if share < TRACKING.sharpness and self._blurred < TRACKING.most_blurred:
                 self._blurred += 1
                 return Skipped("blurred", f"is blurred: {100 * share:.0f} % of the sharpness of the one before")
@@ -47,17 +48,17 @@ class FrameGates:
 
     def accept(self, frame: Grey) -> None:
         """Remember a frame that was used."""
+        self._sharpness = sharpness(frame) if self._last is None else self._own
         self._last = frame
-        self._sharpness = sharpness(frame)
         self._blurred = 0
 
     def _repeats(self, frame: Grey) -> bool:
         if self._last is None:
             return False
-        return float(cv2.absdiff(frame[::2], self._last[::2]).mean()) < TRACKING.same_grey
+        return float(cv2.norm(frame, self._last, cv2.NORM_L1)) < TRACKING.same_grey * frame.size
 
 
 def sharpness(frame: Grey) -> float:
     """Mean finest detail of a frame over its contrast; noise of the sensor counts as detail."""
     fine = cv2.Laplacian(cv2.blur(frame, (3, 3)), cv2.CV_16S)
-    return float(np.abs(fine).mean() / max(float(frame[::4, ::4].std()), 1.0))
+    return float(cv2.norm(fine, cv2.NORM_L1) / fine.size / max(float(frame[::4, ::4].std()), 1.0))

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 
 from slopecli.geometry.solver.many_views import Root
 from slopecli.geometry.solver.views import ViewPoints
-from slopecli.types import BoolArray, FloatArray
+from slopecli.types import BoolArray, FloatArray, IntArray
 
 
 def fused_normals(points: ViewPoints, root: Root, usable: BoolArray) -> FloatArray:
@@ -43,3 +45,43 @@ def _perpendicular(p: FloatArray, u: FloatArray, sigma: FloatArray, relief: floa
     distance = float(n @ centre)
     # edge-on to the camera: no scaled normal of use
     return np.asarray(n / distance) if abs(distance) > 1e-3 * float(np.linalg.norm(centre)) else otherwise
+
+
+def halves_ratio(points: ViewPoints, root: Root, cell: IntArray) -> float:
+    """Mean square difference of the planes of two halves of every window's points, over that of independent points.
+
+    The halves alternate like the fields of a chess board. Two windows' worth of a ratio of 1 are counted in, so that a
+    few windows do not promise more than they know.
+
+    cell : (n, 2) row and column of the points in their window.
+    """
+    system, state = root.system, root.state
+    V = np.maximum(system.V, np.finfo(float).tiny)
+    off = state.u - system.h / V - (points.per_point(state.N.T) * points.p).sum(axis=0)
+    information = V * system.s * (system.V > 0.0)
+    even = cell.sum(axis=1) % 2 == 0
+    total, count = 6.0, 6
+    for first, number in zip(points.first.tolist(), points.count.tolist(), strict=True):
+        own = slice(first, first + number)
+        both = [_half_plane(points.p[:, own], off[own], information[own] * half) for half in (even[own], ~even[own])]
+        if min(one.kept for one in both) < 9:
+            continue
+        step = both[0].normal - both[1].normal
+        spread = root.noise**2 * (np.linalg.inv(both[0].information) + np.linalg.inv(both[1].information))
+        total, count = total + float(step @ np.linalg.solve(spread, step)), count + 3
+    return total / count
+
+
+class _Half(NamedTuple):
+    """Change of a scaled normal (3,) that half of the points asks for, its information (3, 3), number of points."""
+
+    normal: FloatArray
+    information: FloatArray
+    kept: int
+
+
+def _half_plane(p: FloatArray, off: FloatArray, weight: FloatArray) -> _Half:
+    information = (p * weight) @ p.T
+    information += 1e-12 * (np.trace(information) + np.finfo(float).tiny) * np.eye(3)
+    normal = np.linalg.solve(information, (p * weight) @ off)
+    return _Half(np.asarray(normal), np.asarray(information), int(np.count_nonzero(weight > 0.0)))

@@ -111,7 +111,7 @@ class Sequence:
         if isinstance(move, Skipped):
             return move
         self._estimator = ViewEstimator(aligner.tracks, self.camera.focal_px)
-        self._estimator.start(move.found.x, move.used, move.solution)
+        self._estimator.start(move.found, move.solution)
         self._coarse = CoarseMotion(self.camera, aligner.tracks, aligner.grey)
         self._coarse.accept(frame, self._estimator.motion)
         return self._estimator.motion
@@ -130,7 +130,7 @@ class Sequence:
         share = estimator.share_of(found, motion)
         if share < TRACKING.least_share:
             return Skipped("foreign", f"agrees with the frames before at {100 * share:.0f} % of its points only")
-        estimator.add(found.x, found.seen, motion)
+        estimator.add(found, motion)
         coarse.accept(frame, estimator.motion)
         return estimator.motion
 

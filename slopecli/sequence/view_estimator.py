@@ -23,7 +23,7 @@ from slopecli.geometry.solver.view_roots import judged
 from slopecli.geometry.solver.views import Summed, ViewPoints, ViewState
 from slopecli.look.noise import correlation_gain
 from slopecli.sequence.frame_alignment import Found
-from slopecli.sequence.fused_planes import fused_normals
+from slopecli.sequence.fused_planes import fused_normals, halves_ratio
 from slopecli.sequence.tracking_tunables import TRACKING
 from slopecli.sequence.tracks import Tracks
 from slopecli.types import BoolArray, FloatArray, Solution
@@ -55,9 +55,10 @@ class ViewEstimator:
 
     # ---- start ----
 
-    def start(self, x: FloatArray, seen: BoolArray, solution: Solution) -> None:
-        """Begin with the first move: places x (2, n) of the points seen (n,), and the roots of the pair's solution."""
-        weight = (seen & self.alive).astype(float)[None]
+    def start(self, found: Found, solution: Solution) -> None:
+        """Begin with the first move: where a frame shows the points, and the roots of the pair's solution."""
+        x = found.x
+        weight = (found.seen & self.alive)[None] / found.zoom**2
         m = len(self.tracks.cells)
         count = np.bincount(self.tracks.patch[self.tracks.patch >= 0], minlength=m)
         first = np.cumsum(count) - count
@@ -69,7 +70,7 @@ class ViewEstimator:
             if one is not None:
                 u = np.maximum(_plane_depths(points, one.scaled_normals), 1e-9)
                 state = ViewState(one.R[None], one.T[None], one.scaled_normals, u, np.zeros(0))
-                noise = max(one.noise, self._floor)
+                noise = max(one.noise / found.zoom, self._floor)
                 q = information_of_relief(points, one.scaled_normals, one.relief, noise)
                 self._lines.append(self._settled(points, state, q, one.relief, noise, rounds=4, most=8))
         self._key = [solution.T]
@@ -103,24 +104,20 @@ class ViewEstimator:
     def share_of(self, found: Found, motion: Motion) -> float:
         """Share of the points of a frame that agree with what is known of them."""
         used = found.seen & self.alive
-        return float(self._agreeing(found.x, used, motion)[used].mean()) if used.any() else 0.0
+        return float(self._agreeing(found, used, motion)[used].mean()) if used.any() else 0.0
 
-    def add(self, x: FloatArray, seen: BoolArray, motion: Motion) -> float:
-        """Take in a view near a motion; the share of its points that agree with the rest.
-
-        x : (2, n) places of the points seen (n,).
-        """
-        used = seen & self.alive
-        agree = self._agreeing(x, used, motion)
+    def add(self, found: Found, motion: Motion) -> None:
+        """Take in a view near a motion, and where it shows the points."""
+        x, used = found.x, found.seen & self.alive
+        agree = self._agreeing(found, used, motion)
         self._missed = np.where(used, np.where(agree, 0, self._missed + 1), self._missed)
         self.alive &= self._missed < TRACKING.misses
-        weight = (used & agree).astype(float)
+        weight = (used & agree) / found.zoom**2
         lines = [self._extended(line, x, weight, motion) for line in self._lines]
         self._lines = lines
         self._key.append(self.motion[1])
         self._sort()
         self._solution = None
-        return float(agree[used].mean()) if used.any() else 0.0
 
     def _extended(self, line: Line, x: FloatArray, weight: FloatArray, motion: Motion) -> Line:
         """A root with one more view, the last one replaced if it was taken from nearly the same place."""
@@ -174,9 +171,9 @@ class ViewEstimator:
             q = np.where(off | ~self.alive, 0.0, information_of_relief(points, state.N, relief, noise))
         return Line(points, Root(state, terms, system, relief, q, noise, converged or iterations >= most, iterations))
 
-    def _agreeing(self, x: FloatArray, used: BoolArray, motion: Motion) -> BoolArray:
-        """(n,) whether the places x agree with the motion and with what is known of the inverse depths."""
-        line = self.best
+    def _agreeing(self, found: Found, used: BoolArray, motion: Motion) -> BoolArray:
+        """(n,) whether the places found agree with the motion and with what is known of the inverse depths."""
+        line, x = self.best, found.x
         u, t = line.root.state.u, line.root.system.t
         R, T = motion
         y = R @ self.tracks.p - (R @ T)[:, None] * u
@@ -187,7 +184,7 @@ class ViewEstimator:
         e = seen - x
         along = np.abs((e * along_axis).sum(axis=0))
         across = np.abs(along_axis[0] * e[1] - along_axis[1] * e[0])
-        noise = max(line.root.noise, self._floor)
+        noise = max(line.root.noise, self._floor) * found.zoom
         sigma = np.median(across[used]) * 1.4826 if used.any() else noise
         sigma = max(noise, float(sigma))
         spread = np.hypot(sigma, length * noise * np.sqrt(np.maximum(t, 0.0)))
@@ -210,12 +207,24 @@ class ViewEstimator:
         roots = [line.root._replace(noise=noise) for line in lines]
         return judged(lines[0].points, roots, noise * gain, gain)
 
+    def _resampled(self, found: ViewsSolution, line: Line) -> ViewsSolution:
+        """A solution with the covariance that the points of every window have among themselves, as they show it.
+
+        Two halves of a window's points, alternating like the fields of a chess board, give two planes. Independent
+        points would make them differ by as much as the solution says; ground that bends smoothly makes them differ
+        less, as both halves sample it alike, and errors that neighbours share make them differ more.
+        """
+        ratio = halves_ratio(line.points, line.root, self.tracks.cell)
+        scale = min(max(ratio, TRACKING.least_sampling), found.noise_gain**2) / found.noise_gain**2
+        return replace(found, own_covariance=scale * found.own_covariance)
+
     def solution(self) -> ViewsSolution:
         """Motions of the views kept and normals, with covariance and the second root if one is left."""
         if self._solution is None:
-            found = self._judged(self._lines)
+            found = self._resampled(self._judged(self._lines), self._lines[0])
             other = found.alternative
             if other is not None:
+                other = self._resampled(other, self._lines[1])
                 other = replace(other, scaled_normals=self._fused(self._lines[1]))
             self._solution = replace(found, scaled_normals=self._fused(self._lines[0]), alternative=other)
         return self._solution

@@ -13,6 +13,7 @@ from slopecli.geometry.solver.views import predict_views
 from slopecli.geometry.statistics import GATE_SIGMAS, geman_mcclure, robust_sigma
 from slopecli.types import BoolArray, FloatArray
 
+CLEAR_SHARE = 0.6  # of the points that agree with a start once it is refined, with which no other start is tried
 Motion = tuple[FloatArray, FloatArray]  # R (3, 3) and T (3,)
 
 
@@ -35,9 +36,13 @@ def resect(
     starts : motions to begin with; closed forms are added to them.  floor : least 1-sigma of a residual that is
     believed, normalised coordinates.
     """
+    if starts:
+        near = min(starts, key=lambda motion: _score(p, x, u, *motion))
+        first = _refined(p, x, u, near, floor, rounds)
+        if first.share > CLEAR_SHARE:
+            return first
     found = [*starts, *_closed_forms(p, x, u)]
-    scores = [_score(p, x, u, *motion) for motion in found]
-    order = np.argsort(scores, kind="stable")[:2]
+    order = np.argsort([_score(p, x, u, *motion) for motion in found], kind="stable")[:2]
     return min((_refined(p, x, u, found[i], floor, rounds) for i in order), key=lambda one: (-one.share, one.sigma))
 
 
@@ -114,7 +119,7 @@ def _refined(p: FloatArray, x: FloatArray, u: FloatArray, start: Motion, floor: 
         scale = np.diag(information)
         move = -np.linalg.solve(information + np.diag(1e-12 * scale + np.finfo(float).tiny), gradient)
         R, T = rotation_from_vector(np.asarray(move[:3], float)) @ R, T + move[3:]
-        if float(move @ (scale * move)) < 1e-4 * sigma**2:
+        if float(move @ (scale * move)) < 1e-3 * sigma**2:
             break
     fits = length < 2.0 * GATE_SIGMAS * sigma
     return Resection(R, T, sigma, fits, float(fits.mean()))

@@ -189,13 +189,14 @@ def view_terms(points: ViewPoints, R: FloatArray, T: FloatArray, u: FloatArray) 
     for c in range(3):
         J[:, 3 + c] = (x * R[:, 2, c, None, None] - R[:, :2, c, None]) * scale
     residual = (x - points.x) * (points.weight > 0.0)[:, None]
-    weighted = J * points.weight[:, None, None]
-    flat = J.reshape(k, 6, 2 * n)
-    U = weighted.reshape(k, 6, 2 * n) @ flat.swapaxes(1, 2)
-    g = (weighted.reshape(k, 6, 2 * n) @ residual.reshape(k, 2 * n, 1))[:, :, 0]
-    X = weighted[:, :, 0] * slide[:, None, 0] + weighted[:, :, 1] * slide[:, None, 1]
-    V = points.weight * (slide * slide).sum(axis=1)
-    h = points.weight * (slide * residual).sum(axis=1)
+    root = np.sqrt(points.weight)[:, None]
+    J *= root[:, None]
+    flat, pull, error = J.reshape(k, 6, 2 * n), slide * root, residual * root
+    U = flat @ flat.swapaxes(1, 2)
+    g = (flat @ error.reshape(k, 2 * n, 1))[:, :, 0]
+    X = J[:, :, 0] * pull[:, None, 0] + J[:, :, 1] * pull[:, None, 1]
+    V = (pull * pull).sum(axis=1)
+    h = (pull * error).sum(axis=1)
     return Terms(residual, slide, z, U, X, V, g, h)
 
 
@@ -268,7 +269,10 @@ def _with_planes(points: ViewPoints, state: ViewState, system: Reduced) -> Reduc
     gradient = system.gradient + system.X @ pull
     own = (s * V)[:n] * p
     plane = points.sum_planes(own[:, None] * p[None]).transpose(2, 0, 1) + summed.n_information
-    cross = points.sum_planes((system.X * s)[:, None, :n] * p[None]).transpose(0, 2, 1)
+    cross = np.empty((len(gradient), points.n_planes, 3))
+    drawn = s[:n] * p
+    for i, (first, count) in enumerate(zip(points.first.tolist(), points.count.tolist(), strict=True)):
+        cross[:, i] = system.X[:, first : first + count] @ drawn[:, first : first + count].T
     if r:
         cross[d - r :] += summed.n_modes.transpose(2, 0, 1)
     plane_gradient = points.sum_planes((s * (h - V * system.offset))[:n] * p).T
