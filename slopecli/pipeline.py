@@ -136,6 +136,35 @@ def sequence(frames: Iterable[Frame], runner: Sequence, *, stop_when_settled: bo
             return
 
 
+def sequence_map(runner: Sequence, wanted: MapOptions | None = None) -> SlopeMap:
+    """The map of the ground of the first frame from the depth of all, after `sequence`.
+
+    Parameters
+    ----------
+    runner : made with `keep_depth`.  wanted : as for `slope_map`.
+
+    Raises
+    ------
+    InputError, NoAnswer : there is no answer, or the pixels cannot serve what is wanted.
+    """
+    from slopecli.ground.map_task import MapTask, build_map, sizes_of
+    from slopecli.ground.tilt_uncertainty import Root
+
+    report, joined, solution = runner.reported(runner.images)
+    fused = runner.fused()
+    other = solution.ambiguity.alternative if solution.ambiguity.status == "unresolved" else None
+    task = MapTask(
+        scene=fused.scene,
+        report=report,
+        roots=[Root.of(root, 0.0) for root in (solution, other) if root is not None],
+        up_sigma_rad=up_sigma_rad(report, joined, solution),
+        forbidden=forbidding(report.diagnostics),
+        options=runner.options,
+        wanted=wanted or MapOptions(),
+    )
+    return build_map(fused.depth, sizes_of(task, fused.depth.grid.mean_scale), task)
+
+
 def _with_largest_plane(options: Options) -> Options:
     """Options that find planes in the image where the largest is to be level, as windows may lie across several."""
     sought = options.up == "dominant-plane" and options.planes == "windows"

@@ -8,6 +8,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+import tifffile
 from command import slopemap
 from frames import CAMERA, GRID, frame, true_normals, write_frames
 from jsonschema import validate
@@ -173,3 +174,24 @@ def test_a_reader_ignores_a_line_that_is_not_finished(tmp_path: Path) -> None:
     with LineFile(path) as lines:
         lines.write(b'{"frame":3}')
     assert read_lines(path) == [{"frame": 3}]
+
+
+def test_a_map_has_the_depth_of_all_frames(descent: Path, tmp_path: Path) -> None:
+    """The ground that only nearer frames show is in it, and where the last one shows it, it is as sure as that."""
+    done = slopemap(*arguments(descent, tmp_path), "--map", "--footprint", "48", "--spacing", "8")
+    assert done.returncode == 0, done.stderr
+    assert "site" in done.stdout
+    document = json.loads((tmp_path / "slopes.json").read_text())
+    validate(document, load_schema())
+    assert {"map", "sites", "motions"} <= document.keys()
+    assert document["map"]["valid_share"] > 0.6
+    bands = tifffile.imread(tmp_path / "slope_map.tif")
+    slopes, sigmas = bands[:2] if len(bands) < 20 else np.moveaxis(bands, -1, 0)[:2]
+    known = slopes > -999.0
+    true_deg = np.degrees(np.arccos(-true_normals()[0, 2]))  # of all four faces
+    off = np.abs(slopes[known] - true_deg)
+    rows, columns = np.nonzero(known)
+    middle = np.array(slopes.shape) / 2
+    on_a_face = (np.abs(rows - middle[0]) > 4) & (np.abs(columns - middle[1]) > 4)
+    assert np.median(off[on_a_face]) < 0.5
+    assert (off[on_a_face] < 3.0 * sigmas[known][on_a_face] + 0.1).mean() > 0.95

@@ -24,19 +24,25 @@ def print_map(answer: SlopeMap, written: list[Path], talk: Talk, *, as_json: boo
         from slopecli.products.slopes_json import map_to_json
 
         print_result(map_to_json(answer))
-    elif answer.sites:
-        print_table(sites_table(answer))
     else:
-        print_result("no landing site")
-    talk.say(ground_line(answer))
-    if answer.no_site:
-        talk.say(f"no landing site: {answer.no_site}")
+        print_sites(answer, talk)
     for line in talk_lines(answer.report):
         talk.say(line)
     if talk.verbose:
         talk.say(focal_line(answer.report))
     if written:
         talk.say(f"wrote {', '.join(map(str, written))}")
+
+
+def print_sites(answer: SlopeMap, talk: Talk) -> None:
+    """Print the landing sites on stdout; on stderr what the ground is like."""
+    if answer.sites:
+        print_table(sites_table(answer))
+    else:
+        print_result("no landing site")
+    talk.say(ground_line(answer))
+    if answer.no_site:
+        talk.say(f"no landing site: {answer.no_site}")
 
 
 def sites_table(answer: SlopeMap) -> Table:

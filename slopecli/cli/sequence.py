@@ -11,7 +11,17 @@ import click
 
 from slopecli.cli import parameter_types as kinds
 from slopecli.cli import shared_options as shared
-from slopecli.cli.checks import CAMERA_FLAGS, WINDOW_FLAGS, at_most_one, camera_choice, given, options_from, refuse
+from slopecli.cli.checks import (
+    CAMERA_FLAGS,
+    WINDOW_FLAGS,
+    at_most_one,
+    camera_choice,
+    given,
+    map_options_from,
+    options_from,
+    refuse,
+)
+from slopecli.cli.map_table import print_sites
 from slopecli.cli.parameter_types import PATH, POSITIVE
 from slopecli.cli.report_table import print_report
 from slopecli.cli.shared_options import INPUT, OUTPUT, Flag, Option
@@ -19,7 +29,7 @@ from slopecli.cli.talk import Talk, print_result
 
 if TYPE_CHECKING:
     from slopecli.io.frame_sources import FrameSource
-    from slopecli.sequence.frame import SequenceStep
+    from slopecli.sequence.frame import SequenceAnswer, SequenceStep
     from slopecli.sequence.stream import Sequence
 
 LINES = "sequence.jsonl"
@@ -39,6 +49,7 @@ FILES = (
     shared.json_flag,
     Flag(OUTPUT, "--no-overlay", "Leave out overlay.png"),
     Flag(OUTPUT, "--video", "Also write sequence.mp4, the overlay on every frame"),
+    Flag(OUTPUT, "--map with_map", "Also map the slope of every place, and landing sites"),
     Flag(OUTPUT, "--stop-when-settled", "End when every window is safe or unsafe"),
 )
 
@@ -50,6 +61,7 @@ FILES = (
         *shared.intrinsics_options,
         *FRAMES,
         *FILES,
+        *shared.map_options,
         *shared.window_options,
         *shared.frame_options(),
         *DECIDING,
@@ -79,12 +91,13 @@ def sequence(ctx: click.Context, frames: tuple[str, ...], **parameters: Any) -> 
     camera, notes = camera_for(source.image, camera_choice(parameters))
     for note in notes:
         talk.say(f"info: {note}")
-    runner = Sequence(camera, options_from(parameters))
+    runner = Sequence(camera, options_from(parameters), keep_depth=parameters["with_map"])
     interrupted, problem = _run(source, runner, parameters, talk)
-    written = _written(runner, parameters, talk)
     if not runner.started:
         _refuse_without_answer(runner, interrupted)
-    print_report(runner.answer().report, written, talk, as_json=parameters["as_json"])
+    answer = _answer(runner, parameters, talk)
+    written = _written(answer, runner, parameters, talk)
+    _print(answer, written, talk, parameters["as_json"])
     if problem is not None:
         raise problem
     if interrupted:
@@ -197,19 +210,41 @@ def _pace(done: int, seconds: float, total: int | None) -> str:
     return f"{rate:.1f} frames a second{left}"
 
 
-def _written(runner: Sequence, parameters: dict[str, Any], talk: Talk) -> list[Path]:
+def _answer(runner: Sequence, parameters: dict[str, Any], talk: Talk) -> SequenceAnswer:
+    """The answer so far, with the map if one was asked for."""
+    if not parameters["with_map"]:
+        return runner.answer()
+    from slopecli import pipeline
+
+    with talk.timed("map"):
+        return runner.answer(pipeline.sequence_map(runner, map_options_from(parameters)))
+
+
+def _print(answer: SequenceAnswer, written: list[Path], talk: Talk, as_json: bool) -> None:
+    """The table, or slopes.json, and with a map its landing sites."""
+    if as_json:
+        from slopecli.products.sequence_files import sequence_to_json
+
+        print_result(sequence_to_json(answer))
+        return
+    print_report(answer.report, written, talk, as_json=False)
+    if answer.map is not None:
+        print_sites(answer.map, talk)
+
+
+def _written(answer: SequenceAnswer, runner: Sequence, parameters: dict[str, Any], talk: Talk) -> list[Path]:
     """The files of the answer so far, with that of the lines first."""
     from slopecli.types import Image
 
     output, first = parameters["output"], runner.first_image
-    if not output or not runner.started or not isinstance(first, Image):
+    if not output or not isinstance(first, Image):
         return []
     from slopecli.io.outputs import store_outputs
     from slopecli.products import SEQUENCE_PRODUCTS, VIDEO, encode_products
 
     with talk.timed("write"):
         keep = frozenset() if parameters["no_overlay"] else frozenset({"overlay"})
-        contents = encode_products(runner.answer(), first, keep, SEQUENCE_PRODUCTS)
+        contents = encode_products(answer, first, keep, SEQUENCE_PRODUCTS)
         if parameters.get("film"):
             contents[VIDEO] = parameters["film"]
         return [Path(output, LINES), *store_outputs(contents, output)]

@@ -32,7 +32,8 @@ class Product:
         (h, w, 3) uint8 BGR, which is written as PNG; imported when it is called.
     choice : name of the user's choice to have it, "" if it is always made; several files may share one.
     by_default : whether it is made unless declined.
-    requires : attribute of a report without which there is no such file: planes found in the image, or a segmentation.
+    requires : attribute of an answer without which there is no such file: planes found in the image, a segmentation,
+        a map.
     """
 
     file: str
@@ -40,7 +41,7 @@ class Product:
     encoder: str
     choice: str = ""
     by_default: bool = True
-    requires: Literal["", "found", "segmentation"] = ""
+    requires: Literal["", "found", "segmentation", "map"] = ""
 
     @property
     def parameter(self) -> str:
@@ -96,7 +97,11 @@ MAP_PRODUCTS = (
     Product("slope_map.tif", "the map as bands of numbers", "map_tiff:encode"),
     Product(RESULT, "the answer, complete, but for the cells of the map", "slopes_json:encode_map"),
 )
+_OfMap = partial(Product, requires="map")
 SEQUENCE_PRODUCTS = (
+    _OfMap(MAP_PICTURE, "the first frame with the slope of every place", "sequence_files:draw_map_picture"),
+    _OfMap("map_sigma.png", "the first frame with the 1-sigma of these slopes", "sequence_files:draw_map_sigma"),
+    _OfMap("slope_map.tif", "the map as bands of numbers", "sequence_files:encode_map_tiff"),
     Product(OVERLAY, "the first frame with slopes, sigmas and verdicts", "sequence_files:draw_last", "overlay"),
     Product("trajectory.txt", "where the camera was, in TUM format", "sequence_files:encode_trajectory"),
     Product(RESULT, "the last answer, with the motions of all frames", "sequence_files:encode_sequence"),

@@ -7,9 +7,13 @@ from typing import Any
 
 import numpy as np
 
+from slopecli.errors import InputError
+from slopecli.ground.slope_map import SlopeMap
+from slopecli.products import map_tiff
 from slopecli.products.drawing.canvas import Picture
+from slopecli.products.map_picture import draw_map, draw_sigma
 from slopecli.products.overlay import draw_overlay
-from slopecli.products.slopes_json import plain, report_document, to_json
+from slopecli.products.slopes_json import map_keys, plain, report_document, to_json
 from slopecli.sequence.frame import SequenceAnswer, SequenceStep
 from slopecli.types import FloatArray, Image
 
@@ -21,7 +25,29 @@ def encode_sequence(answer: SequenceAnswer, image: Image) -> bytes:
 
 def sequence_to_json(answer: SequenceAnswer) -> str:
     """Serialise the answer of a sequence as `report_to_json` does a report."""
-    return to_json({**report_document(answer.report), "motions": answer.motions})
+    of_map = {} if answer.map is None else map_keys(answer.map)
+    return to_json({**report_document(answer.report), **of_map, "motions": answer.motions})
+
+
+def draw_map_picture(answer: SequenceAnswer, image: Image) -> Picture:
+    """map.png of a sequence."""
+    return draw_map(_map_of(answer), image)
+
+
+def draw_map_sigma(answer: SequenceAnswer, image: Image) -> Picture:
+    """map_sigma.png of a sequence."""
+    return draw_sigma(_map_of(answer), image)
+
+
+def encode_map_tiff(answer: SequenceAnswer, image: Image) -> bytes:
+    """slope_map.tif of a sequence."""
+    return map_tiff.encode(_map_of(answer), image)
+
+
+def _map_of(answer: SequenceAnswer) -> SlopeMap:
+    if answer.map is None:
+        raise InputError("no map was asked for")
+    return answer.map
 
 
 def draw_last(answer: SequenceAnswer, image: Image) -> Picture:

@@ -36,6 +36,11 @@ def encode_map(slope_map: SlopeMap, image: Image) -> bytes:
 
 def map_to_json(slope_map: SlopeMap) -> str:
     """Serialise a map as `report_to_json` does its report, without its cells, which are in slope_map.tif."""
+    return to_json({**report_document(slope_map.report), **map_keys(slope_map)})
+
+
+def map_keys(slope_map: SlopeMap) -> dict[str, Any]:
+    """The keys of slopes.json that a map has besides those of its report."""
     info = MapInfo(
         file=MAP_FILE,
         spacing_px=slope_map.spacing_px,
@@ -47,7 +52,7 @@ def map_to_json(slope_map: SlopeMap) -> str:
         median_sigma_deg=slope_map.median_sigma_deg,
         median_sigma_causes_deg=slope_map.sigma_causes_deg,
     )
-    return to_json({**report_document(slope_map.report), "map": info, "sites": slope_map.sites})
+    return {"map": info, "sites": slope_map.sites}
 
 
 def report_to_json(report: Report) -> str:

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, NamedTuple
 from slopecli.types import Image, Report, Verdict
 
 if TYPE_CHECKING:
+    from slopecli.ground.slope_map import SlopeMap
     from slopecli.sequence.stream import FrameMotion, FrameState
 
 
@@ -22,10 +23,12 @@ class Frame(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class SequenceAnswer:
-    """The answer of a sequence: the report of its first frame and the last one used, and the motions of all used."""
+    """The answer of a sequence: the report of its first frame and the last one used, the motions of all used,
+    and the map if one was asked for."""
 
     report: Report
     motions: tuple[FrameMotion, ...]
+    map: SlopeMap | None = None
 
     @property
     def found(self) -> bool:

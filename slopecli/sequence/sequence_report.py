@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -78,6 +79,14 @@ def _patch(
     )
 
 
+class Reported(NamedTuple):
+    """A report, with the matches and the solution that it comes from: the pair of the first frame and the last."""
+
+    report: Report
+    joined: Joined
+    solution: Solution
+
+
 def report_of(
     estimator: ViewEstimator,
     windows: list[Window],
@@ -85,7 +94,7 @@ def report_of(
     camera: Camera,
     options: Options,
     diagnostics: list[Diagnostic],
-) -> Report:
+) -> Reported:
     """The report of the answer so far; lengths are in metres, or in baselines of the first move.
 
     Raises
@@ -99,7 +108,8 @@ def report_of(
     if options.baseline_m is not None:
         options = replace(options, baseline_m=options.baseline_m * length)
     report = build_report(images, (camera, camera), options, joined, solution, diagnostics, test=CameraTest())
-    return in_first_baselines(report, length) if report.scale.unit == "baseline" else report
+    report = in_first_baselines(report, length) if report.scale.unit == "baseline" else report
+    return Reported(report, joined, solution)
 
 
 def _chosen(solution: Solution, enough: BoolArray, joined: Joined) -> Solution:

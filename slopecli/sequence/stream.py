@@ -14,16 +14,18 @@ from slopecli.geometry.epipolar import rotation_angle
 from slopecli.geometry.solver.many_views import ViewsSolution
 from slopecli.geometry.solver.one_thread import one_blas_thread
 from slopecli.geometry.solver.resection import Motion as Placed
+from slopecli.ground.slope_map import SlopeMap
 from slopecli.look.features import FeatureMemory, Grey
 from slopecli.look.threads import single_threaded
 from slopecli.options import Options
 from slopecli.patches.windows.window_finder import wanted_windows
 from slopecli.sequence.coarse_motion import CoarseMotion
+from slopecli.sequence.depth_frames import DepthFrames, FusedScene
 from slopecli.sequence.first_move import first_move
 from slopecli.sequence.frame import Frame, SequenceAnswer
 from slopecli.sequence.frame_alignment import Aligner
 from slopecli.sequence.frame_gates import FrameGates, Skipped
-from slopecli.sequence.sequence_report import report_of
+from slopecli.sequence.sequence_report import Reported, report_of
 from slopecli.sequence.tracking_tunables import TRACKING
 from slopecli.sequence.tracks import choose_tracks
 from slopecli.sequence.view_estimator import ViewEstimator
@@ -64,9 +66,10 @@ class Sequence:
     Parameters
     ----------
     camera : of every frame.  options : windows are in px of the first frame that is used.
+    keep_depth : keep the few frames that `fused` needs.
     """
 
-    def __init__(self, camera: Camera, options: Options | None = None) -> None:
+    def __init__(self, camera: Camera, options: Options | None = None, *, keep_depth: bool = False) -> None:
         self.camera, self.options = camera, options or Options()
         self.windows = wanted_windows(self.options, camera.width, camera.height)
         self.frames: list[FrameState] = []
@@ -75,6 +78,7 @@ class Sequence:
         self._aligner: Aligner | None = None
         self._estimator: ViewEstimator | None = None
         self._coarse: CoarseMotion | None = None
+        self._depth = DepthFrames() if keep_depth else None
         self.current: Image | None = None
         self._images: tuple[Image | ImageInfo, Image | ImageInfo] = (ImageInfo("", None, None, ""),) * 2
 
@@ -87,6 +91,8 @@ class Sequence:
         state = FrameState(len(self.frames) + 1, "skipped", why=why) if why else self._taken(frame)
         if state.status != "skipped":
             self._gates.accept(frame)
+        if state.status == "used" and self._depth is not None and state.R is not None and state.T is not None:
+            self._depth.add(frame, state.R, state.T, self._shown())
         state = replace(state, image=image, time_s=time_s)
         self.frames.append(state)
         return state
@@ -139,6 +145,10 @@ class Sequence:
             raise InputError("no frame was taken yet")
         return self._aligner
 
+    def _shown(self) -> float:
+        """Share of the points of the reference that the last frame used shows."""
+        return 0.0 if self._estimator is None else float((self._estimator.best.points.weight[-1] > 0.0).mean())
+
     @property
     def started(self) -> bool:
         """Whether there is an answer."""
@@ -164,10 +174,10 @@ class Sequence:
             self._images = (frame.image if state.status == "reference" else self._images[0], info)
         return state
 
-    def answer(self) -> SequenceAnswer:
+    def answer(self, slope_map: SlopeMap | None = None) -> SequenceAnswer:
         """The answer so far, with the motions of all frames used. InputError or NoAnswer as `report`."""
-        report = self.report(self._images)
-        return SequenceAnswer(report, tuple(self.motions(report)))
+        report = self.report(self._images) if slope_map is None else slope_map.report
+        return SequenceAnswer(report, tuple(self.motions(report)), slope_map)
 
     def report_or_none(self) -> Report | None:
         """The answer so far; None while no slope is known."""
@@ -177,11 +187,36 @@ class Sequence:
             return None
 
     @property
+    def images(self) -> tuple[Image | ImageInfo, Image | ImageInfo]:
+        """The first frame that was used, and what is known of the last one."""
+        return self._images
+
+    @property
     def first_image(self) -> Image | ImageInfo:
         """The first frame that was used."""
         return self._images[0]
 
     def report(self, images: tuple[Image | ImageInfo, Image | ImageInfo] | None = None) -> Report:
+        """The answer so far as a report of the first frame and the last one used; arguments as of `reported`."""
+        return self.reported(images).report
+
+    def fused(self) -> FusedScene:
+        """Depth of every pixel of the first frame from those that tell most of it; see `keep_depth`.
+
+        Raises
+        ------
+        InputError : there is no answer yet, or no frames were kept.
+        """
+        if self._estimator is None or self._depth is None:
+            raise InputError(
+                "there is no depth: no frame has moved far enough, or Sequence was made without keep_depth"
+            )
+        state, system = self._estimator.best.root.state, self._estimator.best.root.system
+        known = self._estimator.alive & (system.V > 0.0)
+        aligner = self._reference()
+        return self._depth.fused(aligner.grey, self.camera, aligner.tracks, state.u, known)
+
+    def reported(self, images: tuple[Image | ImageInfo, Image | ImageInfo] | None = None) -> Reported:
         """The answer so far as a report of the first frame and the last one used.
 
         images : both, for their names and what the first shows; names alone where they are not given.
