@@ -163,3 +163,17 @@ def test_a_large_image_is_measured_on_a_smaller_grid_at_the_same_places() -> Non
     error = error_px(depth, pair)[depth.known]
     assert np.median(np.abs(error)) < 0.035
     assert abs(error.mean()) < 0.02
+
+
+def test_ground_without_texture_is_bare_whatever_lies_beside_it() -> None:
+    """A bright plate ends over a dark drop without texture: the plate's edge is no texture of the drop."""
+    drop = Surface(tilted(0.0, 0.0, 9.0), (160, 0, 160, 240), contrast=0.0)
+    depth = measure_depth(scene_of(render(R, T, [Surface(GROUND), drop])))
+    assert depth.bare[20:220, 175:300].mean() > 0.95
+    assert depth.bare[:, 30:150].mean() < 0.02
+    assert not (depth.sure & depth.bare).any()
+
+
+def test_textured_ground_is_not_bare() -> None:
+    depth = measure_depth(scene_of(render(R, T, [Surface(GROUND)])))
+    assert depth.bare.mean() < 0.005

@@ -460,3 +460,17 @@ def test_a_program_gets_the_same_refusals() -> None:
     tall = MapOptions(lander=Lander(3, 100.0))
     with pytest.raises(InputError, match="must be between"):
         slope_map(first, second, pair.camera1, pair.camera2, Options(), tall)
+
+
+def test_nothing_is_safe_beside_ground_that_may_drop() -> None:
+    """Level ground beside a slope has a hole in the middle without texture, so nobody knows how deep it is."""
+    slope = Surface(tilted(0.5, 0.0), (230.0, 0.0, 90.0, 240.0))
+    hole = Surface(tilted(0.0, 0.0, 9.0), (100.0, 90.0, 60.0, 60.0), contrast=0.0)
+    pair = render(turn(1, -2, 3), unit(0.8, 0.2, 0.4), [Surface(tilted(0.0, 0.0)), slope, hole])
+    images = image_of(pair.grey1), image_of(pair.grey2)
+    result = slope_map(*images, pair.camera1, pair.camera2, Options(), MapOptions(footprint_px=32.0, spacing_px=4))
+    u, v = np.meshgrid(*((np.arange(n) + 0.5) * 4 - 0.5 for n in result.p_safe.shape[::-1]))
+    away = np.hypot(*(np.maximum(np.abs(one - middle) - 30.0, 0.0) for one, middle in ((u, 130.0), (v, 120.0))))
+    assert not (result.verdicts[away < 16.0] == "safe").any()
+    level = result.known & (away > 34.0) & (u < 200.0)
+    assert (result.verdicts[level] == "safe").mean() > 0.85

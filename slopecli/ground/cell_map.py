@@ -16,6 +16,7 @@ from slopecli.ground.slope_map import CellArrays
 from slopecli.ground.tilt_uncertainty import (
     Root,
     across_step,
+    beside_bare,
     gradient_parts,
     largest_jump,
     normal_covariance,
@@ -23,6 +24,8 @@ from slopecli.ground.tilt_uncertainty import (
 )
 from slopecli.look.dense_depth import DenseDepth
 from slopecli.types import BoolArray, FloatArray
+
+WITHHELD = 0.5  # largest probability of a safe footprint that nothing speaks against, and too little for
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,6 +77,7 @@ def map_cells(depth: DenseDepth, cells: Cells, roots: Sequence[Root], demand: De
         p_safe = p_safe * np.minimum(*both)
     step = told & across_step(depth, planes, jump)
     p_safe = np.where(step, 0.0, p_safe)
+    p_safe = np.where(beside_bare(depth, planes), np.minimum(p_safe, WITHHELD), p_safe)
     cells_of = _assembled(depth, planes, seen[0], told, demand, above, below, p_safe, step, ground_px)
     causes = cell_causes(planes, gradient, roots[0], seen[0], told, demand.ups[0], demand.up_sigma_rad)
     return replace(cells_of, sigma_causes_deg=causes)

@@ -11,7 +11,7 @@ from slopecli.errors import InputError
 from slopecli.geometry.slope import north_direction
 from slopecli.geometry.statistics import median
 from slopecli.ground.cell_grid import CellGrid, choose_cells
-from slopecli.ground.cell_map import CellMap, Demand, map_cells
+from slopecli.ground.cell_map import WITHHELD, CellMap, Demand, map_cells
 from slopecli.ground.near_miss import nearest_miss
 from slopecli.ground.safety import least_limit
 from slopecli.ground.sites import Ground, find_sites
@@ -23,7 +23,6 @@ from slopecli.options import MapOptions, Options
 from slopecli.types import FloatArray, Report
 
 NEAREST_SHARE = 0.05  # quantile of the distance of the ground that stands for its nearest part
-WITHHELD = 0.5  # largest probability of a safe footprint where a diagnostic forbids to call anything safe
 
 
 @dataclass(frozen=True, eq=False)

@@ -230,3 +230,10 @@ def across_step(depth: DenseDepth, planes: FootprintPlanes, jump: FloatArray) ->
     pixels = disc_sums((depth.step,), wider)[0]
     high = jump > TILT.step_share * diameter / depth.focal_px
     return np.asarray(high & (pixels > TILT.step_length * diameter))
+
+
+def beside_bare(depth: DenseDepth, planes: FootprintPlanes) -> BoolArray:
+    """(rows, columns) whether a footprint reaches onto ground without texture, which may be a drop."""
+    wider = replace(planes.cells, radius_px=planes.cells.radius_px + TILT.step_margin_px)
+    pixels = disc_sums((depth.bare,), wider)[0]
+    return np.asarray(pixels > TILT.step_length * 2 * planes.cells.radius_px)

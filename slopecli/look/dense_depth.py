@@ -54,6 +54,10 @@ class DepthTunables:
     relief: float = 0.05
     reach_px: float = 0.5  # grid px, 1-sigma of what is left to align after the flow
     told: float = 0.3  # least share of a correction that the images determine, rather than these two assumptions
+    least_correlation: float = 0.4  # of the images over the window; 1 % of what is matched rightly has less than 0.5
+    own_px: float = 1.0  # grid px, sigma of the Gaussian over which texture counts as a pixel's own
+    own_share: float = 0.03  # of the texture in the window, least that must be its own
+    bare_px: int = 7  # grid px, side of the smallest area that counts as bare: smooth texture has smaller flat spots
     most_change: float = 0.5  # largest change of the logarithm of inverse depth by the flow
     most_step: float = 0.2  # the same by a round of alignment
     across_px: float = 1.0  # grid px, largest residual across the epipolar line that is believed
@@ -73,7 +77,8 @@ class DenseDepth:
 
     w (h, w): 1/baseline, positive; to be used where `known` (h, w).
     sure (h, w): those known that are not beside a step of depth, where matching takes one side for the other.
-    step (h, w): pixels on such a step.  rays (h, w, 2): normalised coordinates.
+    step (h, w): pixels on such a step.  bare (h, w): pixels without texture of their own, which may have any depth,
+    though an edge beside them makes it look known.  rays (h, w, 2): normalised coordinates.
     uv2 (h, w, 2): full px of image 2.  shifts (h, w, 2): displacement, grid px, per change of ln w.
     across_px (h, w): residual across the epipolar line after alignment, grid px.
     """
@@ -83,6 +88,7 @@ class DenseDepth:
     known: NDArray[np.bool_]
     sure: NDArray[np.bool_]
     step: NDArray[np.bool_]
+    bare: NDArray[np.bool_]
     rays: FloatImage
     uv2: FloatImage
     shifts: FloatImage
@@ -129,14 +135,15 @@ def measure_depth(scene: Scene, windows: Sequence[Window] = (), max_pixels: floa
     w, across = pair.by_flow(w)
     for _ in range(DEPTH.rounds):
         w = pair.along(w)
-    uv2, told, left = pair.check(w)
+    uv2, told, own, left = pair.check(w)
     shown = covered(uv2, scene.shape2, 1.0)
+    bare = shown & _in_one_piece(~(told & own))
     known = shown & told & (np.abs(across) < DEPTH.across_px) & (np.abs(left) < DEPTH.across_px)
     known &= ~_hidden(w, uv2, known, scene)
     step = _steps(w, shifts) & shown
     side = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * DEPTH.beside_px + 1, 2 * DEPTH.beside_px + 1))
-    sure = known & (cv2.dilate(step.astype(np.uint8), side) == 0)
-    return DenseDepth(grid, w, known, sure, step, transfer.rays, uv2, shifts, left)
+    sure = known & ~bare & (cv2.dilate(step.astype(np.uint8), side) == 0)
+    return DenseDepth(grid, w, known, sure, step, bare, transfer.rays, uv2, shifts, left)
 
 
 def _grid_around(scene: Scene, windows: Sequence[Window], max_pixels: float) -> Grid:
@@ -204,15 +211,33 @@ class _Alignment:
             cv2.medianBlur(w * np.exp(np.clip(step, -DEPTH.most_step, DEPTH.most_step)), DEPTH.median_px), np.float32
         )
 
-    def check(self, w: FloatImage) -> tuple[FloatImage, NDArray[np.bool_], FloatImage]:
-        """Px of image 2, whether the images tell the depth, and the residual across the line, grid px."""
+    def check(self, w: FloatImage) -> tuple[FloatImage, NDArray[np.bool_], NDArray[np.bool_], FloatImage]:
+        """Px of image 2, whether the images tell the depth, whether by texture of the pixel's own that both show,
+        and the residual across the line, grid px."""
         uv2, difference, gx, gy = self._compared(w)
         length = np.sqrt(self._length2 + 1e-12)
         slope = gx * self._shifts[..., 0] + gy * self._shifts[..., 1]
         side = (gy * self._shifts[..., 0] - gx * self._shifts[..., 1]) / length
         told = _window(slope * slope)
+        own = (cv2.GaussianBlur(slope * slope, (0, 0), DEPTH.own_px) > DEPTH.own_share * told) & self._agrees(
+            difference
+        )
         across = _window(side * difference) / (_window(side * side) + DEPTH.window_noise / DEPTH.reach_px**2)
-        return uv2, told > DEPTH.told * (told + self._hold), across
+        return uv2, told > DEPTH.told * (told + self._hold), own, across
+
+    def _agrees(self, difference: FloatImage) -> NDArray[np.bool_]:
+        """(h, w) whether the images correlate over the window around a pixel; difference: of their grey values."""
+        first, second, left = (
+            _window((values - cv2.GaussianBlur(values, (0, 0), DEPTH.shading_px)) ** 2)
+            for values in (self._grey, self._grey - difference, difference)
+        )
+        return np.asarray(left < (1.0 - DEPTH.least_correlation) * (first + second))
+
+
+def _in_one_piece(mask: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """(h, w) the mask without specks, as where texture happens to vanish for a few pixels."""
+    square = np.ones((DEPTH.bare_px, DEPTH.bare_px), np.uint8)
+    return np.asarray(cv2.morphologyEx(mask.astype(np.uint8), cv2.MORPH_OPEN, square), bool)
 
 
 def _exposed_alike(pulled: FloatImage, grey: FloatImage, valid: NDArray[np.bool_]) -> FloatImage:
