@@ -166,13 +166,19 @@ def write_tables() -> None:
 
 def write_examples_and_pictures() -> None:
     """Run the examples of the documents and draw their pictures anew."""
-    from pictures import make_pictures, write_map_picture  # beside this script; the tests run the rest without that
+    from pictures import (
+        make_pictures,
+        write_camera_picture,
+        write_map_picture,
+    )  # beside this script; the tests run the rest without that
     from study_figures import make_study_figures
 
     IMAGES.mkdir(exist_ok=True)
     for document in (README, CAMERAS, SEGMENT, BATCH, PLAN, SOLVE, MAP):
         with tempfile.TemporaryDirectory() as folder:
             rewrite_examples(document, Path(folder))
+            if document == CAMERAS:
+                write_camera_picture(Path(folder) / "camera_shown" / "camera.png", IMAGES)
             if document == PLAN:
                 (IMAGES / "plan.png").write_bytes(next(Path(folder).glob("*/plan.png")).read_bytes())
             if document == MAP:

@@ -70,6 +70,11 @@ def write_map_picture(source: Path, images: Path) -> None:
     _write(images / "map.jpg", cv2.imread(str(source)), MAP_BYTES)
 
 
+def write_camera_picture(source: Path, images: Path) -> None:
+    """Write the picture of a camera at its own size."""
+    _write(images / "camera.jpg", cv2.imread(str(source)), MAP_BYTES)
+
+
 def _segmented(folder: Path, options: Sequence[str]) -> Path:
     """Output folder of a run with these options, which is run if it was not."""
     out = folder / ("segment" + "".join(options))

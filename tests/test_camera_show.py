@@ -65,7 +65,7 @@ def test_what_is_said_of_a_camera(tmp_path: Path) -> None:
         "image 1024x768 px",
         "field of view 72.67° wide, 53.89° high",
         "focal length 800 x 810 px",
-        "principal point 511.5, 383.5 px; +0, +0 px off the middle",
+        "principal point 511.5, 383.5 px, in the middle of the image",
         "k1 -0.28, k2 0.074",
         "upper left 167.3 px at 45.1°",
     ):

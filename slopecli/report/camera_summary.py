@@ -104,7 +104,6 @@ def camera_lines(facts: CameraFacts, converted: str = "") -> list[str]:
     """The facts in words, a line each; `converted` names the conventions that were converted."""
     camera = facts.camera
     mm = 36 * facts.focal_widths
-    share = [100 * off / side for off, side in zip(facts.offset_px, (camera.width, camera.height), strict=True)]
     terms = ", ".join(f"{name} {value:.6g}" for name, value in facts.coefficients if value)
     lines = [
         f"format           {camera.source}",
@@ -113,8 +112,7 @@ def camera_lines(facts: CameraFacts, converted: str = "") -> list[str]:
         f"field of view    {_view(facts)}",
         f"focal length     {camera.fx:.6g} x {camera.fy:.6g} px, {facts.focal_widths:.4g} image widths "
         f"({mm:.3g} mm on a sensor 36 mm wide)",
-        f"principal point  {camera.cx:.6g}, {camera.cy:.6g} px; {facts.offset_px[0]:+.4g}, {facts.offset_px[1]:+.4g} "
-        f"px off the middle ({share[0]:+.2g}, {share[1]:+.2g} %)",
+        f"principal point  {camera.cx:.6g}, {camera.cy:.6g} px, {_off_middle(facts)}",
         f"lens             {LENSES[camera.model]}" + (f": {terms}" if terms else ""),
     ]
     if camera.model != "pinhole":
@@ -126,6 +124,16 @@ def camera_lines(facts: CameraFacts, converted: str = "") -> list[str]:
         lines.append(f"converted        {converted}")
     lines += [f"note             {camera.note}"] if camera.note else []
     return lines + ([f"in doubt         {facts.doubt}; no verdict is safe with it"] if facts.doubt else [])
+
+
+def _off_middle(facts: CameraFacts) -> str:
+    sides = facts.camera.width, facts.camera.height
+    if max(map(abs, facts.offset_px)) < 0.005:  # not shown in hundredths
+        return "in the middle of the image"
+    share = [100 * off / side for off, side in zip(facts.offset_px, sides, strict=True)]
+    return (
+        f"{facts.offset_px[0]:+.2f}, {facts.offset_px[1]:+.2f} px off the middle ({share[0]:+.2g}, {share[1]:+.2g} %)"
+    )
 
 
 def _view(facts: CameraFacts) -> str:
