@@ -14,13 +14,15 @@ from slopecli.batch.jobs import Answer, Job, Outcome, Shipped, camera_file, fail
 from slopecli.errors import InputError, NoAnswer, SlopemapError
 from slopecli.ground.slope_map import SlopeMap
 from slopecli.io.cameras.reading import camera_for, read_camera_file
+from slopecli.io.frame_sources import read_frames
 from slopecli.io.images import decode_image, read_image_file
 from slopecli.io.metadata.applied import apply_metadata
 from slopecli.io.metadata.metadata_reading import decode_metadata
 from slopecli.look.features import FeatureMemory
 from slopecli.options import CameraChoice, Options
-from slopecli.pipeline import estimate, slope_map
-from slopecli.products import MAP_PRODUCTS, encode_products
+from slopecli.pipeline import estimate, sequence, slope_map
+from slopecli.products import MAP_PRODUCTS, SEQUENCE_PRODUCTS, encode_products
+from slopecli.sequence.stream import Sequence as Runner
 from slopecli.types import Camera, Image, Report
 
 N_IMAGES = 2  # decoded images kept: neighbouring pairs share one
@@ -58,18 +60,26 @@ def load_inputs(job: Job) -> Shipped | Answer:
     try:
         for path, choice in _sides(job):
             files |= _read(path, choice, job.base)
+        # the frames of a sequence are read one by one again, as together they may not fit into memory
+        frames = {path: _digest(read_image_file(path, job.base)) for path in job.pair.frames}
     except InputError as error:
         # a second look names both images; it finds no problem if this one was temporary
         return _unreadable(job, "; ".join(_problems(job)) or str(error))
-    digests = {path: hashlib.sha256(content).hexdigest() for path, content in files.items()}
-    fingerprint = fingerprint_of(job, digests)
+    digests = {path: _digest(content) for path, content in files.items()}
+    fingerprint = fingerprint_of(job, digests | frames)
     known = finished(job, fingerprint)
     return Shipped(files, fingerprint) if known is None else Answer(known, kept=True)
 
 
+def _digest(content: bytes) -> str:
+    return hashlib.sha256(content).hexdigest()
+
+
 def _sides(job: Job) -> list[tuple[str, CameraChoice]]:
-    """Path and camera of the first and of the second image."""
+    """Path and camera of the first and of the second image; of a sequence of the first alone."""
     pair, none = job.pair, CameraChoice()
+    if pair.frames:
+        return [(pair.image1, pair.camera1 or none)]
     return [(pair.image1, pair.camera1 or none), (pair.image2, pair.camera2 or none)]
 
 
@@ -128,9 +138,12 @@ def _unexpected(job: Job, error: Exception) -> Outcome:
 
 def _estimate(job: Job, inputs: Shipped) -> tuple[Outcome, dict[str, bytes]]:
     try:
-        (image1, camera1), (image2, camera2) = (_load(path, choice, inputs.files) for path, choice in _sides(job))
+        loaded = [_load(path, choice, inputs.files) for path, choice in _sides(job)]
     except InputError:
         raise InputError("; ".join(_problems(job, inputs.files))) from None
+    if job.pair.frames:
+        return _follow(job, job.options, loaded[0][1], inputs.fingerprint)
+    (image1, camera1), (image2, camera2) = loaded
     options = _options(job, inputs.files)
     if job.wanted is not None:
         pair = image1, image2, camera1, camera2
@@ -140,6 +153,17 @@ def _estimate(job: Job, inputs: Shipped) -> tuple[Outcome, dict[str, bytes]]:
     report = estimate(image1, image2, camera1, camera2, options, memory=_memory.features)
     contents = encode_products(report, image1, job.keep)
     return _outcome_of(job, report, inputs.fingerprint, tuple(contents)), contents
+
+
+def _follow(job: Job, options: Options, camera: Camera, fingerprint: str) -> tuple[Outcome, dict[str, bytes]]:
+    """The outcome of a sequence and its files."""
+    runner = Runner(camera, options)
+    for _ in sequence(read_frames(job.pair.frames, job.base), runner):
+        pass
+    answer = runner.answer_or_refuse()
+    image = runner.first_image
+    contents = encode_products(answer, image, job.keep, SEQUENCE_PRODUCTS) if isinstance(image, Image) else {}
+    return _outcome_of(job, answer.report, fingerprint, tuple(contents)), contents
 
 
 def _options(job: Job, files: Mapping[str, bytes]) -> Options:

@@ -32,6 +32,7 @@ class Pair:
     name : of its folder below the output folder; unique, and valid as a file name.
     image1, image2 : paths.  camera1, camera2 : None only where there is a `problem`.
     problem : why the pair cannot be estimated; it then fails with exit status 1.
+    frames : paths of all images of a sequence, the first and the last being the pair; () for a pair.
     """
 
     name: str
@@ -40,6 +41,12 @@ class Pair:
     camera1: CameraChoice | None
     camera2: CameraChoice | None
     problem: str | None = None
+    frames: tuple[str, ...] = ()
+
+    @property
+    def images(self) -> tuple[str, ...]:
+        """Paths of all its images."""
+        return self.frames or (self.image1, self.image2)
 
 
 @dataclass(frozen=True)
@@ -115,7 +122,7 @@ def fingerprint_of(job: Job, digests: Mapping[str, str]) -> str:
         "keep": {choice: choice in job.keep for choice in CHOICES},
         **_map_print(job),
         **({} if job.metadata is None else {"metadata": asdict(job.metadata)}),
-        "images": [digests[pair.image1], digests[pair.image2]],
+        "images": [digests[image] for image in pair.images],
         "cameras": [_camera_print(choice, job.base, digests) for choice in (pair.camera1, pair.camera2)],
     }
     return hashlib.sha256(json.dumps(document, sort_keys=True).encode("ascii")).hexdigest()

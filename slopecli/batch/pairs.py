@@ -36,7 +36,10 @@ class FoundPairs(NamedTuple):
 
 @dataclass(frozen=True)
 class Candidate:
-    """Two images that may become a pair: `wanted` camera files of a list of pairs, "" for none; `own_folder` if any."""
+    """Two images that may become a pair: `wanted` camera files of a list of pairs, "" for none; `own_folder` if any.
+
+    frames : all images of a folder that is a sequence.
+    """
 
     name: str
     image1: str
@@ -44,6 +47,7 @@ class Candidate:
     wanted: tuple[str, str] = ("", "")
     own_folder: str | None = None
     problem: str | None = None
+    frames: tuple[str, ...] = ()
 
 
 def find_pairs(
@@ -59,7 +63,8 @@ def find_pairs(
     Parameters
     ----------
     pairing : "consecutive": each image with the next, in natural order; "stride": each with the `stride`-th after it;
-        "folders": every sub-folder is a pair, of its two images or of those named image1 and image2; else the path of
+        "folders": every sub-folder is a pair, of its two images or of those named image1 and image2; "sequences":
+        every sub-folder is a sequence of all its images in natural order; else the path of
         a CSV file with two images a row, relative to `folder`, and one or two cameras if need be.
     cameras : of all pairs except those that have their own in a CSV file. None: a camera file is searched beside the
         images, then in `folder`.
@@ -94,8 +99,8 @@ def find_pairs(
 
 
 def _candidates(folder: str, pairing: str, stride: int, output: str | None) -> tuple[list[Candidate], list[str]]:
-    if pairing == "folders":
-        return _one_per_folder(folder, output), []
+    if pairing in ("folders", "sequences"):
+        return _one_per_folder(folder, output, sequences=pairing == "sequences"), []
     if pairing in ("consecutive", "stride"):
         return _along_the_folder(folder, stride, output), []
     return _listed(folder, pairing)
@@ -114,8 +119,9 @@ def _along_the_folder(folder: str, stride: int, output: str | None) -> list[Cand
     ]
 
 
-def _one_per_folder(folder: str, output: str | None) -> list[Candidate]:
-    found = [_from_folder(name, os.path.join(folder, name)) for name in folders_in(folder)]
+def _one_per_folder(folder: str, output: str | None, *, sequences: bool) -> list[Candidate]:
+    each = _sequence_of_folder if sequences else _from_folder
+    found = [each(name, os.path.join(folder, name)) for name in folders_in(folder)]
     candidates = [one for one in found if not _holds_results(one, os.path.join(folder, one.name), output)]
     if not candidates:
         raise InputError(f"{folder}: holds no folders; needed one for each pair, or another --pairing")
@@ -129,6 +135,16 @@ def _holds_results(candidate: Candidate, place: str, output: str | None) -> bool
     if candidate.problem is None and _is_same_place(output, place):
         raise InputError(f"{place}: holds images of a pair, and cannot take the results of all; give another -o")
     return candidate.problem is not None
+
+
+def _sequence_of_folder(name: str, place: str) -> Candidate:
+    try:
+        frames = tuple(os.path.join(place, image) for image in images_in(place))
+    except InputError as error:
+        return Candidate(name, "", "", problem=str(error))
+    if len(frames) < 2:
+        return Candidate(name, "", "", problem=f"{place}: holds {len(frames)} images, a sequence needs at least two")
+    return Candidate(name, frames[0], frames[-1], own_folder=place, frames=frames)
 
 
 def _from_folder(name: str, place: str) -> Candidate:
@@ -265,7 +281,7 @@ def _pair(name: str, candidate: Candidate, given: Cameras | None, search: Camera
     try:
         both = zip(_cameras(candidate, given, search), images, strict=True)
         camera1, camera2 = (picked.pick(choice, image) for choice, image in both)
-        return Pair(name, *images, camera1, camera2)
+        return Pair(name, *images, camera1, camera2, frames=candidate.frames)
     except InputError as error:
         return Pair(name, *images, None, None, str(error))
 

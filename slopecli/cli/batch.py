@@ -38,7 +38,7 @@ PAIRS, WORKERS = "Pairs", "Workers"
 MAP_HEADER = ("pair", "result", "safe", "unsafe", "undecided", "unknown", "sites", "largest site", "slope", "note")
 HEADER = ("pair", "result", "steepest", "safe", "unsafe", "undecided", "poor", "refused", "note")
 
-COMMANDS = click.Choice(["estimate", "segment", "map"])
+COMMANDS = click.Choice(["estimate", "segment", "map", "sequence"])
 PAIRING_HELP = (
     "Each image with the next (consecutive) or the N-th after it (stride); a pair a folder (folders); or a list of "
     "rows image1,image2[,camera1,camera2]"
@@ -46,7 +46,9 @@ PAIRING_HELP = (
 pair_options = (
     Option(PAIRS, "--pairing", "HOW|FILE.csv", PAIRING, PAIRING_HELP, "consecutive"),
     Option(PAIRS, "--stride", "N", click.IntRange(1), "For stride: how many images further"),
-    Option(PAIRS, "--command", "NAME", COMMANDS, "estimate, segment, or map with options of its own", "estimate"),
+    Option(
+        PAIRS, "--command", "NAME", COMMANDS, "estimate, segment, map; sequence: all images of each folder", "estimate"
+    ),
     Flag(PAIRS, "--dry-run", "List pairs and cameras; write nothing"),
 )
 # `slopemap map --help` lists them: two more lists in this help, which is long, would serve nobody
@@ -82,7 +84,7 @@ worker_options = (
 @click.argument("folder", type=PATH)
 @click.pass_context
 def batch(ctx: click.Context, folder: str, **parameters: Any) -> None:
-    """Every pair of images in FOLDER, answered as by estimate, segment or map.
+    """Every pair of images in FOLDER, answered as by estimate, segment or map; or every folder in it, by sequence.
 
     Prints a table. DIR gets a folder for each pair, a table of all (summary.csv, results.jsonl) and a page to look at
     (index.html). Without a camera option, a camera file beside the images is used. After a stop, the same command
@@ -117,6 +119,7 @@ def batch(ctx: click.Context, folder: str, **parameters: Any) -> None:
 def _check_usage(ctx: click.Context) -> None:
     check_estimate(ctx)
     at_most_one(ctx, ("jobs", "cluster"), ("footprint_px", "footprint_m"))
+    sequence = ctx.params["command"] == "sequence"
     segment, stride = ctx.params["command"] == "segment", ctx.params["pairing"] == "stride"
     _check_command(ctx, is_map=ctx.params["command"] == "map")
     check_planes(ctx, SEGMENT["planes"] if segment else ctx.params["planes"])
@@ -124,6 +127,8 @@ def _check_usage(ctx: click.Context) -> None:
     refuse(
         ctx,
         (segment and given(ctx, "planes"), "--planes is for --command estimate; leave one out."),
+        (sequence and given(ctx, "pairing"), "--pairing is not for --command sequence: a folder is one; leave it out."),
+        (sequence and given(ctx, "ship"), "--ship is not for --command sequence; leave it out."),
         (given(ctx, "camera2") and not given(ctx, *CAMERA_FLAGS), "--camera2 is without --camera; give both."),
         (given(ctx, "ship") and not given(ctx, "cluster"), "--ship is for --cluster ADDRESS; leave it out."),
         (stride and not given(ctx, "stride"), "--pairing stride needs --stride N."),
@@ -151,15 +156,17 @@ def _find_pairs(folder: str, parameters: dict[str, Any]) -> FoundPairs:
     if any(parameters[flag] for flag in CAMERA_FLAGS):
         cameras = camera_choices(parameters)
     stride = parameters["stride"] or 1
-    return find_pairs(folder, parameters["pairing"], stride=stride, cameras=cameras, output=output)
+    pairing = "sequences" if parameters["command"] == "sequence" else parameters["pairing"]
+    return find_pairs(folder, pairing, stride=stride, cameras=cameras, output=output)
 
 
 def _run(found: FoundPairs, parameters: dict[str, Any], metadata: MetadataChoice | None, talk: Talk) -> list[Outcome]:
     from slopecli.batch import run
-    from slopecli.products import MAP_PRODUCTS, PRODUCTS, kept_choices
+    from slopecli.products import MAP_PRODUCTS, PRODUCTS, SEQUENCE_PRODUCTS, kept_choices
 
     is_map = parameters["command"] == "map"
-    keep = kept_choices(parameters, MAP_PRODUCTS if is_map else PRODUCTS)
+    products = {"map": MAP_PRODUCTS, "sequence": SEQUENCE_PRODUCTS}.get(parameters["command"], PRODUCTS)
+    keep = kept_choices(parameters, products)
     wanted = map_options_from(parameters) if is_map else None
     options, output = options_from(parameters), parameters["output"]
     how = {name: parameters[name] for name in ("jobs", "timeout_s", "memory_gb", "cluster", "ship")}

@@ -93,8 +93,8 @@ def sequence(ctx: click.Context, frames: tuple[str, ...], **parameters: Any) -> 
         talk.say(f"info: {note}")
     runner = Sequence(camera, options_from(parameters), keep_depth=parameters["with_map"])
     interrupted, problem = _run(source, runner, parameters, talk)
-    if not runner.started:
-        _refuse_without_answer(runner, interrupted)
+    if interrupted and not runner.started:
+        raise KeyboardInterrupt
     answer = _answer(runner, parameters, talk)
     written = _written(answer, runner, parameters, talk)
     _print(answer, written, talk, parameters["as_json"])
@@ -212,8 +212,8 @@ def _pace(done: int, seconds: float, total: int | None) -> str:
 
 def _answer(runner: Sequence, parameters: dict[str, Any], talk: Talk) -> SequenceAnswer:
     """The answer so far, with the map if one was asked for."""
-    if not parameters["with_map"]:
-        return runner.answer()
+    if not parameters["with_map"] or not runner.started:
+        return runner.answer_or_refuse()
     from slopecli import pipeline
 
     with talk.timed("map"):
@@ -248,19 +248,3 @@ def _written(answer: SequenceAnswer, runner: Sequence, parameters: dict[str, Any
         if parameters.get("film"):
             contents[VIDEO] = parameters["film"]
         return [Path(output, LINES), *store_outputs(contents, output)]
-
-
-def _refuse_without_answer(runner: Sequence, interrupted: bool) -> None:
-    """Raise NoAnswer with the reason for which most frames were skipped."""
-    from slopecli.errors import NoAnswer
-
-    if interrupted:
-        raise KeyboardInterrupt
-    why = [state.why for state in runner.frames if state.why is not None]
-    last = f": the last of them {why[-1].message}" if why else ""
-    parallax = bool(why) and why[-1].code == "parallax"
-    raise NoAnswer(
-        "low-parallax" if parallax else "no-overlap",
-        f"none of {len(runner.frames)} frames gives an answer with the first{last}",
-        "take frames farther apart" if parallax else "give frames of the same ground",
-    )

@@ -13,7 +13,7 @@ import numpy as np
 
 from slopecli.errors import InputError
 from slopecli.io.files import csv_rows, read_file
-from slopecli.io.images import load_image
+from slopecli.io.images import decode_image, load_image, read_image_file
 from slopecli.io.pair_sources import images_in
 from slopecli.sequence.frame import Frame
 from slopecli.types import Image
@@ -82,16 +82,17 @@ def _of_files(paths: Sequence[str], times: Sequence[float] | None) -> FrameSourc
     if times is not None and len(times) != len(paths):
         raise InputError(f"--times has {len(times)} times for {len(paths)} frames; give one a frame")
     first = Frame(paths[0], load_image(paths[0]), None if times is None else times[0])
+    return FrameSource(first, read_frames(paths[1:], times=None if times is None else times[1:]), len(paths))
 
-    def rest() -> Iterator[Frame]:
-        for k, path in enumerate(paths[1:], 1):
-            time_s = None if times is None else times[k]
-            try:
-                yield Frame(path, load_image(path), time_s)
-            except InputError as error:
-                yield Frame(path, None, time_s, str(error).removeprefix(f"{path}: "))
 
-    return FrameSource(first, rest(), len(paths))
+def read_frames(paths: Sequence[str], base: str = "", times: Sequence[float] | None = None) -> Iterator[Frame]:
+    """Frames of image files, relative to `base`; what is wrong with one that cannot be read is its problem."""
+    for k, path in enumerate(paths):
+        time_s = None if times is None else times[k]
+        try:
+            yield Frame(path, decode_image(read_image_file(path, base), path), time_s)
+        except InputError as error:
+            yield Frame(path, None, time_s, str(error).removeprefix(f"{path}: "))
 
 
 def _of_video(path: str, choice: VideoChoice) -> FrameSource:

@@ -179,6 +179,19 @@ class Sequence:
         report = self.report(self._images) if slope_map is None else slope_map.report
         return SequenceAnswer(report, tuple(self.motions(report)), slope_map)
 
+    def answer_or_refuse(self, slope_map: SlopeMap | None = None) -> SequenceAnswer:
+        """The answer so far; NoAnswer, with the reason for which the last frame was skipped, where there is none."""
+        if self._estimator is not None:
+            return self.answer(slope_map)
+        why = [state.why for state in self.frames if state.why is not None]
+        last = f": the last of them {why[-1].message}" if why else ""
+        parallax = bool(why) and why[-1].code == "parallax"
+        raise NoAnswer(
+            "low-parallax" if parallax else "no-overlap",
+            f"none of {len(self.frames)} frames gives an answer with the first{last}",
+            "take frames farther apart" if parallax else "give frames of the same ground",
+        )
+
     def report_or_none(self) -> Report | None:
         """The answer so far; None while no slope is known."""
         try:
