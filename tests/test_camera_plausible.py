@@ -20,6 +20,9 @@ from report_factory import make_camera
 from slopecli.batch import find_pairs
 from slopecli.findings import implausible_cameras, unlikely
 from slopecli.io.cameras import camera_from_intrinsics, decode_camera
+from slopecli.options import Options
+from slopecli.patches import Given
+from slopecli.pipeline import solve
 from slopecli.study import make_scene
 from slopecli.types import Camera
 
@@ -123,6 +126,30 @@ def test_rows_of_your_own_are_never_safe_under_a_focal_length_in_millimetres(tmp
             assert not doubted or "safe" not in [plane["verdict"] for plane in result["planes"]]
         else:
             assert doubted
+
+
+@pytest.mark.parametrize(
+    ("moved", "centre", "doubted"),
+    [
+        ((0.0, 0.0), None, False),
+        ((0.0, 0.0), (0.0, 0.0), True),  # measured from the middle, of points that are not
+        ((0.0, 0.0), (None, 0.5), True),
+        ("middle", (0.0, 0.0), False),  # both measured from the middle
+        ((500.0, 0.0), (None, None), False),  # points in a corner of a larger image
+    ],
+)
+def test_a_principal_point_in_the_middle_of_no_image_of_the_rows_is_never_safe(
+    moved: tuple[float, float] | str, centre: tuple[float | None, float | None] | None, doubted: bool
+) -> None:
+    scene = make_scene(np.random.default_rng(1), noise_px=0.1)
+    middle = np.array([scene.camera.cx, scene.camera.cy])
+    by = -middle if isinstance(moved, str) else np.array(moved)
+    true = middle + by
+    given = [true[k] if centre is None or centre[k] is None else centre[k] for k in (0, 1)]
+    camera = Camera(0, 0, scene.camera.fx, scene.camera.fy, float(given[0]), float(given[1]))
+    report = solve(Given(scene.uv1 + by, scene.uv2 + by, scene.patch), (camera, camera), Options())
+    assert ("implausible-camera" in {found.code for found in report.diagnostics}) == doubted
+    assert not doubted or "safe" not in {plane.verdict for plane in report.planes}
 
 
 def test_how_a_file_is_read_is_said_once(tmp_path: Path) -> None:

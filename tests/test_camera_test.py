@@ -11,8 +11,17 @@ import pytest
 from campaign import seeds
 
 from slopecli import load_camera, load_image
-from slopecli.geometry import solve_planes
-from slopecli.geometry.solver import Settled, Sightings, changed, free_focal, free_parameter, score_camera, with_planes
+from slopecli.geometry import rotation_angle, rotation_from_vector, solve_planes
+from slopecli.geometry.solver import (
+    Settled,
+    Sightings,
+    changed,
+    free_focal,
+    free_parameter,
+    score_camera,
+    start_by_lines,
+    with_planes,
+)
 from slopecli.options import Options
 from slopecli.patches import Given
 from slopecli.pipeline import estimate, solve
@@ -67,6 +76,56 @@ def test_matches_have_more_noise_under_a_false_focal_length() -> None:
         noises.append(freed.less_noise)
     assert noises[0] == pytest.approx(1.0, abs=0.02)
     assert noises[1] > 1.2
+
+
+@pytest.mark.parametrize("factor", [0.6, 0.9, 1.3])
+@pytest.mark.parametrize("camera", [PINHOLE, LENS], ids=["pinhole", "distorted"])
+def test_epipolar_lines_tell_the_focal_length_and_the_motion(camera: Camera, factor: float) -> None:
+    scene = scene_of(camera=camera, noise_px=0.0, points=100)
+    false = changed(camera, "f", np.log(factor))
+    every = Sightings(scene.uv1, scene.uv2, scene.patch, np.ones(len(scene.patch)), (false, false))
+    wrong = np.arange(0, len(scene.patch), 7)  # one match in seven is none
+    every.uv2[wrong] = np.roll(every.uv2[wrong], 1, axis=0)
+    found = start_by_lines(every, 1e-6, 0.7)
+    assert found is not None
+    value, (R, T) = found
+    apart = 0.02 if camera is PINHOLE else 0.1  # half a step of the focal lengths tried
+    assert value == pytest.approx(-np.log(factor), abs=apart)
+    assert np.degrees(np.arccos(T @ scene.T)) < 60.0 * apart
+    assert np.degrees(rotation_angle(R, scene.R)) < 40.0 * apart
+
+
+def test_a_search_that_begins_at_a_motion_far_from_the_right_one_arrives() -> None:
+    """As where a wrong camera has led to another motion, from which no step comes back."""
+    scene = scene_of(1, noise_px=0.1)
+    false = changed(PINHOLE, "f", np.log(0.6))
+    every = Sightings(scene.uv1, scene.uv2, scene.patch, np.ones(len(scene.patch)), (false, false))
+    start = Settled.of(solve_planes(*every.rays(), scene.patch))
+    turned = rotation_from_vector(np.array([0.0, np.radians(50.0), 0.0])) @ start.T
+    freed = free_focal(every, start._replace(T=turned))
+    assert freed is not None
+    assert freed.value == pytest.approx(-np.log(0.6), abs=0.02)
+
+
+def test_lines_of_one_plane_tell_no_focal_length() -> None:
+    scene = scene_of(4, slopes_deg=[0.0] * 9, height_spread=0.0)
+    sightings, solution = seen_through(scene, changed(PINHOLE, "f", np.log(0.8)))
+    freed = free_focal(sightings, Settled.of(solution))
+    assert freed is None or freed.score.sigma[0] > 0.1
+
+
+@pytest.mark.parametrize("left", ["two", "line"])
+def test_a_plane_that_its_points_do_not_fix_is_none_for_the_test(left: str) -> None:
+    sightings, solution = seen_through(scene_of(9), PINHOLE)
+    on_it = np.flatnonzero(sightings.patch == 4)
+    if left == "line":
+        sightings.uv1[on_it] = sightings.uv1[on_it[0]] + np.arange(len(on_it))[:, None] * [1.0, 0.5]
+        kept = np.ones(len(sightings.patch), bool)
+    else:
+        kept = (sightings.patch != 4) | (np.arange(len(sightings.patch)) <= on_it[1])
+    found, settled = with_planes(sightings.take(kept), Settled.of(solution))
+    assert len(settled.scaled_normals) == len(solution.scaled_normals) - 1
+    assert found.patch.max() == len(settled.scaled_normals) - 1
 
 
 def test_a_plane_with_two_points_left_does_not_stop_the_test() -> None:

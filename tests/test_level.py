@@ -153,6 +153,20 @@ def test_segments_of_an_image_converge_to_the_vanishing_point_of_their_direction
     assert towards[1] < 0.1 * found.length.sum()
 
 
+def test_edges_of_the_black_around_an_undistorted_image_are_none_of_the_scene() -> None:
+    camera = make_camera()
+    picture = np.zeros((camera.height, camera.width), np.uint8)
+    picture[60:-60, 80:-80] = 90
+    cv2.line(picture, (200, 120), (camera.width - 200, camera.height - 150), 200, 9, cv2.LINE_AA)
+    found = find_segments(picture, camera)
+    assert 1 <= len(found.length) <= 4
+    upright = found.length_towards(np.array([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0]]), 2.0)
+    assert upright.max() == 0.0
+    picture[150:-150, 180:220] = 0  # a dark door is
+    door = find_segments(picture, camera).length_towards(np.array([[0.0, 1.0, 0.0]]), 2.0)
+    assert door[0] > 50.0
+
+
 # ---- in the report ----
 
 

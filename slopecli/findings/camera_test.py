@@ -102,7 +102,7 @@ def examine_cameras(
     every = every_sighting(joined, cameras, solution.noise_gain, scene)
     if not free and not _may_be_wrong(score) and not _overview_contradicts(joined, every, start):
         return replace(test, step=float(score.step[0]), sigma=_sigma(score))
-    freed = free_focal(every, start)
+    freed = free_focal(every, start, None if free else _is_far)
     if freed is None:
         return test
     wrong = _is_wrong(freed)
@@ -118,6 +118,11 @@ def _may_be_wrong(score: CameraScore) -> bool:
     step, sigma = float(score.step[0]), float(score.sigma[0])
     told = sigma < TELLING or (sigma < 1.0 and score.px[0] > FAINT * score.noise_px)
     return bool(told and abs(step) + sigma > LEAST_WRONG)
+
+
+def _is_far(freed: Freed) -> bool:
+    """Whether a focal length is half as far off as what is called wrong at the least."""
+    return abs(freed.value) > 0.5 * UNLIKELY * np.hypot(float(freed.score.sigma[0]), SYSTEMATIC)
 
 
 def _overview_contradicts(joined: Joined, every: Sightings, start: Settled) -> bool:

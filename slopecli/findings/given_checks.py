@@ -7,14 +7,14 @@ from dataclasses import replace
 import numpy as np
 
 from slopecli.errors import NoAnswer
-from slopecli.findings.camera_checks import implausible_cameras
+from slopecli.findings.camera_checks import OFF_MIDDLE, implausible_cameras
 from slopecli.findings.plane_checks import NON_PLANAR
 from slopecli.findings.solution_checks import solver_remedy
 from slopecli.findings.wording import finding, listed
 from slopecli.geometry.slope import tilt_growth
 from slopecli.patches.given import FEWEST, RAYS, GivenSolution
 from slopecli.patches.join import Joined
-from slopecli.types import Camera, Diagnostic, Solution
+from slopecli.types import Camera, Diagnostic, FloatArray, Solution
 
 TIMES_NOISE = 2.0  # times the noise given, beyond which residuals contradict it
 NOISY_PX = 2.0  # residuals no matcher leaves; points marked by hand need --noise
@@ -40,19 +40,43 @@ def _unit(camera2: Camera) -> tuple[str, float]:
 
 
 def cameras_of_rows(joined: Joined, camera1: Camera, camera2: Camera) -> list[Diagnostic]:
-    """Warn of cameras as hardly any are made; where a camera has no image size, by the angle that its points span."""
+    """Warn of cameras as hardly any are made; where a camera has no image size, by where its points are."""
     found = implausible_cameras(camera1, camera2)
-    for number, camera, rays in ((1, camera1, joined.matches.x1), (2, camera2, joined.matches.x2)):
-        if camera is RAYS or camera.width or found:
+    matches = joined.matches
+    for number, camera, rays, uv in ((1, camera1, matches.x1, matches.uv1), (2, camera2, matches.x2, matches.uv2)):
+        if camera is RAYS or camera.width or found or not len(rays):
             continue
-        tangent = float(np.quantile(np.hypot(*rays.T), 0.9)) if len(rays) else 0.0
-        if tangent > 3.0:  # lenses that are no fisheyes see up to 1.7
-            message = (
-                f"with fx = {camera.fx:.6g} px a tenth of the points are {np.degrees(np.arctan(tangent)):.0f}° or more "
-                "off the axis (is it in millimetres?)"
-            )
-            found.append(finding("implausible-camera", message, float(number)))
+        if why := _wide(camera, rays) or _off_centre(camera, uv):
+            found.append(finding("implausible-camera", why, float(number)))
     return found
+
+
+def _wide(camera: Camera, rays: FloatArray) -> str:
+    """Whether points have rays (n, 2) farther off the axis than lenses see."""
+    tangent = float(np.quantile(np.hypot(*rays.T), 0.9))
+    if tangent <= 3.0:  # lenses that are no fisheyes see up to 1.7
+        return ""
+    degrees = np.degrees(np.arctan(tangent))
+    return (
+        f"with fx = {camera.fx:.6g} px a tenth of the points are {degrees:.0f}° or more off the axis (is it in "
+        "millimetres?)"
+    )
+
+
+def _off_centre(camera: Camera, uv: FloatArray) -> str:
+    """Whether a principal point is off the middle of every image that holds the points (n, 2), px of the first pixel.
+
+    An image is at least as large as its points are spread, and a larger one has its middle farther on.
+    """
+    if uv.min() < -0.5:  # measured from elsewhere
+        return ""
+    for name, place, far in zip(("cx", "cy"), (camera.cx, camera.cy), np.quantile(uv, 0.9, axis=0), strict=True):
+        if far / 2.0 - place > OFF_MIDDLE * (far + 1.0):
+            return (
+                f"the principal point {name} = {place:.6g} is more than a quarter of the image off its middle, as "
+                f"points lie at up to {far:.5g} px and none below 0 (are they pixels of the same image?)"
+            )
+    return ""
 
 
 def review(

@@ -140,7 +140,7 @@ def _planes_of_points(seen: Seen) -> Seen:
     for rows in (0.0, 0.6, 0.8, 0.93):
         low = np.flatnonzero(seen.points.uv1[:, 1] >= np.quantile(seen.points.uv1[:, 1], rows))
         some = seen.points.some(thin(seen.points.uv1, low, 1000))
-        found += [(normal, int((some.misfit_px(normal) < ON_PLANE_PX).sum())) for normal in scene_planes(some)[:4]]
+        found += [(normal, int((some.misfit_px(normal) < ON_PLANE_PX).sum())) for normal in scene_planes(some, most=4)]
     if not found:
         return seen
     normals, counts = np.array([normal for normal, _ in found]), np.array([float(count) for _, count in found])

@@ -19,7 +19,7 @@ from slopecli.windows import Window
 TOLERANCE_PX = 1.5  # largest epipolar residual of a consistent match
 ON_PLANE_PX = 1.0  # largest distance in image 2 between a match on a plane and the plane's prediction
 MIN_ON_PLANE = 6  # matches that determine a plane: three, and as many to check it
-TRIES = 400  # triples of neighbours drawn per plane
+TRIES = 400  # triples of neighbours drawn per plane, and points that these are compared by
 
 
 @dataclass(frozen=True, eq=False)
@@ -136,13 +136,16 @@ def gather_evidence(matches: Matches, grey: FloatArray, R: FloatArray, T: FloatA
     )
 
 
-def scene_planes(evidence: Evidence, seed: int = 0) -> list[FloatArray]:
-    """Scaled normals (3,) of at most 8 dominant planes, largest first: sequential RANSAC over triples of neighbours."""
+def scene_planes(evidence: Evidence, seed: int = 0, most: int = 8) -> list[FloatArray]:
+    """Scaled normals (3,) of the dominant planes, at most so many, largest first.
+
+    Sequential RANSAC over triples of neighbours.
+    """
     rng = np.random.default_rng(seed)
     left = np.arange(len(evidence))
     rays = homogeneous(evidence.x1)
     planes: list[FloatArray] = []
-    while len(left) >= 40 and len(planes) < 8:
+    while len(left) >= 40 and len(planes) < most:
         found = _largest_plane(evidence, rays, left, rng)
         if found is None or found[1].sum() < max(30, 0.02 * len(evidence)):
             break
@@ -163,7 +166,8 @@ def _largest_plane(
         return None
     normals = np.linalg.solve(matrix[wide], evidence.w[triple[wide]][..., None])[..., 0]
     rays, w, px = rays[left], evidence.w[left], evidence.leverage[left] * evidence.focal_px
-    best = normals[(np.abs(w - normals @ rays.T) * px < ON_PLANE_PX).sum(1).argmax()]
+    some = rng.permutation(len(left))[:TRIES]
+    best = normals[(np.abs(w[some] - normals @ rays[some].T) * px[some] < ON_PLANE_PX).sum(1).argmax()]
     inlier = np.zeros(len(left), bool)
     for _ in range(3):
         inlier = np.abs(w - rays @ best) * px < ON_PLANE_PX

@@ -6,6 +6,7 @@ __getattr__, __dir__ = lazy_names(
     __name__,
     {
         "coplanar": "AT merge_coplanar",
+        "focal_start": "start_by_lines",
         "free_camera": "Freed free_focal free_parameter",
         "intrinsics": "PARAMETERS Settled Sightings changed score_camera thinned with_planes",
         "many_views": "ViewsSolution",

@@ -21,7 +21,7 @@ import numpy as np
 from slopecli.errors import DegenerateConfiguration
 from slopecli.geometry.camera import pixels_from_rays, radial_term, rays_from_pixels, with_radial_term
 from slopecli.geometry.epipolar import homogeneous, skew, tangent_basis
-from slopecli.geometry.solver.observations import FINEST_RESIDUAL, Observations, observe, predict
+from slopecli.geometry.solver.observations import FINEST_RESIDUAL, Observations, observe, predict, spans_plane
 from slopecli.geometry.solver.one_thread import one_blas_thread
 from slopecli.geometry.solver.priors import MotionPrior
 from slopecli.geometry.statistics import median
@@ -111,12 +111,23 @@ class Settled(NamedTuple):
 
 
 def with_planes(sightings: Sightings, settled: Settled) -> tuple[Sightings, Settled]:
-    """The same without the planes that fewer than three of the points are on; these points are then on none."""
-    count = np.bincount(sightings.patch + 1, minlength=len(settled.scaled_normals) + 1)[1:]
-    enough = count >= 3
+    """The same without the planes that fewer than three of the points are on, or points on one line.
+
+    These points are then on none.
+    """
+    x, y = sightings.rays()[0].T
+    number = sightings.patch + 1
+    sums = np.array([np.bincount(number, row, len(settled.scaled_normals) + 1)[1:] for row in _products(x, y)])
+    with np.errstate(invalid="ignore", divide="ignore"):  # of planes without points
+        enough = (sums[5] >= 3) & spans_plane(sums)
     number = np.append(np.where(enough, np.cumsum(enough) - 1, -1), -1)
     planes = settled._replace(scaled_normals=settled.scaled_normals[enough], relief=settled.relief[enough])
     return replace(sightings, patch=number[sightings.patch]), planes
+
+
+def _products(x: FloatArray, y: FloatArray) -> FloatArray:
+    """(6, n) products of points that `spans_plane` sums."""
+    return np.array([x * x, x * y, x, y * y, y, np.ones_like(x)])
 
 
 class CameraScore(NamedTuple):

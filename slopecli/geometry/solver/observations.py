@@ -168,15 +168,23 @@ def observe(x1: FloatArray, x2: FloatArray, patch: IntArray, weights: FloatArray
     )  # fmt: skip
 
 
-def _check_spread(sums: FloatArray) -> None:
-    """sums : (6, m) of the packed products. Compares the two principal extents of every patch in image 1."""
+def spans_plane(sums: FloatArray) -> BoolArray:
+    """(m,) whether points are spread enough to fix a plane, by the two principal extents of each set in image 1.
+
+    sums : (6, m) of the products xx, xy, x, yy, y, 1.
+    """
     xx, xy, x, yy, y, n = sums
     a, b, c = xx / n - (x / n) ** 2, xy / n - (x / n) * (y / n), yy / n - (y / n) ** 2
     # width over length below 1e-4 fixes no plane in practice
-    flat = np.flatnonzero(~(a * c - b * b > 1e-8 * (a + c) ** 2))
+    return np.asarray(a * c - b * b > 1e-8 * (a + c) ** 2)
+
+
+def _check_spread(sums: FloatArray) -> None:
+    """sums : as of `spans_plane`."""
+    flat = np.flatnonzero(~spans_plane(sums))
     if len(flat):
         raise DegenerateConfiguration(
-            f"the {int(n[flat[0]])} correspondences of patch {flat[0]} are collinear or coincide in image 1, "
+            f"the {int(sums[5, flat[0]])} correspondences of patch {flat[0]} are collinear or coincide in image 1, "
             "so they fix no plane; spread them over the patch"
         )
 
