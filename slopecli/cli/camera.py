@@ -17,6 +17,7 @@ from slopecli.cli.talk import Talk, check_stdout, print_result
 from slopecli.errors import InputError, visible
 
 if TYPE_CHECKING:
+    from slopecli.io.metadata import Metadata
     from slopecli.types import Camera, Image
 
 
@@ -56,6 +57,10 @@ def show(
       slopemap camera show camchain.yaml#cam1 -o shown
       slopemap camera show DJI_0001.JPG
     """
+    from slopecli.io.outputs import CAMERA_NAMES, check_directory, write_camera
+    from slopecli.products.camera_json import camera_report
+    from slopecli.report.camera_summary import camera_facts, camera_lines
+
     refuse(
         ctx,
         (not file and not image, "No camera: give a camera FILE, or --image IMG for what the image itself says."),
@@ -65,15 +70,23 @@ def show(
     if file and not image and _is_image(file):
         file, image = None, file
     if output:
-        from slopecli.io.outputs import CAMERA_NAMES, check_directory
-
         check_directory(output, CAMERA_NAMES, [file, image])
     shown = _load_image(image)
     size = (shown.width, shown.height) if shown else size
     if file and not (output or as_json) and _lists_several(file, size, image, talk):
         return
-    found, converted, more = _camera(file, shown, size)
-    _deliver(found, converted, more, shown, output, as_json, talk)
+    metadata = _read_metadata(image)
+    found, converted = _camera(file, shown, size, metadata)
+    facts = camera_facts(found)
+    lines = camera_lines(facts, converted)
+    with talk.timed("write"):
+        written = write_camera(facts, lines, shown, output) if output else []
+    if not written:
+        check_stdout()
+    lines += _of_metadata(found, file, metadata)
+    print_result(camera_report(facts, converted, metadata) if as_json else "\n".join(map(visible, lines)))
+    if written:
+        talk.say(f"wrote {', '.join(map(str, written))}")
 
 
 def _is_image(file: str) -> bool:
@@ -86,6 +99,12 @@ def _load_image(path: str | None) -> Image | None:
     from slopecli.io.images import load_image
 
     return load_image(path) if path else None
+
+
+def _read_metadata(path: str | None) -> Metadata | None:
+    from slopecli.io.metadata.metadata_reading import read_metadata
+
+    return read_metadata(path) if path else None
 
 
 def _lists_several(file: str, size: tuple[int, int] | None, image: str | None, talk: Talk) -> bool:
@@ -120,59 +139,35 @@ def _row(found: Camera) -> tuple[str, ...]:
     return f"{found.width}x{found.height}", view, f"{facts.focal_px:.5g} px", LENSES[found.model]
 
 
-def _camera(file: str | None, image: Image | None, size: tuple[int, int] | None) -> tuple[Camera, str, list[str]]:
-    """The camera, the conventions that were converted, and lines about the metadata of the image."""
+def _camera(
+    file: str | None, image: Image | None, size: tuple[int, int] | None, metadata: Metadata | None
+) -> tuple[Camera, str]:
+    """The camera, and the conventions that were converted."""
     from slopecli.io.cameras.reading import camera_for, camera_format, load_camera, read_camera_file, split_name
     from slopecli.options import CameraChoice
 
-    stated, lines = _of_metadata(image)
     if file is None:
-        if stated is None:
-            raise InputError(f"{'; '.join(lines)}; give a camera file")
-        return stated, "", lines
+        if metadata is None or metadata.lens is None:
+            stated = metadata.path if metadata else "the image"
+            raise InputError(f"{stated}: its metadata state no usable focal length; give a camera file, or --fov")
+        return metadata.lens.camera(), ""
     if image is None:
         found = load_camera(file, size=size)
     else:
         found, notes = camera_for(image, CameraChoice(file=file))
         found = replace(found, note="; ".join(note.removeprefix(f"{file}: ") for note in notes))
-        if stated is not None:
-            ratio = found.focal_px / stated.focal_px
-            lines.append(f"the focal length of the file is {ratio:.4g} times that of the image's metadata")
     path, _ = split_name(file)
-    return found, camera_format(read_camera_file(path), path).converted.replace("`", ""), lines
+    return found, camera_format(read_camera_file(path), path).converted.replace("`", "")
 
 
-def _of_metadata(image: Image | None) -> tuple[Camera | None, list[str]]:
-    """The camera that the metadata of an image state, and what is told of it."""
-    from slopecli.io.metadata.metadata_reading import read_metadata
+def _of_metadata(found: Camera, file: str | None, metadata: Metadata | None) -> list[str]:
+    """What the image itself states, a line each, and how its focal length compares."""
+    from slopecli.io.metadata.metadata_words import metadata_lines
 
-    if image is None:
-        return None, []
-    metadata = read_metadata(image.path)
-    lines = [f"metadata: {note}" for note in metadata.notes]
-    maker = " ".join(filter(None, (metadata.maker, metadata.model)))
-    if metadata.lens is None:
-        return None, [f"{image.path}: its metadata state no focal length{f' ({maker})' if maker else ''}", *lines]
-    lens = metadata.lens
-    said = f"metadata{f' of {maker}' if maker else ''}: {lens.source}, 1-sigma {100 * lens.sigma:.2g} %"
-    return lens.camera(), [said, *lines]
-
-
-def _deliver(
-    found: Camera, converted: str, more: list[str], image: Image | None, output: str | None, as_json: bool, talk: Talk
-) -> None:
-    from slopecli.io.outputs import write_camera
-    from slopecli.products.camera_json import camera_report
-    from slopecli.report.camera_summary import camera_facts, camera_lines
-
-    facts = camera_facts(found)
-    lines = camera_lines(facts, converted)
-    with talk.timed("write"):
-        written = write_camera(facts, lines, image, output) if output else []
-    if not written:
-        check_stdout()
-    print_result(camera_report(facts, converted) if as_json else "\n".join(map(visible, lines)))
-    for line in more:
-        talk.say(f"info: {line}")
-    if written:
-        talk.say(f"wrote {', '.join(map(str, written))}")
+    if metadata is None:
+        return []
+    lines = metadata_lines(metadata)
+    if file and metadata.lens is not None:
+        ratio = found.focal_px / metadata.lens.camera().focal_px
+        lines.append(f"{'compared':15s}  the focal length of the file is {ratio:.4g} times that of the metadata")
+    return lines

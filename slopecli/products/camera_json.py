@@ -16,11 +16,15 @@ def native_camera(camera: Camera) -> str:
     return json.dumps(_keys(camera), indent=1) + "\n"  # all digits
 
 
-def camera_report(facts: CameraFacts, converted: str) -> str:
-    """The facts of a camera as JSON, without a final newline; names as in `CameraFacts`, null where there is no ray."""
+def camera_report(facts: CameraFacts, converted: str, metadata: object = None) -> str:
+    """The facts of a camera as JSON, without a final newline; names as in `CameraFacts`, null where there is no ray.
+
+    metadata : a dataclass with what the image states, or None.
+    """
     body = {field.name: getattr(facts, field.name) for field in fields(facts) if field.name != "camera"}
     body["coefficients"] = dict(facts.coefficients)
-    return to_json({"camera": _keys(facts.camera), **body, "converted": converted, "note": facts.camera.note})
+    words = {"converted": converted, "note": facts.camera.note}
+    return to_json({"camera": _keys(facts.camera), **body, **words, "metadata": metadata})
 
 
 def _keys(camera: Camera) -> dict[str, Any]:

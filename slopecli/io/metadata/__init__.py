@@ -11,6 +11,7 @@ __getattr__, __dir__ = lazy_names(
         "image_tags": "ImageTags read_tags",
         "lenses": "LENS_SOURCES",
         "metadata_reading": "decode_metadata read_metadata",
+        "metadata_words": "metadata_lines",
         "xmp_packet": "xmp_values",
     },
 )
