@@ -130,6 +130,9 @@ def image(rng: Random) -> Case:
         data = changed(rng, data, change_structure, change_structure, change_bytes) if rng.random() < 0.95 else data
     if rng.random() < 0.05:
         name = f"image{rng.choice(('.dng', '', '.heic', '.PNG', '.csv'))}"
+    if rng.random() < 0.1:  # what it states of its camera
+        given = rng.choice(([name], [name, "--json"], [name, "-o", "out"], ["camera.json", "--image", name]))
+        return Case("image", ["camera", "show", *given], {**_pair("camera.json"), name: data})
     names = [name, IMAGES[1]] if rng.random() < 0.7 else [IMAGES[0], name]
     if rng.random() < 0.05:
         names = [name, name]
