@@ -24,6 +24,7 @@ from slopecli.io.cameras import CAMERA_FORMATS, CameraFileContent
 # kind: inputs in the ordinary run; 0.02 s of processor time each, for images and batches 0.1 to 0.4 s
 HOW_MANY = {
     "camera": 75,
+    "metadata": 30,
     "matches": 20,
     "match_file": 20,
     "pose": 20,

@@ -93,6 +93,15 @@ def test_a_heading_may_be_missing() -> None:
     assert attitude.up_cam[2] < -0.98
 
 
+def test_a_body_without_a_gimbal_has_a_larger_sigma() -> None:
+    angles = {"Heading": "59.2", "PitchAngle": "6.9", "RollAngle": "5.5"}
+    attitude = read(xmp=xmp_packet(angles, "http://ns.sensefly.com/sensefly/1.0/", "sensefly")).attitude
+    assert attitude is not None
+    assert (attitude.source, attitude.tilt_sigma_deg) == ("senseFly", 5.0)
+    tilts = np.sin(np.radians([5.5, 6.9]))
+    assert_allclose(np.abs(attitude.up_cam[:2]), tilts * [np.cos(np.radians(6.9)), 1], atol=1e-9)
+
+
 def test_body_angles_look_down_at_zero() -> None:
     packet = xmp_packet({"Yaw": 90, "Pitch": 0, "Roll": 0}, "http://pix4d.com/camera/1.0", "Camera")
     assert_allclose(axes(read(xmp=packet).attitude), ned_from_camera(90, -90, 0), atol=1e-12)

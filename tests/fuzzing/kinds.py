@@ -17,6 +17,7 @@ from fuzzing.case import FIFO, FOLDER, LINK, Case, Content
 from fuzzing.checks import run_command, tree_of
 from fuzzing.image_mutations import change_structure, odd_pixels
 from fuzzing.match_files import match_file
+from fuzzing.metadata_mutations import odd_photograph
 from fuzzing.mutations import (
     HOSTILE,
     ODD_TEXTS,
@@ -140,6 +141,22 @@ def image(rng: Random) -> Case:
     given = rng.choice((["--camera", "camera.json"], ["--fov", "60"], ["--intrinsics", "90,90,47.5,47.5"]))
     files = {**_pair("camera.json", *(set(names) & set(IMAGES))), name: data}
     return Case("image", [command[0], *names, *command[1:], *given, *_output(rng)], files)
+
+
+# ---- metadata ----
+
+
+def metadata(rng: Random) -> Case:
+    """Photographs with odd EXIF and XMP: what they state, alone or as options of an estimate."""
+    photographs: dict[str, Content] = {f"view{number}.jpg": odd_photograph(rng, number) for number in (1, 2)}
+    if rng.random() < 0.7:
+        return Case("metadata", ["camera", "show", "view1.jpg"], photographs)
+    words = rng.sample(("--up", "--north", rng.choice(("--baseline", "--altitude"))), rng.randrange(4))
+    asked = [part for word in words for part in (word, "exif")]
+    more: list[list[str]] = [[], [], ["--pitch", "-80"], ["--roll", "90"], ["--yaw", "30"], ["--scale-sigma", "20"]]
+    camera = rng.choice((["--metadata"], ["--metadata"], ["--camera", "exif"], ["--fov", "60"]))
+    given = [*asked, *camera, *rng.choice(more), *rng.choice(more)]
+    return Case("metadata", ["estimate", *photographs, *QUICK, *given, *_output(rng)], photographs)
 
 
 # ---- correspondences and poses ----
@@ -379,6 +396,7 @@ def _finished_batch() -> tuple[list[str], dict[str, bytes]]:
 KINDS: dict[str, tuple[float, Callable[[Random], Case]]] = {
     "camera": (45, camera),
     "image": (20, image),
+    "metadata": (10, metadata),
     "matches": (15, matches),
     "match_file": (8, match_file),
     "pose": (6, pose),

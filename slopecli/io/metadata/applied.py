@@ -92,15 +92,8 @@ def _attitude(image1: Metadata, choice: MetadataChoice) -> Attitude | None:
     if pitch is None or roll is None:
         what = "states no angles of its camera; give --pitch DEG too (-90 looks straight down)"
         raise InputError(f"{image1.path}: {what}")
-    attitude = Attitude(pitch, roll, yaw, source=GIVEN)
-    if stated is None:
-        return attitude
-    whole = choice.pitch_deg is not None and choice.roll_deg is not None
-    return replace(
-        attitude,
-        tilt_sigma_deg=0.0 if whole else stated.tilt_sigma_deg,
-        yaw_sigma_deg=0.0 if choice.yaw_deg is not None else stated.yaw_sigma_deg,
-    )
+    sigmas = (0.0, 0.0) if stated is None else (stated.tilt_sigma_deg, stated.yaw_sigma_deg)
+    return Attitude(pitch, roll, yaw, tilt_sigma_deg=sigmas[0], yaw_sigma_deg=sigmas[1], source=GIVEN)
 
 
 def _angles_of(stated: Attitude | None) -> tuple[float | None, ...]:
