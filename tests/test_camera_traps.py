@@ -406,6 +406,7 @@ HOSTILE = {
     "entities": '<!DOCTYPE x [<!ENTITY a "aaaa">]><opencv_storage><K>&a;</K></opencv_storage>',
     "bom": "\ufeff",
     "numbers-for-frames": '{"frames": [1, "x", null, [], {"fl_x": {}, "file_path": 3}]}',
+    "number-for-a-name": "1: 2\nfl_x: 800\nframes: [{file_path: a, 3: 4, w: 5}]\n",
     "list-of-maps": '{"intrinsics": [{"a": 1}], "K": "x"}',
 }
 

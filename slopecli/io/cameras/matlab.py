@@ -49,10 +49,8 @@ def _structs_in(tree: values.Tree) -> dict[str, values.Tree]:
 
 def _without(tree: values.Tree, suffix: str) -> values.Tree:
     """The variables with a suffix, without it, and those without one that all cameras share."""
-    return {
-        **tree,
-        **{key.removesuffix(suffix): value for key, value in tree.items() if suffix and key.endswith(suffix)},
-    }
+    own = {key: value for key, value in tree.items() if suffix and str(key).endswith(suffix)}
+    return {**tree, **{key.removesuffix(suffix): value for key, value in own.items()}}
 
 
 def _variables(content: CameraFileContent) -> values.Tree | None:

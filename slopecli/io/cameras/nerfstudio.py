@@ -8,6 +8,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Mapping
+from typing import Any
 
 from slopecli.errors import InputError
 from slopecli.io.cameras import values
@@ -43,8 +44,8 @@ def find(content: CameraFileContent) -> dict[str, Described]:
     return cameras
 
 
-def _is_of_camera(key: str) -> bool:
-    return bool(TERMS.fullmatch(key)) or is_size_key(key) or is_mark_key(key)
+def _is_of_camera(key: Any) -> bool:
+    return bool(TERMS.fullmatch(str(key))) or is_size_key(key) or is_mark_key(key)
 
 
 def _merged(shared: values.Tree, frame: values.Tree) -> str:
