@@ -40,6 +40,7 @@ TREES = {
         "a": {"K": CAM["K"], "D": CAM["D"]},
         "b": {"K": CAM["K"], "D": [0] * 5},
     },
+    "list": {"cameras": [{"name": "nadir", **CAM}, {"name": "oblique", **CAM, "D": [0, 0, 0, 0, 0]}]},
     "streams": {"color": REALSENSE, "depth": {**REALSENSE, "coeffs": [0] * 5}},
 }
 
@@ -48,6 +49,7 @@ TREES = {
 def test_each_name_is_a_camera(tmp_path: Path, tree: dict) -> None:
     path = write(tmp_path, tree)
     names = list(tree.get("cameras") or [name for name in tree if not name.startswith("image_")])
+    names = [name["name"] if isinstance(name, dict) else name for name in names]
     check_is_the_sample(load_camera(f"{path}#{names[0]}"))
     assert "holds 2 cameras" in refusal(path)
     second = load_camera(f"{path}#{names[1]}")

@@ -9,19 +9,31 @@ import numpy as np
 import pytest
 import yaml
 from camera_factory import (
+    AUTOWARE,
+    BARE_MATRIX,
+    BOUGUET,
     BROWN,
+    CAMODOCAL,
     COLMAP_TEXT,
     EUROC_SENSOR,
     KALIBR,
+    KITTI_ODOMETRY,
     MATRIX,
     METASHAPE,
+    MIDDLEBURY,
     NATIVE,
     NERFSTUDIO,
     OPENCV_STEREO,
     OPENSFM,
+    ORBSLAM,
+    PDS3,
+    PDS4,
+    PIX4D,
+    RECONSTRUCTION,
     ROS2_ECHO,
     ROS_FILE,
     SAMPLES,
+    SPLATTING,
     K,
     check_is_the_sample,
     refusal,
@@ -29,7 +41,7 @@ from camera_factory import (
 )
 
 from slopecli.errors import InputError
-from slopecli.io.cameras import CAMERA_FORMATS, CameraFormat, load_camera
+from slopecli.io.cameras import CAMERA_FORMATS, CameraFormat, camera_names, decode_camera, load_camera
 
 
 @pytest.mark.parametrize(("content", "source"), SAMPLES.values(), ids=SAMPLES.keys())
@@ -136,3 +148,30 @@ def test_values_of_the_wrong_kind_never_end_in_a_traceback(tmp_path: Path) -> No
                 holder, key = values_in(tree)[i]
                 holder[key] = wrong
                 assert "\n" not in outcome(write(tmp_path, json.dumps(tree)))
+
+
+TEXTS = {
+    "pix4d": PIX4D,
+    "kitti": KITTI_ODOMETRY,
+    "middlebury": MIDDLEBURY,
+    "matrix": BARE_MATRIX,
+    "bouguet": BOUGUET,
+    "pds3": PDS3,
+    "pds4": PDS4,
+    "camodocal": CAMODOCAL,
+    "orbslam": ORBSLAM,
+    "autoware": AUTOWARE,
+    "splatting": SPLATTING,
+    "reconstruction": RECONSTRUCTION,
+}
+
+
+@pytest.mark.parametrize("text", TEXTS.values(), ids=TEXTS)
+def test_line_ends_and_marks_of_other_systems_change_nothing(tmp_path: Path, text: str) -> None:
+    names = camera_names(text.encode(), "camera")
+    for name in names:
+        plain, changed = (
+            decode_camera(data, "camera", name, (1024, 768))
+            for data in (text.encode(), b"\xef\xbb\xbf" + text.replace("\n", "\r\n").encode())
+        )
+        assert changed == plain

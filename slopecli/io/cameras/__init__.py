@@ -7,6 +7,7 @@ __getattr__, __dir__ = lazy_names(
     {
         "content": "CameraFileContent",
         "formats": "CAMERA_FORMATS CameraFormat",
-        "reading": "camera_for camera_from_fov camera_from_intrinsics decode_camera fit_camera_to_image load_camera",
+        "reading": "camera_for camera_from_fov camera_from_intrinsics camera_names decode_camera fit_camera_to_image "
+        "load_camera",
     },
 )
