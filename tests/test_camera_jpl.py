@@ -104,7 +104,7 @@ def test_a_pupil_that_moves_far_is_refused(tmp_path: Path) -> None:
     far = VICAR.replace("MODEL_COMPONENT_7=(0.0005, 0.001, -0.0002)", "MODEL_COMPONENT_7=(0.5, 1.0, 0.0)")
     assert "linearise the images" in refusal(write(tmp_path, far))
     none = VICAR.replace("MODEL_COMPONENT_7=(0.0005, 0.001, -0.0002)", "MODEL_COMPONENT_7=(0.0, 0.0, 0.0)")
-    assert load_camera(write(tmp_path, none)).note == ""
+    assert "pupil" not in load_camera(write(tmp_path, none)).note
 
 
 @pytest.mark.parametrize(
@@ -152,9 +152,18 @@ def test_units_and_a_pupil_that_hardly_moves(tmp_path: Path) -> None:
     with_units = PDS3.replace("(0.800000,0.000000,0.600000)", "(0.800000 <unit>, 0.000000 <unit>, 0.600000 <unit>)")
     assert load_camera(write(tmp_path, with_units)) == load_camera(write(tmp_path, PDS3, "plain"))
     still = VICAR.replace("MODEL_COMPONENT_7=(0.0005, 0.001, -0.0002)", "MODEL_COMPONENT_7=(-8e-09, 1e-08, -2.9e-08)")
-    assert load_camera(write(tmp_path, still)).note == ""
+    assert "pupil" not in load_camera(write(tmp_path, still)).note
 
 
 def test_a_label_of_many_groups_takes_no_time(tmp_path: Path) -> None:
     many = "GROUP = GEOMETRIC_CAMERA_MODEL\n" * 30_000
     assert "camera that is understood" in refusal(write(tmp_path, many))
+
+
+@pytest.mark.parametrize(("text", "frame"), [(PDS3, "ROVER_NAV_FRAME"), (VICAR, "its frame"), (PDS4, "its frame")])
+def test_the_vertical_of_the_label_is_given_in_camera_axes(tmp_path: Path, text: str, frame: str) -> None:
+    note = load_camera(write(tmp_path, text)).note
+    assert f"with z of {frame} downward" in note
+    up = np.array([float(word) for word in note.partition("--up ")[2].split(";")[0].split(",")])
+    # A = (0.8, 0, 0.6) looks 36.9 degrees down: up has -0.6 along the line of sight, and 0.8 against y
+    assert up == pytest.approx([0, -0.8, -0.6], abs=1e-5)

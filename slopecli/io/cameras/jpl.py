@@ -85,7 +85,8 @@ def _in_label(text: str) -> Iterator[tuple[str, Model]]:
             }
             kind = re.sub(r"\W", "", pairs.get("MODEL_TYPE", ""))
             if kind:
-                yield start[1], {"type": kind, "size": size, **parts}
+                frame = pairs.get("REFERENCE_COORD_SYSTEM_NAME", "").strip("'\"")
+                yield start[1], {"type": kind, "size": size, "frame": frame, **parts}
 
 
 def _label_size(text: str) -> tuple[Any, Any]:
@@ -105,10 +106,13 @@ def _in_xml(root: Element) -> Iterator[tuple[str, Model]]:
         named = {_plain(child): (child.text or "").strip() for child in axis}
         sides.setdefault(named.get("axis_name"), named.get("elements"))
     size = sides.get("Sample"), sides.get("Line")
+    references = (one for reference in root.iter() if "_Reference" in _plain(reference) for one in reference.iter())
+    frames = (one.text for one in references if _plain(one) == "coordinate_space_frame_type")
+    frame = (next(frames, "") or "").strip()
     for k, element in enumerate(element for element in root.iter() if _plain(element).startswith("CAHV")):
         children = {_plain(child): child for child in element}
         parts = {letter: _texts(children[name]) for letter, name in PDS4_PARTS.items() if name in children}
-        yield str(k + 1), {"type": _plain(element).partition("_")[0], "size": size, **parts}
+        yield str(k + 1), {"type": _plain(element).partition("_")[0], "size": size, "frame": frame, **parts}
 
 
 def _plain(element: Element) -> str:
@@ -148,14 +152,23 @@ def read(model: Model, image: values.Size | None) -> Camera:
     skew = skew if abs(skew) > 1e-12 else 0.0  # rounding
     lens = (*radial, *(tilt[:2] / tilt[2]).tolist(), linearity, skew)
     own = values.size_of(*model["size"])
-    if kind == "CAHV":
-        return values.make_camera(
-            "JPL CAHV", own or image, (fx, fy, cx, cy), "polynomial", (0.0,) * 6 + (skew,), size_given=own is not None
-        )
+    lens = (0.0,) * 6 + (skew,) if kind == "CAHV" else lens
     camera = values.make_camera(
-        f"JPL {kind}", own or image, (fx, fy, cx, cy), "cahvor", lens, size_given=own is not None
+        f"JPL {kind}",
+        own or image,
+        (fx, fy, cx, cy),
+        "polynomial" if kind == "CAHV" else "cahvor",
+        lens,
+        note=_frame_note(model["frame"], np.array([x, y, z])),
+        size_given=own is not None,
     )
     return values.noted(camera, _pupil_note(camera, _vector(model, "E")) if kind == "CAHVORE" else "")
+
+
+def _frame_note(frame: str, axes: FloatArray) -> str:
+    """How to give the vertical of the label's frame; axes (3, 3): rows are the camera's in that frame."""
+    up = ",".join(f"{value:z.5f}" for value in -axes[:, 2])
+    return f"with z of {frame[:40] or 'its frame'} downward, up is --up {up}"
 
 
 def _vector(model: Model, letter: str) -> FloatArray:
