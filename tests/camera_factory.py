@@ -551,7 +551,11 @@ VICAR = (
 
 PDS4 = """<?xml version="1.0" encoding="UTF-8"?>
 <Product_Observational xmlns="http://pds.nasa.gov/pds4/pds/v1" xmlns:geom="http://pds.nasa.gov/pds4/geom/v1">
-<Observation_Area><Discipline_Area><geom:Geometry><geom:Geometry_Lander><geom:Camera_Model_Parameters>
+<Observation_Area><Discipline_Area><geom:Geometry><geom:Geometry_Lander>
+<geom:Articulation_Device_Parameters><geom:Coordinate_Space_Reference>
+<geom:coordinate_space_frame_type>ARM_FRAME</geom:coordinate_space_frame_type>
+</geom:Coordinate_Space_Reference></geom:Articulation_Device_Parameters>
+<geom:Camera_Model_Parameters>
 <geom:model_type>CAHV</geom:model_type>
 <geom:CAHV_Model>
 <geom:Vector_Center><geom:x_position unit="m">0.6</geom:x_position><geom:y_position unit="m">0.5</geom:y_position>
@@ -562,7 +566,10 @@ PDS4 = """<?xml version="1.0" encoding="UTF-8"?>
 <geom:z_pixel>305.4</geom:z_pixel></geom:Vector_Horizontal>
 <geom:Vector_Vertical><geom:x_pixel>-308.8</geom:x_pixel><geom:y_pixel>0.0</geom:y_pixel>
 <geom:z_pixel>1278.4</geom:z_pixel></geom:Vector_Vertical>
-</geom:CAHV_Model></geom:Camera_Model_Parameters></geom:Geometry_Lander></geom:Geometry></Discipline_Area>
+</geom:CAHV_Model>
+<geom:Coordinate_Space_Reference><geom:Coordinate_Space_Indexed>
+<geom:coordinate_space_frame_type>ROVER_NAV_FRAME</geom:coordinate_space_frame_type>
+</geom:Coordinate_Space_Indexed></geom:Coordinate_Space_Reference></geom:Camera_Model_Parameters></geom:Geometry_Lander></geom:Geometry></Discipline_Area>
 </Observation_Area>
 <File_Area_Observational><Array_2D_Image><axes>2</axes>
 <Axis_Array><axis_name>Line</axis_name><elements>960</elements><sequence_number>1</sequence_number></Axis_Array>

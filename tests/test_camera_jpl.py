@@ -160,7 +160,9 @@ def test_a_label_of_many_groups_takes_no_time(tmp_path: Path) -> None:
     assert "camera that is understood" in refusal(write(tmp_path, many))
 
 
-@pytest.mark.parametrize(("text", "frame"), [(PDS3, "ROVER_NAV_FRAME"), (VICAR, "its frame"), (PDS4, "its frame")])
+@pytest.mark.parametrize(
+    ("text", "frame"), [(PDS3, "ROVER_NAV_FRAME"), (VICAR, "its frame"), (PDS4, "ROVER_NAV_FRAME")]
+)
 def test_the_vertical_of_the_label_is_given_in_camera_axes(tmp_path: Path, text: str, frame: str) -> None:
     note = load_camera(write(tmp_path, text)).note
     assert f"with z of {frame} downward" in note

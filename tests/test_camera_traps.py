@@ -429,7 +429,7 @@ def test_a_large_array_in_an_archive_is_not_read(tmp_path: Path) -> None:
         ("# Bundle file v0.3\n1 0\n800 0 0\n", "Bundler"),
         ("Model = CAHVOR = perspective, distortion\nDimensions = 1024 1024\n", ".cahvor file"),
         ('{"graph": {"CameraInit_1": {"nodeType": "CameraInit"}}}', "Meshroom graph"),
-        (b"\x89PNG\r\n\x1a\n\0\0\0\rIHDR", "PNG image"),
+        (b"\x89PNG\r\n\x1a\n\0\0\0\rIHDR", "PNG image; --camera exif takes"),
     ],
 )
 def test_what_is_not_read_is_named(tmp_path: Path, content: str | bytes, words: str) -> None:

@@ -106,13 +106,14 @@ def _in_xml(root: Element) -> Iterator[tuple[str, Model]]:
         named = {_plain(child): (child.text or "").strip() for child in axis}
         sides.setdefault(named.get("axis_name"), named.get("elements"))
     size = sides.get("Sample"), sides.get("Line")
-    references = (one for reference in root.iter() if "_Reference" in _plain(reference) for one in reference.iter())
-    frames = (one.text for one in references if _plain(one) == "coordinate_space_frame_type")
-    frame = (next(frames, "") or "").strip()
-    for k, element in enumerate(element for element in root.iter() if _plain(element).startswith("CAHV")):
-        children = {_plain(child): child for child in element}
+    groups = (group for group in root.iter() if any(_plain(child).startswith("CAHV") for child in group))
+    for k, group in enumerate(groups):
+        model = next(child for child in group if _plain(child).startswith("CAHV"))
+        children = {_plain(child): child for child in model}
         parts = {letter: _texts(children[name]) for letter, name in PDS4_PARTS.items() if name in children}
-        yield str(k + 1), {"type": _plain(element).partition("_")[0], "size": size, "frame": frame, **parts}
+        frames = (one.text for one in group.iter() if _plain(one) == "coordinate_space_frame_type")
+        frame = (next(frames, "") or "").strip()
+        yield str(k + 1), {"type": _plain(model).partition("_")[0], "size": size, "frame": frame, **parts}
 
 
 def _plain(element: Element) -> str:

@@ -39,7 +39,8 @@ def looks_like(content: CameraFileContent) -> str:
     """ ", but looks like ...", or "" where nothing is known of such files."""
     for kind, start in BINARY.items():
         if re.match(start, content.data, re.DOTALL):
-            return f", but looks like {kind}"
+            stated = "; --camera exif takes what an image states itself" if kind.endswith(" image") else ""
+            return f", but looks like {kind}{stated}"
     head = content.data[:100_000].decode("latin-1")
     for kind, pattern in TEXT.items():
         if re.search(pattern, head, re.MULTILINE):
