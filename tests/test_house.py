@@ -32,7 +32,7 @@ FLOORS = (
     "sequence",
     "products",
     "pipeline",
-    "plan study",
+    "plan study validate",
     "io",
     "batch",
     "cli",
@@ -41,7 +41,9 @@ FLOORS = (
 FLOOR_OF = {room: floor for floor, rooms in enumerate(FLOORS) for room in rooms.split()}
 FILE_CALLS = {"open", "imread", "imwrite", "imreadmulti", "read_text", "read_bytes", "write_text", "write_bytes"}
 SLOW_TO_IMPORT = {"scipy", "skimage", "tifffile", "matplotlib", "trimesh", "rich", "distributed", "threadpoolctl"} | {
-    "h5py"
+    "h5py",
+    "laspy",
+    "OpenEXR",
 }
 CALLERS = sorted(path for folder in ("tests", "benchmarks") for path in (ROOT / folder).rglob("*.py"))
 # rooms publish their public names; one of the same name as its module can be had from the module alone
@@ -160,7 +162,7 @@ def test_tests_and_benchmarks_import_from_rooms(path: Path) -> None:
 def test_dependencies_are_those_imported() -> None:
     project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
     extras = project["optional-dependencies"]
-    requirements = project["dependencies"] + extras["cluster"] + extras["h5"]
+    requirements = project["dependencies"] + extras["cluster"] + extras["h5"] + extras["las"] + extras["exr"]
     declared = {re.split(r"[<>=!~ ;\[]", requirement)[0].lower() for requirement in requirements}
     used = set().union(*(third_party(parse(path)) for path in MODULES))
     assert {DISTRIBUTION_OF.get(name, name).lower() for name in used} == declared

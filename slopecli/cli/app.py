@@ -24,7 +24,7 @@ PLACE_OF = {
     "estimate": "pair:estimate",
     "map": "pair:slope_map",
     "segment": "pair:segment",
-    **{name: f"{name}:{name}" for name in ("batch", "sequence", "solve", "plan", "camera", "simulate")},
+    **{name: f"{name}:{name}" for name in ("batch", "sequence", "solve", "plan", "camera", "simulate", "validate")},
 }
 EPILOG = """\b
 Exit status:

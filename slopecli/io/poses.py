@@ -35,13 +35,36 @@ def load_pose(path: str | PathLike[str]) -> Pose:
     InputError : the file cannot be read, has no motion with a baseline, or values that contradict each other.
     """
     values = _read(path)
+    R = _rotation(path, values)
+    T = _position(path, values, R)
+    return Pose(tuple(map(float, R.ravel())), (float(T[0]), float(T[1]), float(T[2])))
+
+
+def load_attitude(path: str | PathLike[str]) -> tuple[FloatArray, FloatArray]:
+    """Read the attitude R (3, 3) and the place T (3,) of camera 1 among points: P1 = R (P - T); or "t" = -R T.
+
+    The same file as of `load_pose`, but T may be zero, and be in any unit.
+
+    Raises
+    ------
+    InputError : the file cannot be read, or has no rotation and place.
+    """
+    values = _read(path)
+    R = _rotation(path, values)
+    name = next((name for name in POSITIONS if name in values), None)
+    if name is None:
+        raise InputError(f"{path}: has no {' or '.join(map(repr, POSITIONS))}; {WANTED}")
+    place = _numbers(path, values, (name,), (3,))
+    return R, -R.T @ place if name == "t" else place
+
+
+def _rotation(path: str | PathLike[str], values: dict[str, Any]) -> FloatArray:
+    """R, orthonormal to the last digit."""
     R = _numbers(path, values, ("R", "rotation_cam2_from_cam1"), (3, 3))
     if np.abs(R).max() > 2 or not np.abs(R @ R.T - np.eye(3)).max() < ORTHONORMAL or np.linalg.det(R) < 0:
         raise InputError(f"{path}: its R is no rotation (R R^T is not 1, or it mirrors); {WANTED}")
     U, _, Vt = np.linalg.svd(R)
-    R = U @ Vt
-    T = _position(path, values, R)
-    return Pose(tuple(map(float, R.ravel())), (float(T[0]), float(T[1]), float(T[2])))
+    return np.asarray(U @ Vt)
 
 
 def _position(path: str | PathLike[str], values: dict[str, Any], R: FloatArray) -> FloatArray:

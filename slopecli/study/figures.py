@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Sequence
 from io import BytesIO
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from slopecli.products.drawing.plots import plot_settings
 from slopecli.study.claims import LINEAR_FROM, USUAL_PX, mean, time_exponent
 from slopecli.study.trials import Spread, Study, Timing
 from slopecli.types import FloatArray
@@ -26,14 +26,6 @@ STYLES: dict[str, tuple[str, dict[str, Any]]] = {
     "mle": ("joint maximum likelihood", {"color": "#009E73", "linestyle": "-", "marker": "D"}),
 }
 Unit = Callable[[FloatArray], FloatArray]  # of an error, from rad
-LETTERING = {
-    "font.family": "DejaVu Sans",
-    "font.size": 13.0,
-    "axes.titlesize": 13.0,
-    "lines.linewidth": 2.0,
-    "lines.markersize": 5.5,
-    "svg.hashsalt": "slopemap",
-}
 # the paper's limits of the errors at `USUAL_PX`; of rotation 0.1 deg
 PRINTED_TRANSLATION_PERCENT = {0.0: 0.5, 45.0: 0.25, 90.0: 0.25}  # by trajectory
 PRINTED_SLOPE_DEG = {3: 0.5, 4: 1.0, 5: 1.0}  # by window; those shown
@@ -42,29 +34,15 @@ TIMES = "figure6_time"
 
 def draw_figures(study: Study, spread: Spread) -> dict[str, bytes]:
     """Figures 2, 4 and 5 of the paper by file name, each as PNG and as SVG; the same study gives the same bytes."""
-    with _drawing():
+    with plot_settings():
         figures = _encoded("figure2_alignment", _draw_spread(spread)) | _encoded("figure4_motion", _draw_motion(study))
         return figures | _encoded("figure5_slopes", _draw_slopes(study))
 
 
 def draw_times(timings: Sequence[Timing]) -> dict[str, bytes]:
     """Figure 6 as PNG and as SVG: time against the number of windows."""
-    with _drawing():
+    with plot_settings():
         return _encoded(TIMES, _draw_times(timings))
-
-
-@contextmanager
-def _drawing() -> Iterator[None]:
-    """Use fixed settings of matplotlib instead of the user's."""
-    import logging
-
-    import matplotlib
-
-    logging.getLogger("matplotlib").setLevel(logging.ERROR)  # which says that it looks for fonts, the first time
-    with matplotlib.rc_context():
-        matplotlib.rcdefaults()
-        matplotlib.rcParams.update(LETTERING)  # type: ignore[arg-type]
-        yield
 
 
 def _panels(rows: int, columns: int, **attributes: Any) -> tuple[Figure, Any]:

@@ -1,0 +1,114 @@
+"""Read a finished answer back: slopes.json, and beside it labels.png and slope_map.tif."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import fields
+from os import PathLike
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from slopecli.errors import InputError
+from slopecli.io.files import read_file
+from slopecli.patches import FINDERS
+from slopecli.products import RESULT
+from slopecli.products.map_tiff import BANDS, MAP_FILE, NODATA
+from slopecli.types import Camera
+from slopecli.validate.finished_result import Result, ResultMap, ResultPlane
+
+LABELS = "labels.png"
+MAX_BYTES = 1 << 30
+WANTED = "needed the folder of an answer of estimate, segment or map, or its slopes.json"
+
+
+def read_result(path: str | PathLike[str]) -> Result:
+    """Read an answer.
+
+    path : a folder that holds slopes.json, or that file.
+    InputError : it is no answer, or one without cameras, as of rays.
+    """
+    file = Path(path) / RESULT if Path(path).is_dir() else Path(path)
+    if not file.exists():
+        raise InputError(f"{path}: no such answer; {WANTED}")
+    try:
+        document = json.loads(read_file(file, "slopes.json", MAX_BYTES))
+        return _result(document, file.parent)
+    except InputError:
+        raise
+    except (ValueError, KeyError, TypeError, IndexError, AttributeError, RecursionError) as error:
+        raise InputError(f"{file}: is no answer of slopemap ({type(error).__name__}: {error}); {WANTED}") from error
+
+
+def _result(document: dict[str, Any], folder: Path) -> Result:
+    cameras = tuple(_camera(one) for one in document["cameras"])
+    if len(cameras) != 2 or not cameras[0].width:
+        raise InputError(f"{folder}: the answer has no camera with an image size, as of rays; {WANTED}")
+    options = document["options"]
+    return Result(
+        planes=tuple(_planes(document)),
+        cameras=(cameras[0], cameras[1]),
+        up=np.array(document["up"]["vector_cam1"], float),
+        unit=document["scale"]["unit"],
+        baseline=float(np.linalg.norm(document["motion"]["baseline_cam1"])),
+        tolerance_deg=float(options["tolerance_deg"]),
+        confidence=float(options["confidence"]),
+        labels=_labels(folder, cameras[0]),
+        cells=_cells(document["map"], folder) if "map" in document else None,
+    )
+
+
+def _camera(values: dict[str, Any]) -> Camera:
+    names = {field.name for field in fields(Camera)}
+    known = {name: value for name, value in values.items() if name in names}
+    return Camera(**{**known, "distortion": tuple(known.get("distortion", ()))})
+
+
+def _planes(document: dict[str, Any]) -> list[ResultPlane]:
+    found = {finder.source for finder in FINDERS if finder.found}
+    ambiguity = document["ambiguity"]
+    other = ambiguity["alternative"] if ambiguity["status"] == "unresolved" else None
+    others = {} if other is None else {one["id"]: one["normal_cam1"] for one in other["planes"]}
+    return [
+        ResultPlane(
+            id=int(one["id"]),
+            normals=tuple(
+                np.array(normal, float) for normal in (one["normal_cam1"], others.get(one["id"])) if normal is not None
+            ),
+            distance=float(one["distance"]),
+            slope_deg=float(one["slope_deg"]),
+            sigma_deg=one["slope_sigma_deg"],
+            verdict=one["verdict"],
+            status=one["status"],
+            polygon_px=np.array(one["polygon_px"], float).reshape(-1, 2),
+            found=one["source"] in found,
+        )
+        for one in document["planes"]
+    ]
+
+
+def _labels(folder: Path, camera: Camera) -> NDArray[np.uint16] | None:
+    """labels.png of image 1's size; None where there is none."""
+    if not (folder / LABELS).exists():
+        return None
+    labels = cv2.imdecode(
+        np.frombuffer(read_file(folder / LABELS, "image file", MAX_BYTES), np.uint8), cv2.IMREAD_UNCHANGED
+    )
+    if labels is None or labels.shape != (camera.height, camera.width):
+        raise InputError(f"{folder / LABELS}: is not the labels of this answer; write the answer again")
+    return np.asarray(labels, np.uint16)
+
+
+def _cells(info: dict[str, Any], folder: Path) -> ResultMap | None:
+    """The cells of slope_map.tif; None where there is no such file."""
+    import tifffile
+
+    if not (folder / MAP_FILE).exists():
+        return None
+    bands = tifffile.imread(folder / MAP_FILE).astype(float)
+    layers = {name: np.where(bands[k] == NODATA, np.nan, bands[k]) for k, name in enumerate(BANDS)}
+    slope, sigma, p_safe = (layers[name] for name in ("slope_deg", "slope_sigma_deg", "p_safe"))
+    return ResultMap(slope, sigma, p_safe, int(info["spacing_px"]), float(info["footprint_px"]))
