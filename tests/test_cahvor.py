@@ -9,7 +9,15 @@ import numpy as np
 import pytest
 from command import slopemap
 
-from slopecli.geometry import pixels_from_rays, radial_term, rays_from_pixels, scale_camera, with_radial_term
+from slopecli.geometry import (
+    OUTSIDE_PX,
+    pixels_from_rays,
+    radial_term,
+    rays_from_pixels,
+    scale_camera,
+    undistortion_maps,
+    with_radial_term,
+)
 from slopecli.types import Camera
 
 TILT = (0.011, -0.007)
@@ -123,6 +131,16 @@ def test_a_resized_image_shows_the_same_rays(camera: Camera) -> None:
     np.testing.assert_allclose(
         rays_from_pixels(half, (uv + 0.5) / 2 - 0.5), rays_from_pixels(camera, uv), atol=1e-9, equal_nan=True
     )
+
+
+@cases
+def test_maps_to_an_ideal_image_are_the_projection(camera: Camera) -> None:
+    ideal = Camera(96, 72, 60.0, 61.0, 47.5, 35.5)
+    maps = undistortion_maps(camera, ideal)
+    uv = np.array([[0.0, 0.0], [95.0, 71.0], [20.0, 65.0], [48.0, 36.0]])
+    wanted = pixels_from_rays(camera, rays_from_pixels(ideal, uv))
+    found = np.array([[one[int(v), int(u)] for one in maps] for u, v in uv])
+    np.testing.assert_allclose(found, np.where(np.isfinite(wanted), wanted, OUTSIDE_PX), atol=1e-2)
 
 
 @cases
