@@ -60,7 +60,8 @@ def exif_block(
     for tag, value in (main or {}).items():
         block[tag] = value
     for number, tags in ((EXIF_IFD, exif), (GPS_IFD, gps)):
-        block.get_ifd(number).update(tags or {})
+        if tags:
+            block[number] = dict(tags)
     return block
 
 

@@ -19,6 +19,7 @@ from metadata_factory import (
     PLANE_X,
     PLANE_Y,
     WIDTH,
+    exif_block,
     gimbal,
     gps_tags,
     photograph,
@@ -26,6 +27,8 @@ from metadata_factory import (
     xmp_packet,
 )
 from numpy.testing import assert_allclose
+from PIL import Image as PilImage
+from PIL.PngImagePlugin import PngInfo
 
 from slopecli.geometry import ned_displacement, ned_from_camera
 from slopecli.io.metadata import Attitude, Metadata, decode_metadata, read_metadata, xmp_values
@@ -243,6 +246,30 @@ def test_a_lens_that_cannot_be_used_is_named(size: Any, exif: Any, xmp: Any, sai
     metadata = read(size, exif=exif, xmp=xmp_packet(xmp) if xmp else b"")
     assert metadata.lens is None
     assert said in " ".join(metadata.notes)
+
+
+# ---- other files than JPEG ----
+
+
+@pytest.mark.parametrize("suffix", ["png", "webp", "tiff"])
+def test_metadata_of_other_formats(tmp_path: Path, suffix: str) -> None:
+    packet, path = xmp_packet(gimbal(30, -60, GpsLatitude="47", GpsLongitude="8")), tmp_path / f"image.{suffix}"
+    exif = exif_block({FOCAL_35: 24})
+    picture = PilImage.new("L", SIZE, 128)
+    if suffix == "webp":
+        picture.save(path, exif=exif, xmp=packet)
+    elif suffix == "png":
+        text = PngInfo()
+        text.add_itxt("XML:com.adobe.xmp", packet.decode())
+        picture.save(path, exif=exif, pnginfo=text)
+    else:
+        picture.save(path, tiffinfo={700: packet})
+    metadata = read_metadata(path)
+    assert (metadata.lens is None) == (suffix == "tiff")
+    assert metadata.attitude is not None
+    assert metadata.attitude.pitch_deg == -60
+    assert metadata.position is not None
+    assert not metadata.notes
 
 
 # ---- hostile and damaged metadata ----

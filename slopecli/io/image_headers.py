@@ -98,7 +98,7 @@ def _png_header(data: bytes) -> ImageHeader:
 
 def _jpeg_header(data: bytes) -> ImageHeader:
     size, orientation = None, 1
-    for marker, body, end in _jpeg_segments(data):
+    for marker, body, end in jpeg_segments(data):
         is_frame = 0xC0 <= marker <= 0xCF and marker not in (0xC4, 0xC8, 0xCC)
         if is_frame and size is None and body + 5 <= len(data):
             height, width = struct.unpack_from(">HH", data, body + 1)
@@ -110,7 +110,7 @@ def _jpeg_header(data: bytes) -> ImageHeader:
     _cut_short("JPEG", data)
 
 
-def _jpeg_segments(data: bytes) -> Iterator[tuple[int, int, int]]:
+def jpeg_segments(data: bytes) -> Iterator[tuple[int, int, int]]:
     """Marker, start and end of the content of every segment up to the end marker; the scans between are skipped."""
     # within a scan, 0xff is followed by 0 or by a restart marker, and before any marker there may be more of 0xff
     mark = re.compile(rb"\xff([^\x00\x01\xd0-\xd7\xff])", re.DOTALL)

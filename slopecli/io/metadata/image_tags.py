@@ -13,9 +13,11 @@ from enum import IntEnum
 from io import BytesIO
 from typing import Any
 
+from slopecli.io.image_headers import JPEG_SIGNATURE, jpeg_segments
 from slopecli.io.metadata.xmp_packet import Name, xmp_values
 
-FORMATS = ("JPEG", "MPO", "PNG", "WEBP", "TIFF")  # that have EXIF or XMP
+XMP_HEADER = b"http://ns.adobe.com/xap/1.0/\0"  # of a segment of JPEG files
+FORMATS = ("JPEG", "PNG", "WEBP", "TIFF")  # that have EXIF or XMP
 
 
 class Tag(IntEnum):
@@ -85,14 +87,27 @@ def read_tags(data: bytes) -> ImageTags:
         try:
             with Image.open(BytesIO(data), formats=FORMATS) as picture:
                 main, exif, gps, damage = _exif_of(picture)
-                packet = picture.info.get("xmp") or main.get(Tag.XMP) or b""
+                packet = _xmp_of(data, picture, main)
                 size = picture.size
         except Exception:  # Pillow raises many kinds of exceptions on damaged bytes
             return ImageTags((0, 0), notes=("its EXIF and XMP cannot be read: the file is of no kind that has them",))
-    packet = packet.encode() if isinstance(packet, str) else packet
-    xmp, wrong = xmp_values(packet) if isinstance(packet, bytes) and packet else ({}, "")
+    xmp, wrong = xmp_values(packet) if packet else ({}, "")
     notes = [damage] if damage else []
     return ImageTags(size, main, exif, gps, xmp, (*notes, *([f"its XMP {wrong}"] if wrong else [])))
+
+
+def _xmp_of(data: bytes, picture: Any, main: Mapping[int, Any]) -> bytes:
+    """The XMP packet of a picture, b"" without one; of a JPEG file the first, which old Pillow leaves out."""
+    start_of_scan, application = 0xDA, 0xE1
+    if data.startswith(JPEG_SIGNATURE):
+        for marker, body, end in jpeg_segments(data):
+            if marker == start_of_scan:
+                break
+            if marker == application and data.startswith(XMP_HEADER, body):
+                return data[body + len(XMP_HEADER) : end]
+    found = picture.info.get("xmp") or picture.info.get("XML:com.adobe.xmp") or main.get(Tag.XMP)
+    found = found.encode() if isinstance(found, str) else found
+    return found if isinstance(found, bytes) else b""
 
 
 def _exif_of(picture: Any) -> tuple[dict[int, Any], dict[int, Any], dict[int, Any], str]:
