@@ -29,11 +29,15 @@ if TYPE_CHECKING:
     from slopecli.io.cameras.reading import load_camera as load_camera
     from slopecli.io.correspondences.match_formats import read_correspondences as read_correspondences
     from slopecli.io.images import load_image as load_image
+    from slopecli.io.metadata.applied import apply_metadata as apply_metadata
+    from slopecli.io.metadata.metadata_reading import read_metadata as read_metadata
     from slopecli.io.outputs import write_map as write_map
     from slopecli.io.outputs import write_outputs as write_outputs
     from slopecli.io.poses import load_pose as load_pose
+    from slopecli.options import CameraChoice as CameraChoice
     from slopecli.options import Lander as Lander
     from slopecli.options import MapOptions as MapOptions
+    from slopecli.options import MetadataChoice as MetadataChoice
     from slopecli.options import Options as Options
     from slopecli.options import Pose as Pose
     from slopecli.patches.uncalibrated.correspondence_labels import label_planes as label_planes
@@ -54,7 +58,8 @@ else:
         "ground": "SlopeMap",
         "io": "load_image load_pose read_correspondences write_map write_outputs",
         "io.cameras": "camera_from_fov camera_from_intrinsics load_camera",
-        "options": "Lander MapOptions Options Pose",
+        "io.metadata": "apply_metadata read_metadata",
+        "options": "CameraChoice Lander MapOptions MetadataChoice Options Pose",
         "patches": "label_planes",
         "pipeline": "estimate slope_map solve",
         "products": "report_to_json",

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from pathlib import Path
 from typing import Any
 
@@ -285,6 +286,24 @@ def test_every_pair_of_a_batch_has_its_own(tmp_path: Path, scene: Pair) -> None:
 
 
 # ---- from Python ----
+
+
+def test_the_page_runs(tmp_path: Path, scene: Pair, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Its first command, and its Python, on files of these names."""
+    page = (Path(__file__).parent.parent / "docs" / "drone.md").read_text(encoding="utf-8")
+    command, code = re.search(r"^slopemap (.*?) +#", page, re.M), re.search(r"```python\n(.*?)```", page, re.S)
+    assert command
+    assert code
+    for image, name in zip(write(tmp_path, scene), ("DJI_0031.JPG", "DJI_0032.JPG"), strict=True):
+        (tmp_path / image).rename(tmp_path / name)
+    monkeypatch.chdir(tmp_path)
+    assert slopemap(*command[1].split()).returncode == 0
+    values: dict[str, Any] = {}
+    exec(code[1], values)
+    written = json.loads((tmp_path / "slopes" / "slopes.json").read_text())
+    assert [plane.slope_deg for plane in values["report"].planes] == pytest.approx(
+        [plane["slope_deg"] for plane in written["planes"]]
+    )
 
 
 def test_options_from_python(tmp_path: Path, scene: Pair) -> None:
