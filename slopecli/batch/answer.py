@@ -21,7 +21,7 @@ from slopecli.io.metadata.metadata_reading import decode_metadata
 from slopecli.look.features import FeatureMemory
 from slopecli.options import CameraChoice, Options
 from slopecli.pipeline import estimate, sequence, slope_map
-from slopecli.products import MAP_PRODUCTS, SEQUENCE_PRODUCTS, encode_products
+from slopecli.products import MAP_PRODUCTS, SEQUENCE_PRODUCTS, Origin, encode_products
 from slopecli.sequence.stream import Sequence as Runner
 from slopecli.types import Camera, Image, Report
 
@@ -148,10 +148,10 @@ def _estimate(job: Job, inputs: Shipped) -> tuple[Outcome, dict[str, bytes]]:
     if job.wanted is not None:
         pair = image1, image2, camera1, camera2
         ground = slope_map(*pair, options, job.wanted, memory=_memory.features)
-        contents = encode_products(ground, image1, job.keep, MAP_PRODUCTS)
+        contents = encode_products(ground, image1, job.keep, MAP_PRODUCTS, Origin(image2))
         return _outcome_of_map(job, ground, inputs.fingerprint, tuple(contents)), contents
     report = estimate(image1, image2, camera1, camera2, options, memory=_memory.features)
-    contents = encode_products(report, image1, job.keep)
+    contents = encode_products(report, image1, job.keep, origin=Origin(image2))
     return _outcome_of(job, report, inputs.fingerprint, tuple(contents)), contents
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import errno
 import os
 import re
+import shlex
 import sys
 from collections import UserDict
 from collections.abc import Sequence
@@ -64,7 +65,7 @@ def slopemap() -> None:
 
 def run(command: click.Command, arguments: Sequence[str]) -> int:
     """Run `command` and return the exit status; no exception leaves, and bad input never ends in a traceback."""
-    talk = Talk()
+    talk = Talk(command=shlex.join(["slopemap", *arguments]))
     _prepare_process()
     try:
         return command.main(list(arguments), prog_name="slopemap", standalone_mode=False, obj=talk) or 0

@@ -68,6 +68,7 @@ worker_options = (
         *pair_options,
         *shared.pair_camera_options,
         Option(shared.OUTPUT, "-o --output", "DIR", PATH, "Folder for the results; optional with --dry-run"),
+        shared.report_flag,
         *shared.file_options,
         shared.ply_frame,
         *worker_options,

@@ -23,7 +23,7 @@ from slopecli.cli.map_table import print_map
 from slopecli.cli.metadata_choices import take_metadata
 from slopecli.cli.parameter_types import PATH
 from slopecli.cli.report_table import print_report
-from slopecli.cli.talk import Talk
+from slopecli.cli.talk import Talk, origin_of
 
 if TYPE_CHECKING:
     from slopecli.options import CameraChoice, Options
@@ -50,8 +50,7 @@ if TYPE_CHECKING:
 def estimate(ctx: click.Context, image1: str, image2: str, **parameters: Any) -> None:
     """Slopes of windows of IMAGE1 from two overlapping images.
 
-    Prints a table; -o DIR also writes slopes.json, labels.png, overlay.png and patches.ply. Vectors are in camera-1
-    axes: x right, y down, z forward.
+    Prints a table; -o DIR also writes slopes.json, pictures and a 3-D model.
 
     \b
     Example:
@@ -128,7 +127,8 @@ def slope_map(ctx: click.Context, image1: str, image2: str, **parameters: Any) -
         from slopecli.products import MAP_PRODUCTS, kept_choices
 
         with talk.timed("write"):
-            written = write_map(answer, images[0], output, kept_choices(parameters, MAP_PRODUCTS))
+            keep, origin = kept_choices(parameters, MAP_PRODUCTS), origin_of(talk, images[1])
+            written = write_map(answer, images[0], output, keep, origin)
     print_map(answer, written, talk, as_json=parameters["as_json"])
 
 
@@ -147,7 +147,7 @@ def _answer_pair(ctx: click.Context, image1: str, image2: str, parameters: dict[
         from slopecli.products import kept_choices
 
         with talk.timed("write"):
-            written = write_outputs(report, images[0], output, kept_choices(parameters))
+            written = write_outputs(report, images[0], output, kept_choices(parameters), origin_of(talk, images[1]))
     print_report(report, written, talk, as_json=parameters["as_json"])
 
 
@@ -192,5 +192,5 @@ def _load_cameras(
         camera_for(image, choice) for image, choice in zip(images, choices, strict=True)
     )
     for note in dict.fromkeys((*notes1, *notes2)):
-        talk.say(f"info: {note}")
+        talk.note(note)
     return camera1, camera2

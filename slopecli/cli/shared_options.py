@@ -127,13 +127,15 @@ def _product_flag(choice: str, rows: Sequence[Product] = PRODUCTS) -> Flag:
     return Flag(OUTPUT, products[0].flag, f"{does} {what}{of}")
 
 
-file_options = tuple(map(_product_flag, sorted(CHOICES, key=lambda choice: choice not in BY_DEFAULT)))
+report_flag = _product_flag("report")  # of all commands alike
+_others = sorted(set(CHOICES) - {"report"}, key=lambda choice: (choice not in BY_DEFAULT, CHOICES.index(choice)))
+file_options = tuple(map(_product_flag, _others))
 _folder = Option(OUTPUT, "-o --output", "DIR", PATH, "Folder for the results; optional with --json")
 _FRAME_HELP = "Of PLY files: up (z is up) or camera"
 ply_frame = Option(OUTPUT, "--ply-frame", "AXES", kinds.choices_of("ply_frame"), _FRAME_HELP, of=Options)
-output_options = (_folder, json_flag, *file_options, ply_frame)
+output_options = (_folder, json_flag, report_flag, *file_options, ply_frame)
 map_file_options = tuple(_product_flag(choice, MAP_PRODUCTS) for choice in ("pictures", "ply"))
-map_output_options = (_folder, json_flag, *map_file_options, ply_frame)
+map_output_options = (_folder, json_flag, report_flag, *map_file_options, ply_frame)
 
 _map = partial(Option, of=MapOptions)
 map_options = (

@@ -11,20 +11,18 @@ from slopecli.cli import shared_options as shared
 from slopecli.cli.checks import CAMERA_FLAGS, at_most_one, check_estimate, given, options_from, refuse
 from slopecli.cli.parameter_types import GRID, PATH, POSITIVE, WINDOW
 from slopecli.cli.report_table import print_report
-from slopecli.cli.talk import Talk
+from slopecli.cli.talk import Talk, origin_of
 
 if TYPE_CHECKING:
     from slopecli.patches.given import Given
     from slopecli.types import Camera, Report
 
-NOISE_HELP = "1-sigma in image 2, mrad without a camera"
-PLANES_HELP = "All rows on one plane, or planes found among them"
+NOISE_HELP = "1-sigma in image 2"
+PLANES_HELP = "All on one, or found among them"
 WAYS = ("planes", "grid", "windows", "labels")
 
 row_plane_options = (
-    shared.Option(
-        shared.PLANES, "--planes", None, click.Choice(["one", "found"]), PLANES_HELP, shown="column patch, else one"
-    ),
+    shared.Option(shared.PLANES, "--planes", None, click.Choice(["one", "found"]), PLANES_HELP, shown="column patch"),
     shared.Option(shared.PLANES, "--grid", "COLSxROWS", GRID, "A plane in each equal part of image 1"),
     shared.Option(shared.PLANES, "--window windows", "X,Y,W,H", WINDOW, "A plane in a part, px; repeat", multiple=True),
     shared.Option(shared.PLANES, "--labels", "FILE", PATH, "Image of the plane of every pixel, 0 for none"),
@@ -41,6 +39,7 @@ row_plane_options = (
         shared.Option(shared.INPUT, "--noise", "PX", POSITIVE, NOISE_HELP, shown="from the residuals"),
         shared.Option(shared.OUTPUT, "-o --output", "DIR", PATH, "Folder for slopes.json"),
         shared.json_flag,
+        shared.report_flag,
         *row_plane_options,
         *shared.frame_options(),
         *shared.solving_options,
@@ -53,10 +52,10 @@ row_plane_options = (
 def solve(ctx: click.Context, matches: str, **parameters: Any) -> None:
     """Slopes of planes from your own correspondences.
 
-    MATCHES is a table (- for stdin), a NumPy file, a COLMAP database or an HDF5 file. A table has a header and the
-    columns x1,y1,x2,y2, or just these: a point in image 1 and in image 2, px with pixel centres at integers, or without
-    a camera normalised coordinates. Column patch: which plane a row lies on, -1 for none. Column sigma: the row's own
-    1-sigma, in place of --noise.
+    MATCHES is a table (- for stdin), a NumPy file, a COLMAP database or an HDF5
+    file. A table has the columns x1,y1,x2,y2: points of both images, px with
+    pixel centres at integers, or without a camera normalised coordinates; perhaps
+    patch (of the row, -1 for none) and sigma (instead of --noise).
 
     Prints a table; -o DIR also writes slopes.json.
 
@@ -90,12 +89,12 @@ def solve(ctx: click.Context, matches: str, **parameters: Any) -> None:
     options = options_from({name: value for name, value in parameters.items() if name not in WAYS})
     notes = [correspondences.note, *(f"camera: {camera.note}" for camera in cameras or () if camera.note)]
     for note in dict.fromkeys(filter(None, notes)):
-        talk.say(f"info: {note}")
+        talk.note(note)
     with talk.timed("planes"):
         correspondences = _on_planes(ctx, correspondences, cameras, parameters)
     with talk.timed("solve"):
         report = solve_given(correspondences, cameras, options, parameters["noise"])
-    print_report(report, _write(report, parameters["output"]), talk, as_json=parameters["as_json"])
+    print_report(report, _write(report, parameters, talk), talk, as_json=parameters["as_json"])
 
 
 def _check(ctx: click.Context) -> None:
@@ -168,10 +167,16 @@ def _cameras(parameters: dict[str, Any]) -> tuple[Camera, Camera] | None:
     return first, load_camera(parameters["camera2"]) if parameters["camera2"] else first
 
 
-def _write(report: Report, output: str | None) -> list[Path]:
+def _write(report: Report, parameters: dict[str, Any], talk: Talk) -> list[Path]:
     """Paths of the files written, none without -o."""
-    from slopecli.io.outputs import store_outputs
-    from slopecli.products import RESULT
-    from slopecli.products.slopes_json import report_to_json
+    if not parameters["output"]:
+        return []
+    import numpy as np
 
-    return store_outputs({RESULT: (report_to_json(report) + "\n").encode("ascii")}, output) if output else []
+    from slopecli.io.outputs import store_outputs
+    from slopecli.products import ROW_PRODUCTS, encode_products, keep_files
+    from slopecli.types import Image
+
+    nothing = Image(np.zeros((0, 0), np.uint8))  # rows come without an image
+    keep = keep_files(report=parameters["report"])
+    return store_outputs(encode_products(report, nothing, keep, ROW_PRODUCTS, origin_of(talk)), parameters["output"])

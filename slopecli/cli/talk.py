@@ -8,25 +8,39 @@ import sys
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass
-from typing import TextIO
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, TextIO
 
 import click
 
 from slopecli.errors import visible
 
+if TYPE_CHECKING:
+    from slopecli.products.origin import Origin
+    from slopecli.types import Image
+
 
 @dataclass(eq=False)
 class Talk:
-    """How much the command says on stderr; errors are said in any case."""
+    """How much the command says on stderr; errors are said in any case.
+
+    command : the command line, as typed.  notes : how files were read, as said so far.
+    """
 
     verbose: bool = False
     quiet: bool = False
+    command: str = ""
+    notes: list[str] = field(default_factory=list)
 
     def say(self, line: str) -> None:
         """Say one line on stderr unless -q was given."""
         if not self.quiet:
             tell(line)
+
+    def note(self, text: str) -> None:
+        """Say how a file was read, and keep it for the page."""
+        self.notes.append(text)
+        self.say(f"info: {text}")
 
     def stage(self, name: str, seconds: float) -> None:
         """Say with -v how long a stage took."""
@@ -39,6 +53,13 @@ class Talk:
         start = time.process_time()
         yield
         self.stage(name, time.process_time() - start)
+
+
+def origin_of(talk: Talk, image2: Image | None = None) -> Origin:
+    """What report.html says of the command and of how files were read."""
+    from slopecli.products.origin import Origin
+
+    return Origin(image2, talk.command, tuple(talk.notes))
 
 
 def is_terminal(stream: TextIO | None) -> bool:

@@ -23,6 +23,7 @@ from slopecli.types import Image, Report
 if TYPE_CHECKING:
     from slopecli.ground.slope_map import SlopeMap
     from slopecli.plan.result import Plan
+    from slopecli.products.origin import Origin
     from slopecli.report.camera_summary import CameraFacts
 
 PLAN_NAMES = ("plan.png", "plan.json")  # the plan comes last: where it is, the map is
@@ -31,26 +32,35 @@ RECORD = "pair.json"
 
 
 def write_outputs(
-    report: Report, image: Image, directory: str | Path, keep: Collection[str] = BY_DEFAULT
+    report: Report,
+    image: Image,
+    directory: str | Path,
+    keep: Collection[str] = BY_DEFAULT,
+    origin: Origin | None = None,
 ) -> list[Path]:
     """Write the files of a report to a folder: what `encode_products` gives, stored by `store_outputs`.
 
-    `image` is image 1, `keep` the user's choices among `slopecli.products.CHOICES`. Returns the paths of the files
+    `image` is image 1, `keep` the user's choices among `slopecli.products.CHOICES`, `origin` what report.html says
+    besides the answer. Returns the paths of the files
     written, slopes.json first; raises as `store_outputs`, and InputError if one of them would replace an image.
     """
     check_directory(directory, inputs=[one.path for one in report.images])
-    return store_outputs(encode_products(report, image, keep), directory)
+    return store_outputs(encode_products(report, image, keep, origin=origin), directory)
 
 
 def write_map(
-    slope_map: SlopeMap, image: Image, directory: str | Path, keep: Collection[str] = frozenset({"pictures"})
+    slope_map: SlopeMap,
+    image: Image,
+    directory: str | Path,
+    keep: Collection[str] = frozenset({"pictures"}),
+    origin: Origin | None = None,
 ) -> list[Path]:
     """Write the files of a map to a folder, as `write_outputs` does those of a report.
 
     `image` is image 1, `keep` the user's choices among those of `slopecli.products.MAP_PRODUCTS`.
     """
     check_directory(directory, inputs=[one.path for one in slope_map.report.images])
-    return store_outputs(encode_products(slope_map, image, keep, MAP_PRODUCTS), directory)
+    return store_outputs(encode_products(slope_map, image, keep, MAP_PRODUCTS, origin), directory)
 
 
 def store_outputs(contents: dict[str, bytes], directory: str | Path, names: Sequence[str] = OUTPUT_NAMES) -> list[Path]:

@@ -12,6 +12,7 @@ from slopecli.face import lazy_names
 
 if TYPE_CHECKING:
     from slopecli.ground.slope_map import SlopeMap
+    from slopecli.products.origin import Origin
     from slopecli.sequence.frame import SequenceAnswer
     from slopecli.types import Image, Report
 
@@ -32,6 +33,7 @@ class Product:
         (h, w, 3) uint8 BGR, which is written as PNG; imported when it is called.
     choice : name of the user's choice to have it, "" if it is always made; several files may share one.
     by_default : whether it is made unless declined.
+    of_origin : whether the encoder is given the `Origin` as well.
     requires : attribute of an answer without which there is no such file: planes found in the image, a segmentation,
         a map.
     """
@@ -42,6 +44,7 @@ class Product:
     choice: str = ""
     by_default: bool = True
     requires: Literal["", "found", "segmentation", "map"] = ""
+    of_origin: bool = False
 
     @property
     def parameter(self) -> str:
@@ -58,10 +61,11 @@ class Product:
         wanted = not self.choice or self.choice in keep
         return wanted and (not self.requires or bool(getattr(answer, self.requires)))
 
-    def encode(self, answer: Answer, image: Image) -> bytes:
-        """Return the content of the file; `image` is image 1."""
+    def encode(self, answer: Answer, image: Image, origin: Origin | None = None) -> bytes:
+        """Return the content of the file; `image` is image 1, `origin` what a page says besides the answer."""
         module, function = self.encoder.split(":")
-        content = getattr(import_module(f"{__name__}.{module}"), function)(answer, image)
+        more = (origin,) if self.of_origin else ()
+        content = getattr(import_module(f"{__name__}.{module}"), function)(answer, image, *more)
         if isinstance(content, bytes):
             return content
         from slopecli.products.drawing.canvas import encode_picture
@@ -70,11 +74,15 @@ class Product:
 
 
 # in the order in which they appear in the folder; the last one completes an answer
+_Page = partial(
+    Product, "report.html", "the answer as a page to look at", choice="report", by_default=False, of_origin=True
+)
 _Step = partial(Product, choice="debug_images", by_default=False, requires="segmentation")
 PRODUCTS = (
     _Step("step1_gradient.png", "the gradient of image 1", "steps:draw_gradient"),
     _Step("step2_components.png", "the connected regions below its threshold", "steps:draw_components"),
     _Step("step3_merged.png", "the regions after merging, with the ids of the planes", "steps:draw_merged"),
+    _Page(encoder="page.report_page:encode"),
     Product(OVERLAY, "image 1 with slopes, sigmas and verdicts", "overlay:draw_overlay", "overlay"),
     Product("patches.ply", "the planes and both cameras in space", "ply:encode", "ply"),
     Product(
@@ -93,6 +101,7 @@ MAP_PRODUCTS = (
         MAP_PICTURE, "image 1 with the slope of every place, and landing sites", "map_picture:draw_map", "pictures"
     ),
     Product("map_sigma.png", "image 1 with the 1-sigma of these slopes", "map_picture:draw_sigma", "pictures"),
+    _Page(encoder="page.report_page:encode_map"),
     Product("cloud.ply", "the ground as a cloud of points, by slope", "cloud_ply:encode", "ply", by_default=False),
     Product("slope_map.tif", "the map as bands of numbers", "map_tiff:encode"),
     Product(RESULT, "the answer, complete, but for the cells of the map", "slopes_json:encode_map"),
@@ -107,6 +116,8 @@ SEQUENCE_PRODUCTS = (
     Product(RESULT, "the last answer, with the motions of all frames", "sequence_files:encode_sequence"),
 )
 VIDEO = "sequence.mp4"  # of a sequence, if it is asked for
+# of a user's own correspondences, which come without an image
+ROW_PRODUCTS = tuple(product for product in PRODUCTS if product.file in ("report.html", RESULT))
 # all that a folder may hold, so that files of an earlier command do not stay beside those of another
 _EVERY = (*PRODUCTS[:-1], *MAP_PRODUCTS[:-1], *SEQUENCE_PRODUCTS[:-1])
 OUTPUT_NAMES = tuple(dict.fromkeys([*(one.file for one in _EVERY), VIDEO, RESULT]))
@@ -128,7 +139,11 @@ def kept_choices(parameters: Mapping[str, Any], products: Sequence[Product] = PR
 
 
 def encode_products(
-    answer: Answer, image: Image, keep: Collection[str] = BY_DEFAULT, products: Sequence[Product] = PRODUCTS
+    answer: Answer,
+    image: Image,
+    keep: Collection[str] = BY_DEFAULT,
+    products: Sequence[Product] = PRODUCTS,
+    origin: Origin | None = None,
 ) -> dict[str, bytes]:
     """Return the files of a report, or with `MAP_PRODUCTS` of a map, by name, slopes.json first.
 
@@ -136,12 +151,13 @@ def encode_products(
     ----------
     image : image 1.
     keep : which choices of the products the user wants.
+    origin : what report.html says besides the answer.
     """
     from slopecli.look.threads import single_threaded
 
     with single_threaded():
         made = (product for product in reversed(products) if product.is_made(answer, keep))
-        return {product.file: product.encode(answer, image) for product in made}
+        return {product.file: product.encode(answer, image, origin) for product in made}
 
 
 __getattr__, __dir__ = lazy_names(
@@ -151,6 +167,7 @@ __getattr__, __dir__ = lazy_names(
         "glb": "LARGEST_TEXTURE_PX model_from_camera1 report_to_glb",
         "map_picture": "draw_map draw_sigma",
         "map_tiff": "BANDS NODATA map_to_tiff",
+        "origin": "Origin",
         "overlay": "draw_overlay",
         "ply": "plane_mesh report_to_ply",
         "sequence_files": "frame_line sequence_to_json",

@@ -12,7 +12,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import lru_cache
 
 import cv2
 import numpy as np
@@ -23,10 +22,9 @@ from slopecli.geometry.statistics import median
 from slopecli.products.drawing.colours import slope_colours
 from slopecli.products.drawing.marks import NO_ANSWER
 from slopecli.products.model_frame import frame_comments, model_rotation
-from slopecli.products.region_mesh import Surface, lay_on_plane, surfaces_of
+from slopecli.products.region_mesh import Surface, surfaces_of, window_surface
 from slopecli.types import Camera, FloatArray, Image, IntArray, Plane, Report
 
-SUBDIVISIONS = 2  # of every edge by two: enough to follow the curve that a lens makes of a straight border
 UNKNOWN_SLOPE = -1.0  # no slope, and a number, as NaN upsets viewers
 
 VERTEX = np.dtype(
@@ -117,7 +115,7 @@ def plane_mesh(plane: Plane, camera: Camera) -> Mesh | None:
     -------
     The mesh, or None where no part of the footprint meets the plane in front of the camera.
     """
-    surface = lay_on_plane(plane, camera, *_subdivided(np.asarray(plane.polygon_px, float)))
+    surface = window_surface(plane, camera)
     return None if surface is None else _surface_mesh(surface, _colour(plane))
 
 
@@ -160,31 +158,6 @@ def _camera_mesh(camera: Camera, rotation: FloatArray, centre: FloatArray, size:
     normals = outward / np.maximum(np.linalg.norm(outward, axis=1, keepdims=True), 1e-300)
     sides = [[0, 2, 1], [0, 3, 2], [0, 4, 3], [0, 1, 4], [1, 2, 3], [1, 3, 4]]
     return Mesh(_vertices(local @ rotation + centre, normals @ rotation, colour), np.array(sides))
-
-
-def _subdivided(polygon: FloatArray) -> tuple[FloatArray, IntArray]:
-    """Cut a convex polygon (k, 2) into triangles, and each of these into four, `SUBDIVISIONS` times.
-
-    Returns points (n, 2), the polygon's corners first, which neighbours share; triangles (m, 3) of their indices.
-    """
-    weights, triangles = _subdivision(len(polygon))
-    return weights @ polygon, triangles
-
-
-@lru_cache
-def _subdivision(corners: int) -> tuple[FloatArray, IntArray]:
-    """The points (n, k) of `_subdivided` as weighted means of k corners, and its triangles (m, 3)."""
-    last = corners - 1
-    triangles = np.array([(last, 0, 1), *((1, i, i + 1) for i in range(2, last))])
-    points = np.eye(corners)
-    for _ in range(SUBDIVISIONS):
-        edges = np.sort(triangles[:, [[0, 1], [1, 2], [2, 0]]], axis=2).reshape(-1, 2)
-        ends, inverse = np.unique(edges, axis=0, return_inverse=True)
-        (a, b, c), (ab, bc, ca) = triangles.T, inverse.reshape(-1, 3).T + len(points)
-        parts = ((a, ab, ca), (ab, b, bc), (ca, bc, c), (ab, bc, ca))
-        triangles = np.vstack([np.column_stack(part) for part in parts])
-        points = np.vstack([points, points[ends].mean(axis=1)])
-    return points, triangles
 
 
 def _facing(points: FloatArray, triangles: IntArray, normal: FloatArray) -> IntArray:

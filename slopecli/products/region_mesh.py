@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import lru_cache
 from itertools import pairwise
 from weakref import WeakKeyDictionary
 
@@ -22,6 +23,9 @@ from slopecli.types import BoolArray, Camera, FloatArray, IntArray, Plane, Repor
 MOST_TRIANGLES = 200_000  # of all regions: a file of 7 MB, a vertex for every third or fourth pixel of a megapixel
 CELLS_DEEP = 4  # between the border of a narrow region and its middle: its grid is finer, down to a quarter of the step
 FARTHEST = 20.0  # times the scene's distance; beyond it lies what a plane's last rays before its horizon hit
+
+
+SUBDIVISIONS = 2  # of every edge by two: enough to follow the curve that a lens makes of a straight border
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,6 +58,36 @@ def trimmed(surface: Surface, keep: BoolArray) -> Surface | None:
     return Surface(surface.plane, surface.uv[used], surface.points[used], renumbered[triangles])
 
 
+def window_surface(plane: Plane, camera: Camera) -> Surface | None:
+    """Lay the convex polygon of a plane onto it, cut into triangles; None where nothing of it meets the plane."""
+    return lay_on_plane(plane, camera, *_subdivided(np.asarray(plane.polygon_px, float)))
+
+
+def _subdivided(polygon: FloatArray) -> tuple[FloatArray, IntArray]:
+    """Cut a convex polygon (k, 2) into triangles, and each of these into four, `SUBDIVISIONS` times.
+
+    Returns points (n, 2), the polygon's corners first, which neighbours share; triangles (m, 3) of their indices.
+    """
+    weights, triangles = _subdivision(len(polygon))
+    return weights @ polygon, triangles
+
+
+@lru_cache
+def _subdivision(corners: int) -> tuple[FloatArray, IntArray]:
+    """The points (n, k) of `_subdivided` as weighted means of k corners, and its triangles (m, 3)."""
+    last = corners - 1
+    triangles = np.array([(last, 0, 1), *((1, i, i + 1) for i in range(2, last))])
+    points = np.eye(corners)
+    for _ in range(SUBDIVISIONS):
+        edges = np.sort(triangles[:, [[0, 1], [1, 2], [2, 0]]], axis=2).reshape(-1, 2)
+        ends, inverse = np.unique(edges, axis=0, return_inverse=True)
+        (a, b, c), (ab, bc, ca) = triangles.T, inverse.reshape(-1, 3).T + len(points)
+        parts = ((a, ab, ca), (ab, b, bc), (ca, bc, c), (ab, bc, ca))
+        triangles = np.vstack([np.column_stack(part) for part in parts])
+        points = np.vstack([points, points[ends].mean(axis=1)])
+    return points, triangles
+
+
 _SURFACES: WeakKeyDictionary[Report, list[Surface]] = WeakKeyDictionary()
 
 
@@ -66,10 +100,10 @@ def surfaces_of(report: Report) -> list[Surface]:
     return _SURFACES[report]
 
 
-def region_surfaces(report: Report) -> list[Surface]:
+def region_surfaces(report: Report, most_triangles: int = MOST_TRIANGLES) -> list[Surface]:
     """Make the mesh of every plane whose footprint is given by its pixels in `labels`.
 
-    The grids are as fine as `MOST_TRIANGLES` allows, never finer than pixels. Their borders run between the pixels.
+    The grids are as fine as `most_triangles` allows, never finer than pixels. Their borders run between the pixels.
     Left out is what rays meet at a grazing angle or `FARTHEST` times as far away as most of the scene.
 
     Returns
@@ -81,10 +115,10 @@ def region_surfaces(report: Report) -> list[Surface]:
     ids = [plane.id for plane in report.planes if plane.found and plane.id in boxes]
     masks = {i: mask_of(report.labels[boxes[i]], i) for i in ids}
     n_pixels = sum(map(cv2.countNonZero, masks.values()))
-    step = max(1.0, np.sqrt(2 * n_pixels / 0.8 / MOST_TRIANGLES))  # a first guess: a fifth lies along borders
+    step = max(1.0, np.sqrt(2 * n_pixels / 0.8 / most_triangles))  # a first guess: a fifth lies along borders
     meshes = {i: region_grid(masks[i], boxes[i], step) for i in ids}
-    while (count := sum(len(triangles) for _, triangles in meshes.values())) > MOST_TRIANGLES:
-        step *= np.sqrt(1.1 * count / MOST_TRIANGLES)  # borders as rough as this are rare
+    while (count := sum(len(triangles) for _, triangles in meshes.values())) > most_triangles:
+        step *= np.sqrt(1.1 * count / most_triangles)  # borders as rough as this are rare
         meshes = {i: region_grid(masks[i], boxes[i], step) for i in ids}
     laid = (lay_on_plane(p, report.cameras[0], *meshes[p.id]) for p in report.planes if p.id in meshes)
     return _without_far_parts([surface for surface in laid if surface is not None])
