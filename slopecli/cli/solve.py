@@ -171,12 +171,8 @@ def _write(report: Report, parameters: dict[str, Any], talk: Talk) -> list[Path]
     """Paths of the files written, none without -o."""
     if not parameters["output"]:
         return []
-    import numpy as np
-
     from slopecli.io.outputs import store_outputs
-    from slopecli.products import ROW_PRODUCTS, encode_products, keep_files
-    from slopecli.types import Image
+    from slopecli.products import encode_rows, keep_files
 
-    nothing = Image(np.zeros((0, 0), np.uint8))  # rows come without an image
     keep = keep_files(report=parameters["report"])
-    return store_outputs(encode_products(report, nothing, keep, ROW_PRODUCTS, origin_of(talk)), parameters["output"])
+    return store_outputs(encode_rows(report, keep, origin_of(talk)), parameters["output"])

@@ -116,8 +116,6 @@ SEQUENCE_PRODUCTS = (
     Product(RESULT, "the last answer, with the motions of all frames", "sequence_files:encode_sequence"),
 )
 VIDEO = "sequence.mp4"  # of a sequence, if it is asked for
-# of a user's own correspondences, which come without an image
-ROW_PRODUCTS = tuple(product for product in PRODUCTS if product.file in ("report.html", RESULT))
 # all that a folder may hold, so that files of an earlier command do not stay beside those of another
 _EVERY = (*PRODUCTS[:-1], *MAP_PRODUCTS[:-1], *SEQUENCE_PRODUCTS[:-1])
 OUTPUT_NAMES = tuple(dict.fromkeys([*(one.file for one in _EVERY), VIDEO, RESULT]))
@@ -158,6 +156,16 @@ def encode_products(
     with single_threaded():
         made = (product for product in reversed(products) if product.is_made(answer, keep))
         return {product.file: product.encode(answer, image, origin) for product in made}
+
+
+def encode_rows(report: Report, keep: Collection[str] = BY_DEFAULT, origin: Origin | None = None) -> dict[str, bytes]:
+    """Return the files of a report of a user's own correspondences, without an image, as `encode_products`."""
+    import numpy as np
+
+    from slopecli.types import Image
+
+    of_rows = [product for product in PRODUCTS if product.choice == "report" or product.file == RESULT]
+    return encode_products(report, Image(np.zeros((0, 0), np.uint8)), keep, of_rows, origin)
 
 
 __getattr__, __dir__ = lazy_names(

@@ -88,11 +88,11 @@ def _oblique(distance: float) -> FloatArray:
 
 def _texture(image: Image) -> Any:
     """Image 1 as a JPEG of Pillow, no larger than need be."""
-    from PIL import Image as pillow
+    from PIL.JpegImagePlugin import JpegImageFile
 
     pixels = cv2.cvtColor(image.grey, cv2.COLOR_GRAY2BGR) if image.colour is None else image.colour
     scale = TEXTURE_PX / max(pixels.shape)
     if scale < 1.0:
         pixels = np.asarray(cv2.resize(pixels, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA), np.uint8)
     encoded = cv2.imencode(".jpg", pixels, [cv2.IMWRITE_JPEG_QUALITY, 88])[1].tobytes()
-    return pillow.open(io.BytesIO(encoded))
+    return JpegImageFile(io.BytesIO(encoded))
