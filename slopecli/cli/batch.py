@@ -87,9 +87,9 @@ worker_options = (
 def batch(ctx: click.Context, folder: str, **parameters: Any) -> None:
     """Every pair of images in FOLDER, answered as by estimate, segment or map; or every folder in it, by sequence.
 
-    Prints a table. DIR gets a folder for each pair, a table of all (summary.csv, results.jsonl) and a page to look at
+    Prints a table. DIR gets a folder for each pair, a table of all (summary.csv, results.jsonl) and a page
     (index.html). Without a camera option, a camera file beside the images is used. After a stop, the same command
-    continues with the pairs that are left.
+    goes on.
 
     \b
     Example:
