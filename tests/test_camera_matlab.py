@@ -24,6 +24,10 @@ TOOLBOX = {
     "json": MATLAB,
     "json-K": {**WITHOUT, "K": K},
     "json-intrinsics": {**WITHOUT, "FocalLength": [800, 810], "PrincipalPoint": [512.5, 384.5], "Skew": 0},
+    "json-object": {
+        **{key: MATLAB[key] for key in ("RadialDistortion", "TangentialDistortion")},
+        "Intrinsics": {**WITHOUT, "FocalLength": [800, 810], "PrincipalPoint": [512.5, 384.5]},
+    },
     "json-below": {"cameraParams": MATLAB},
     "mat": mat_file(cameraParams={key: np.array(value) for key, value in MATLAB.items() if key != "Version"}),
     "mat-fields": mat_file(False, **{key: np.array(value) for key, value in MATLAB.items() if key != "Version"}),

@@ -143,7 +143,8 @@ def _toolbox(tree: values.Tree, image: values.Size | None) -> Camera:
             f"RadialDistortion and TangentialDistortion have {len(radial)} and {len(tangential)} numbers, needed 2 or "
             "3 and 2"
         )
-    size = tree.get("ImageSize")
+    inner = tree.get("Intrinsics")
+    size = tree.get("ImageSize") or (inner.get("ImageSize") if isinstance(inner, Mapping) else None)
     stated = {"shape": size} if size else {}  # rows first
     own, _ = image_size(stated, (cx, cy), image)
     note = ""
@@ -158,7 +159,9 @@ def _toolbox(tree: values.Tree, image: values.Size | None) -> Camera:
 
 
 def _intrinsics(tree: values.Tree) -> tuple[float, float, float, float, float]:
-    """fx, fy, cx, cy and the skew, as the toolbox counts pixels."""
+    """fx, fy, cx, cy and the skew, as the toolbox counts pixels; an object as JSON has them below Intrinsics."""
+    inner = tree.get("Intrinsics")
+    tree = {**inner, **tree} if isinstance(inner, Mapping) else tree
     if "IntrinsicMatrix" in tree:
         k = values.numbers(tree["IntrinsicMatrix"], "IntrinsicMatrix")
         if len(k) == 9 and k[6:8] == [0, 0] and (k[2] or k[5]):
