@@ -135,3 +135,30 @@ def test_verdicts_settle_only_where_they_will_stand() -> None:
             assert settled[plane.id] == plane.verdict
             assert plane.p_safe is not None
             assert min(plane.p_safe, 1.0 - plane.p_safe) <= 0.01 / (4 * 2)
+
+
+def test_a_first_frame_of_other_ground_is_given_up() -> None:
+    """Nothing goes with it; after a few frames that do not, the next one is the reference."""
+    sequence = run(foreign(0), *(frame(number) for number in range(7)))
+    assert [state.status for state in sequence.frames][-3:] == ["reference", "used", "used"]
+    assert sequence.frames[0].status == "skipped"
+    assert sequence.report().planes
+
+
+def test_a_window_without_texture_is_rejected_and_the_others_are_answered() -> None:
+    bare = [np.array(frame(number)) for number in range(4)]
+    for image in bare:
+        image[:130, :170] = 128
+    report = run(*bare).report()
+    assert [one.id for one in report.rejected] == [1]
+    assert {plane.id for plane in report.planes} == {2, 3, 4}
+
+
+def test_what_breaks_a_step_is_skipped(monkeypatch: pytest.MonkeyPatch) -> None:
+    sequence = run(frame(0), frame(1), frame(2))
+    before = sequence.solution().scaled_normals
+    with monkeypatch.context() as broken:
+        broken.setattr("slopecli.sequence.view_estimator.refine", lambda *_, **__: 1 // 0)
+        assert sequence.add(frame(3)).status == "skipped"
+    np.testing.assert_array_equal(sequence.solution().scaled_normals, before)
+    assert sequence.add(frame(4)).status == "used"

@@ -6,9 +6,10 @@ from collections import Counter
 from dataclasses import dataclass, replace
 from typing import Literal
 
+import cv2
 import numpy as np
 
-from slopecli.errors import InputError, NoAnswer
+from slopecli.errors import InputError, NoAnswer, SlopemapError
 from slopecli.findings.wording import finding
 from slopecli.geometry.epipolar import rotation_angle
 from slopecli.geometry.solver.many_views import ViewsSolution
@@ -76,6 +77,7 @@ class Sequence:
         self._gates = FrameGates((camera.height, camera.width))
         self._memory = FeatureMemory(1)
         self._aligner: Aligner | None = None
+        self._strangers = 0  # frames that do not go with the first one, before there is an answer
         self._estimator: ViewEstimator | None = None
         self._coarse: CoarseMotion | None = None
         self._depth = DepthFrames() if keep_depth else None
@@ -87,15 +89,42 @@ class Sequence:
     def add(self, grey: Grey, image: str = "", time_s: float | None = None) -> FrameState:
         """Take in the next frame (h, w) uint8; never raises for what a frame shows: it is skipped, and why is said."""
         frame = np.ascontiguousarray(grey)
+        if self._strangers >= TRACKING.strangers:
+            self._forget_reference()
         why = self._gates.check(frame)
-        state = FrameState(len(self.frames) + 1, "skipped", why=why) if why else self._taken(frame)
+        state = FrameState(len(self.frames) + 1, "skipped", why=why) if why else self._taken_or_skipped(frame)
         if state.status != "skipped":
             self._gates.accept(frame)
+        elif self._estimator is None and state.why is not None and state.why.code in ("foreign", "blurred"):
+            self._strangers += 1
         if state.status == "used" and self._depth is not None and state.R is not None and state.T is not None:
             self._depth.add(frame, state.R, state.T, self._shown())
         state = replace(state, image=image, time_s=time_s)
         self.frames.append(state)
         return state
+
+    def _forget_reference(self) -> None:
+        """Begin anew with the next frame: those after the first one do not show its ground, or it was no good."""
+        why = Skipped("foreign", "shows other ground than the frames after it")
+        self.frames = [
+            replace(state, status="skipped", why=why, R=None, T=None) if state.status == "reference" else state
+            for state in self.frames
+        ]
+        self._gates = FrameGates((self.camera.height, self.camera.width))
+        self._aligner, self._strangers = None, 0
+
+    def _taken_or_skipped(self, frame: Grey) -> FrameState:
+        """Take in a frame; one whose numbers break a step is skipped, and the answer is as before."""
+        held = None if self._estimator is None else self._estimator.kept()
+        try:
+            return self._taken(frame)
+        except (ArithmeticError, ValueError, LookupError, cv2.error, SlopemapError) as problem:
+            if held is None:
+                self._estimator = self._coarse = None
+            elif self._estimator is not None:
+                self._estimator.restore(held)
+            why = Skipped("foreign", f"cannot be followed: {' '.join(str(problem).split())}")
+            return FrameState(len(self.frames) + 1, "skipped", why=why)
 
     def _taken(self, frame: Grey) -> FrameState:
         number = len(self.frames) + 1

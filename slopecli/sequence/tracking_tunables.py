@@ -28,6 +28,7 @@ class TrackingTunables:
     flat_grey: float = 4.0  # 1-sigma of the grey values of a frame below which it shows nothing
     same_grey: float = 0.2  # mean difference of two frames, grey levels, below which one repeats the other
     sharpness: float = 0.6  # of the frame used before: with less a frame is blurred
+    strangers: int = 4  # frames that do not go with the first one, after which the next is the first
     most_blurred: int = 5  # blurred frames in turn; the next is taken, as the ground itself may be smoother
     least_sampling: float = 0.2  # of the variance that independent points would have; see `halves_ratio`
     slope_points: int = 8  # tracks that a window needs for an answer

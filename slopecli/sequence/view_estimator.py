@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -26,7 +27,7 @@ from slopecli.sequence.frame_alignment import Found
 from slopecli.sequence.fused_planes import fused_normals, halves_ratio
 from slopecli.sequence.tracking_tunables import TRACKING
 from slopecli.sequence.tracks import Tracks
-from slopecli.types import BoolArray, FloatArray, Solution
+from slopecli.types import BoolArray, FloatArray, IntArray, Solution
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,6 +36,14 @@ class Line:
 
     points: ViewPoints
     root: Root
+
+
+class Held(NamedTuple):
+    """The state of a `ViewEstimator`."""
+
+    lines: list[Line]
+    alive: BoolArray
+    missed: IntArray
 
 
 class ViewEstimator:
@@ -48,7 +57,6 @@ class ViewEstimator:
         self._focal_px = focal_px
         self._floor = TRACKING.least_sigma_px / focal_px
         self._lines: list[Line] = []
-        self._key: list[FloatArray] = []  # positions of the views that the last may replace
         self.alive = np.ones(len(tracks), bool)
         self._missed = np.zeros(len(tracks), np.int64)
         self._solution: ViewsSolution | None = None
@@ -73,7 +81,6 @@ class ViewEstimator:
                 noise = max(one.noise / found.zoom, self._floor)
                 q = information_of_relief(points, one.scaled_normals, one.relief, noise)
                 self._lines.append(self._settled(points, state, q, one.relief, noise, rounds=4, most=8))
-        self._key = [solution.T]
         self._sort()
 
     @property
@@ -101,6 +108,15 @@ class ViewEstimator:
 
     # ---- one more view ----
 
+    def kept(self) -> Held:
+        """What `restored` brings back."""
+        return Held(self._lines, self.alive, self._missed)
+
+    def restore(self, held: Held) -> None:
+        """Be as when this was kept: a frame that could not be taken in leaves no trace."""
+        self._lines, self.alive, self._missed = held
+        self._solution = None
+
     def share_of(self, found: Found, motion: Motion) -> float:
         """Share of the points of a frame that agree with what is known of them."""
         used = found.seen & self.alive
@@ -111,11 +127,10 @@ class ViewEstimator:
         x, used = found.x, found.seen & self.alive
         agree = self._agreeing(found, used, motion)
         self._missed = np.where(used, np.where(agree, 0, self._missed + 1), self._missed)
-        self.alive &= self._missed < TRACKING.misses
+        self.alive = self.alive & (self._missed < TRACKING.misses)
         weight = (used & agree) / found.zoom**2
         lines = [self._extended(line, x, weight, motion) for line in self._lines]
         self._lines = lines
-        self._key.append(self.motion[1])
         self._sort()
         self._solution = None
 

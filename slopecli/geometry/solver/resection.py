@@ -112,6 +112,8 @@ def _refined(p: FloatArray, x: FloatArray, u: FloatArray, start: Motion, floor: 
         length = np.where(z > 0.0, np.hypot(*residual), np.inf)
         # the median length of a two-dimensional Gaussian residual is 1.18 sigma, of a one-dimensional 0.67
         sigma = robust_sigma(length, floor / 0.57) * 0.57
+        if not np.isfinite(sigma):  # most points lie behind the camera
+            return Resection(R, T, sigma, np.zeros(len(u), bool), 0.0)
         weight = geman_mcclure(length, GATE_SIGMAS * sigma)
         J = _jacobian(seen[0], z, R, u)
         information = (J * weight).reshape(6, -1) @ J.reshape(6, -1).T

@@ -91,7 +91,13 @@ class ViewPoints:
 
     def sum_planes(self, per_point: FloatArray) -> FloatArray:
         """Sum values (..., n) over the points of each plane: (..., m)."""
-        return np.add.reduceat(per_point[..., : self.n_on_planes], self.first, axis=-1)
+        filled = self.count > 0
+        if filled.all():
+            return np.add.reduceat(per_point[..., : self.n_on_planes], self.first, axis=-1)
+        sums = np.zeros((*per_point.shape[:-1], self.n_planes))
+        if filled.any():
+            sums[..., filled] = np.add.reduceat(per_point[..., : self.n_on_planes], self.first[filled], axis=-1)
+        return sums
 
     def in_given_order(self, per_point: FloatArray) -> FloatArray:
         """Bring values (..., n) back into the caller's order of points."""
