@@ -51,23 +51,30 @@ class CoarseMotion:
         """
         if self._last is None:
             return None
+        small = _half(frame)
+        return self._near(small, self.predicted(), u, alive) or self._near(small, self._motions[-1], u, alive)
+
+    def _near(self, small: Grey, guessed: Motion, u: FloatArray, alive: BoolArray) -> Resection | None:
+        """The motion of a frame, halved, near a guess; None where too few points agree with one."""
+        if self._last is None:
+            return None
         index = self._sample(alive & (u > 0.0))
         if len(index) < 12:
             return None
         p, depth = self.tracks.p[:, index], u[index]
         before, ahead = self._pixels(p, depth, self._motions[-1])
-        guess, ahead2 = self._pixels(p, depth, self.predicted())
+        guess, ahead2 = self._pixels(p, depth, guessed)
         inside = _inside(before, self.camera) & (ahead > 0.0) & (ahead2 > 0.0)
         guess = np.where(_inside(guess, self.camera)[:, None], guess, before)
         if np.count_nonzero(inside) < 12:
             return None
         index, p, depth = index[inside], p[:, inside], depth[inside]
-        moved, status = _tracked(self._last, _half(frame), before[inside], guess[inside])
+        moved, status = _tracked(self._last, small, before[inside], guess[inside])
         x = rays_from_pixels(self.camera, moved)
         good = status & np.isfinite(x).all(axis=1) & _inside(moved, self.camera, 1.0)
         if np.count_nonzero(good) < 12:
             return None
-        return self._resected(p[:, good], x[good].T, depth[good], [self.predicted(), self._motions[-1]])
+        return self._resected(p[:, good], x[good].T, depth[good], [guessed, self._motions[-1]])
 
     def place_anew(self, frame: Grey, normals: FloatArray, u: FloatArray, alive: BoolArray) -> Resection | None:
         """The motion of a frame anywhere, from features shared with the reference; None if they do not agree."""
