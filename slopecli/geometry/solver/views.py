@@ -18,7 +18,7 @@ from typing import NamedTuple
 import numpy as np
 
 from slopecli.errors import DegenerateConfiguration, InputError
-from slopecli.geometry.epipolar import tangent_basis
+from slopecli.geometry.epipolar import rotation_from_vector, tangent_basis
 from slopecli.geometry.solver.observations import away_from_zero, checked_points, checked_weights
 from slopecli.types import BoolArray, FloatArray, IntArray
 
@@ -321,7 +321,7 @@ def take_step(points: ViewPoints, state: ViewState, system: Reduced, damping: fl
     predicted = -float(gradient @ move) + float((system.plane_gradient * response[:, :, -1]).sum())
     d = len(move) - points.summed.n_variables
     turn = (motion_basis(points, state.T) @ move[:d]).reshape(-1, 6)
-    R = turned(state.R, turn[:, :3])
+    R = rotation_from_vector(turn[:, :3]) @ state.R
     T, N = state.T + turn[:, 3:], state.N + dN
     u = system.t * -(system.X.T @ move + system.h)
     step = (points.per_point(dN.T) * points.p).sum(axis=0) - system.offset
@@ -336,13 +336,6 @@ def rescaled(T: FloatArray, N: FloatArray, u: FloatArray) -> tuple[FloatArray, F
     """Positions (k, 3), normals and inverse depths in the unit of the first view's baseline."""
     length = float(np.linalg.norm(T[0]))
     return T / length, N * length, u * length
-
-
-def turned(R: FloatArray, w: FloatArray) -> FloatArray:
-    """Rotations exp([w]x) R: w (k, 3) rad, R (k, 3, 3)."""
-    from slopecli.geometry.epipolar import rotation_from_vector
-
-    return rotation_from_vector(w) @ R
 
 
 def _flat(system: Reduced) -> FloatArray:
