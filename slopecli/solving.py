@@ -15,6 +15,7 @@ from slopecli.findings.known_motion import contradiction, motion_prior
 from slopecli.findings.solution_checks import POOR_FIT_PX, merged_groups
 from slopecli.geometry.motion import MotionEstimate
 from slopecli.geometry.solver.intrinsics import Settled, score_camera, with_focal_sigma
+from slopecli.geometry.solver.scatter import with_scatter
 from slopecli.geometry.statistics import median
 from slopecli.look.scene import Scene
 from slopecli.options import Options
@@ -61,7 +62,9 @@ def solve_scene(
         joined, solution, cameras, known, examine_cameras(joined, solution, cameras, scene, free=options.free_focal)
     )
     answer = _with_focal(answer, given, options, partial(_solve_scene_again, scene, options))
-    joined, solution, merged = _merge_coplanar(answer.joined, answer.solution, options)
+    joined, solution = answer.joined, answer.solution
+    solution = with_scatter(solution, sightings_of(joined, solution, answer.cameras))
+    joined, solution, merged = _merge_coplanar(joined, solution, options)
     diagnostics = [*answer.diagnostics, *against_prior, *merged]
     return replace(answer, joined=joined, solution=solution, diagnostics=diagnostics)
 

@@ -147,7 +147,7 @@ class CameraScore(NamedTuple):
     normals: FloatArray
 
 
-class _Rows(NamedTuple):
+class Rows(NamedTuple):
     """Whitened rows: patch points along their epipolar lines, then all across; columns (..., rows) of the motion (5),
     the camera (4) and the residual (1). normal (3, n): derivatives along by the own normal."""
 
@@ -171,18 +171,14 @@ def score_camera(sightings: Sightings, settled: Settled, prior: MotionPrior | No
     seen = observe(x1, x2, sightings.patch, sightings.weight)
     if seen.n_patches != len(settled.scaled_normals):
         raise DegenerateConfiguration("no point of the last patch was kept; nothing to test the cameras with")
-    rows = _rows(seen, settled, d1[:, :, seen.order], d2[:, :, seen.order])
+    rows = whitened_rows(seen, settled, d1[:, :, seen.order], d2[:, :, seen.order])
 
-    # normals eliminated: V_i, and its response to the other columns
-    V = seen.sum_patches(rows.normal[:, None] * rows.normal)
-    X = seen.sum_patches(rows.normal[:, None] * rows.along)
-    response = np.asarray(np.linalg.solve(_lifted(V.transpose(2, 0, 1)), X.transpose(2, 0, 1)), float)  # (m, 3, 10)
-    along = rows.along - (rows.normal[:, None] * seen.per_point(response.transpose(1, 2, 0))).sum(axis=0)
-    left = np.concatenate([along, rows.across], axis=1)
+    left, response = eliminated(seen, rows)
+    on_plane = rows.along.shape[1]
 
     # motion eliminated
     G = left @ left.T
-    moved = np.linalg.solve(_lifted(G[:5, :5]), G[:5, 5:])
+    moved = np.linalg.solve(lifted(G[:5, :5]), G[:5, 5:])
     left = left[5:] - moved.T @ left[:5]
     g, r = left[:4], left[4]
     information = np.maximum((g * g).sum(axis=1), np.finfo(float).tiny)
@@ -191,12 +187,21 @@ def score_camera(sightings: Sightings, settled: Settled, prior: MotionPrior | No
     place = sightings.uv1[seen.order]
     sigma = _sigma(g, r, step, information, seen, place, sightings)
     held = G[:5, :5] if prior is None else G[:5, :5] + _held(prior, settled)
-    motion = -np.linalg.solve(_lifted(held), G[:5, 5])
+    motion = np.asarray(-np.linalg.solve(lifted(held), G[:5, 5]))
     normals = -response[:, :, 5] - response[:, :, :5] @ motion
     unit = max(settled.noise, FINEST_RESIDUAL) * sightings.cameras[1].focal_px / np.sqrt(median(sightings.weight))
-    across = r[along.shape[1] :]
+    across = r[on_plane:]
     noise_px = float(np.sqrt(across @ across / max(len(across) - 6, 1)) * unit)
     return CameraScore(step, sigma, np.sqrt(information / left.shape[1]) * unit, noise_px, motion, normals)
+
+
+def eliminated(seen: Observations, rows: Rows) -> tuple[FloatArray, FloatArray]:
+    """Rows (10, along and then across) once the normals have followed, and their response (m, 3, 10) to the columns."""
+    V = seen.sum_patches(rows.normal[:, None] * rows.normal)
+    X = seen.sum_patches(rows.normal[:, None] * rows.along)
+    response = np.asarray(np.linalg.solve(lifted(V.transpose(2, 0, 1)), X.transpose(2, 0, 1)), float)
+    along = rows.along - (rows.normal[:, None] * seen.per_point(response.transpose(1, 2, 0))).sum(axis=0)
+    return np.concatenate([along, rows.across], axis=1), response
 
 
 def _by_parameters(camera: Camera, x: FloatArray) -> FloatArray:
@@ -224,7 +229,7 @@ def _by_parameters(camera: Camera, x: FloatArray) -> FloatArray:
     return moved
 
 
-def _rows(seen: Observations, settled: Settled, d1: FloatArray, d2: FloatArray) -> _Rows:
+def whitened_rows(seen: Observations, settled: Settled, d1: FloatArray, d2: FloatArray) -> Rows:
     """Rows of the linearised problem; d1, d2 (4, 2, k + n): `_by_parameters` of the points, those on no patch first."""
     R, T, N = settled.R, settled.T, settled.scaled_normals
     noise = max(settled.noise, FINEST_RESIDUAL)
@@ -247,7 +252,7 @@ def _rows(seen: Observations, settled: Settled, d1: FloatArray, d2: FloatArray) 
     if k:
         free = _free_rows(seen, R, T, d1[:, :, :k], d2[:, :, :k], prediction.distance[0], prediction.length[0])
         across = np.concatenate([across, free * np.sqrt(seen.free_weight) / noise], axis=1)
-    return _Rows(along, across, seen.p * (gain * by_along))
+    return Rows(along, across, seen.p * (gain * by_along))
 
 
 def _image2_moves(seen: Observations, settled: Settled, x2: FloatArray, z: FloatArray, d1: FloatArray) -> FloatArray:
@@ -305,7 +310,7 @@ def with_focal_sigma(solution: Solution, score: CameraScore, sigma: float) -> So
     )
 
 
-def _lifted(information: FloatArray) -> FloatArray:
+def lifted(information: FloatArray) -> FloatArray:
     """Matrices (..., q, q) whose diagonal is lifted by rounding, so that singular ones can be solved."""
     trace = np.trace(information, axis1=-2, axis2=-1)[..., None, None]
     return np.asarray(information + (1e-13 * trace + np.finfo(float).tiny) * np.eye(information.shape[-1]))
