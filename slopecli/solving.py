@@ -8,6 +8,7 @@ from functools import cache, partial
 import numpy as np
 
 from slopecli.errors import DegenerateConfiguration
+from slopecli.findings.camera_checks import with_aspect
 from slopecli.findings.camera_test import Again, Cameras, CameraTest, examine_cameras, suspicion
 from slopecli.findings.focal_use import focal_note, focal_use, prior_sigma, refocused
 from slopecli.findings.given_checks import refuse_unrelated, review
@@ -84,6 +85,7 @@ def _with_focal(answer: Answer, given: Cameras, options: Options, again: Again) 
     notes = answer.diagnostics
     if test.centre or not focal_agrees:
         notes = suspicion(test, joined, solution, options, again, notes)
+    notes = with_aspect(notes, given[0])
     if use.step:
         cameras = refocused(cameras, use.step)
         joined = seen_by(joined, cameras)

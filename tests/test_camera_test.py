@@ -186,6 +186,14 @@ def test_a_false_principal_point_is_named() -> None:
     assert "principal point with cx" in warning.message
 
 
+@pytest.mark.parametrize(("fx", "fy"), [(0.85, 1.0), (1.0, 1.12)])
+def test_a_wrong_fx_or_fy_is_suspected_and_both_are_named(fx: float, fy: float) -> None:
+    report = report_of(scene_of(3), replace(PINHOLE, fx=fx * PINHOLE.fx, fy=fy * PINHOLE.fy))
+    (warning,) = (d for d in report.diagnostics if d.code in ("suspect-camera", "suspect-distortion"))
+    assert "check fx and fy first" in (warning.remedy or "")
+    assert all(plane.verdict != "safe" for plane in report.planes)
+
+
 def test_one_plane_tells_no_focal_length() -> None:
     scene = scene_of(4, slopes_deg=[0.0] * 9, height_spread=0.0)
     report = report_of(scene, changed(PINHOLE, "f", np.log(0.7)))
@@ -217,6 +225,7 @@ def test_the_sample_is_right_and_said_to_be() -> None:
 def test_the_sample_with_a_focal_length_of_400_px_is_suspect() -> None:
     report = sample_with(400.0)
     assert [d.code for d in report.diagnostics if d.code.startswith("suspect")] == ["suspect-camera"]
+    assert not any("check fx and fy first" in (d.remedy or "") for d in report.diagnostics)
     assert 400.0 * (report.fit.focal_factor or 0.0) == pytest.approx(692.8, rel=0.05)
     assert all(plane.verdict != "safe" for plane in report.planes)
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 
 import cv2
 import numpy as np
@@ -15,7 +16,7 @@ from slopecli.look import Evidence, Segments, find_segments
 from slopecli.options import Options
 from slopecli.products import draw_overlay, report_to_json
 from slopecli.report import plane_kinds
-from slopecli.types import FloatArray, Report
+from slopecli.types import Ambiguity, FloatArray, Report
 
 DOWN = np.array([0.0, 1.0, 0.0])
 FACADE_YAWS = (-65.0, -40.0, -20.0, 15.0, 35.0, 60.0)
@@ -192,6 +193,20 @@ def test_a_plane_is_unsafe_only_if_it_is_so_against_both_directions() -> None:
     report = doubted_report()
     # 16 and 10 deg against the plane taken as level, walls against the other direction
     assert [plane.verdict for plane in report.planes] == ["unsafe", "undecided", None]
+
+
+def test_verdicts_of_a_second_root_hold_against_both_directions_too() -> None:
+    second = replace(make_solution([4, 38, 20]), ambiguity=Ambiguity("none"))
+    for up, verdicts in (("camera", ["safe", "unsafe", "unsafe"]), ("dominant-plane", ["unsafe", "unsafe", None])):
+        main = replace(make_solution([4, 10, 20]), ambiguity=Ambiguity("unresolved", 1.0, second))
+        report = make_report_of(main, Options(up=up))  # type: ignore[arg-type]
+        assert report.ambiguity.alternative is not None
+        found = {plane.id: plane for plane in report.ambiguity.alternative.planes}
+        if up == "dominant-plane":
+            assert report.up.otherwise_cam1 is not None
+            assert all(plane.p_safe < 0.01 for plane in found.values() if plane.p_safe is not None)
+            assert "safe" not in {plane.verdict for plane in found.values()}
+        assert [found[plane.id].verdict for plane in report.planes] == verdicts
 
 
 @pytest.mark.parametrize("up", ["camera", tuple(normal_of(20, 60))])

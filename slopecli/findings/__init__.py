@@ -5,7 +5,7 @@ from slopecli.face import lazy_names
 __getattr__, __dir__ = lazy_names(
     __name__,
     {
-        "camera_checks": "implausible_cameras unlikely",
+        "camera_checks": "implausible_cameras unlikely with_aspect",
         "checks": "check_answer check_pair",
         "codes": "CODES",
         "facts": "AnswerFacts PairFacts epipole1_px",

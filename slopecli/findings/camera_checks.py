@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 from slopecli.findings.wording import finding
 from slopecli.geometry.camera import share_with_rays
@@ -10,6 +11,7 @@ from slopecli.types import Camera, Diagnostic
 
 OFF_MIDDLE = 0.25  # of the image, by which a principal point may be off its middle; lenses are centred to a few percent
 FOCAL_WIDTHS = (0.3, 25.0)  # of the longer side: fields of view of 118 and 2.3 degrees
+ASPECT_APART = 0.03  # by which fx and fy of calibrations hardly ever differ
 SIZELESS_OFF = 0.11  # the least share by which another image size changes both sides; 5:4 is 0.25
 
 REMEDY_CROPPED = (
@@ -29,6 +31,22 @@ def implausible_cameras(camera1: Camera, camera2: Camera) -> list[Diagnostic]:
             remedy = REMEDY_CROPPED if "principal point" in why else None
             found.append(finding("implausible-camera", f"{whose}: {why}", float(number), remedy))
     return found
+
+
+def with_aspect(found: list[Diagnostic], camera: Camera) -> list[Diagnostic]:
+    """The same, where the camera is suspected with a word on focal lengths that differ.
+
+    One of the two being wrong leaves a mark like that of a focal length or a lens, and those are named.
+    """
+    apart = max(camera.fx / camera.fy, camera.fy / camera.fx) - 1.0
+    if apart < ASPECT_APART:
+        return found
+    words = (
+        f"check fx and fy first: {camera.fx:.5g} and {camera.fy:.5g} px differ by {100 * apart:.2g} %, and pixels are "
+        "square in nearly every camera; "
+    )
+    suspicions = ("suspect-camera", "suspect-distortion")
+    return [replace(one, remedy=words + (one.remedy or "")) if one.code in suspicions else one for one in found]
 
 
 def unlikely(camera: Camera) -> str:

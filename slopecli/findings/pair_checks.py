@@ -114,8 +114,8 @@ def check_lens(misfit: LensMisfit | None, camera: Camera) -> list[Diagnostic]:
     own = "besides that of the camera file" if camera.distortion else "which the camera file does not have,"
     as_far = f"{radius * camera.focal_px:.0f} px off the centre, as far as matches reach"
     message = (
-        "residuals grow with the distance from the image centre as a lens distortion of "
-        f"{f'k1 = {-misfit.term:.2g} ' if supported else ''}{own} would make them "
+        "residuals grow with the distance from the image centre as a lens distortion "
+        f"{f'of k1 = {-misfit.term:.2g} ' if supported else ''}{own} would make them "
         f"({size_px:.1f} ± {sigma_px:.1g} px {'at the corner' if supported else as_far})"
     )
     remedy = "calibrate the lens, and give its distortion in the camera file"

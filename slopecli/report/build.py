@@ -19,7 +19,7 @@ from slopecli.patches import FINDERS
 from slopecli.patches.join import Joined
 from slopecli.patches.patch import paint_labels
 from slopecli.report.answered_planes import divide, planes_of
-from slopecli.report.doubted_level import against_both
+from slopecli.report.doubted_level import against_both, second_root_against_both
 from slopecli.report.place import place_of
 from slopecli.report.second_root import ambiguity_report
 from slopecli.report.units import fit_of, in_unit, motion_of, scale_of
@@ -57,6 +57,7 @@ def build_report(
     up, known = against_both(known, main, joined, options, level)
     planes = tuple(in_unit(plane, scale, length) for plane in known)
     labels, length_m = _labels(joined, planes, images[0]), length if scale.unit == "m" else None
+    roots = ambiguity_report(main, second, joined, planes, length, options)
     facts = AnswerFacts(planes, solution, joined, cameras, options, labels, length_m, changes, level)
     return withhold_safe(
         Report(
@@ -67,7 +68,7 @@ def build_report(
             scale=scale,
             motion=motion_of(solution, length),
             fit=fit_of(solution, joined, cameras[1], test or CameraTest()),
-            ambiguity=ambiguity_report(main, second, joined, planes, length, options),
+            ambiguity=second_root_against_both(roots, second, joined, options, level),
             planes=planes,
             rejected=rejected,
             diagnostics=(*diagnostics, *check_answer(facts)),

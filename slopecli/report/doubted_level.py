@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import TypeVar
 
 from slopecli.findings.level_evidence import LevelOdds
 from slopecli.measure import Measured, measure
 from slopecli.options import Options
 from slopecli.patches.join import Joined
-from slopecli.types import Plane, Up
+from slopecli.types import AlternativePlane, AmbiguityReport, Plane, Up
+
+_AnyPlane = TypeVar("_AnyPlane", Plane, AlternativePlane)
 
 
 def against_both(
@@ -27,7 +30,21 @@ def against_both(
     return up, [_in_doubt(plane, second[plane.id], options.confidence) for plane in planes]
 
 
-def _in_doubt(plane: Plane, second: float, confidence: float) -> Plane:
+def second_root_against_both(
+    ambiguity: AmbiguityReport, root: Measured | None, joined: Joined, options: Options, level: LevelOdds | None
+) -> AmbiguityReport:
+    """The same where level is doubted: verdicts of the second root, if there is one, hold against both directions."""
+    second = ambiguity.alternative
+    if level is None or not level.doubted or root is None or second is None:
+        return ambiguity
+    x, y, z = level.upright.tolist()
+    other = measure(root.solution, joined, replace(options, up=(x, y, z)))
+    p_safe = dict(zip((patch.id for patch in joined.patches), other.p_safe.tolist(), strict=True))
+    planes = tuple(_in_doubt(plane, p_safe[plane.id], options.confidence) for plane in second.planes)
+    return replace(ambiguity, alternative=replace(second, planes=planes))
+
+
+def _in_doubt(plane: _AnyPlane, second: float, confidence: float) -> _AnyPlane:
     if plane.p_safe is None:
         return plane
     unsafe = plane.verdict == "unsafe" and second <= 1.0 - confidence
