@@ -109,7 +109,7 @@ def test_a_video_gives_what_its_frames_give(descent: Path, answered: Path, tmp_p
 
 
 def test_it_stops_when_every_window_is_settled(descent: Path, tmp_path: Path) -> None:
-    done = slopemap(*arguments(descent, tmp_path), "--stop-when-settled")
+    done = slopemap(*arguments(descent, tmp_path), "--stop-when", "settled")
     assert done.returncode == 0
     lines = read_lines(tmp_path / "sequence.jsonl")
     assert len(lines) < 5

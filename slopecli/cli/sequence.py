@@ -33,6 +33,7 @@ if TYPE_CHECKING:
     from slopecli.sequence.stream import Sequence
 
 LINES = "sequence.jsonl"
+STOPS = click.Choice(["settled"])
 FRAMES = (
     Option(INPUT, "--glob pattern", "PATTERN", str, "Of the images in a folder", "", shown="all"),
     Option(INPUT, "--times times_file", "FILE", PATH, "Time of every frame, s, one a line"),
@@ -50,7 +51,7 @@ FILES = (
     Flag(OUTPUT, "--no-overlay", "Leave out overlay.png"),
     Flag(OUTPUT, "--video", "Also write sequence.mp4, the overlay on every frame"),
     Flag(OUTPUT, "--map with_map", "Also map the slope of every place, and landing sites"),
-    Flag(OUTPUT, "--stop-when-settled", "End when every window is safe or unsafe"),
+    Option(OUTPUT, "--stop-when", "settled", STOPS, "End when every window is safe or unsafe for good"),
 )
 
 
@@ -164,7 +165,7 @@ def _run(
 
             film = stack.enter_context(Film(output))
         try:
-            for step in pipeline.sequence(source, runner, stop_when_settled=parameters["stop_when_settled"]):
+            for step in pipeline.sequence(source, runner, stop_when_settled=parameters["stop_when"] == "settled"):
                 if lines is not None:
                     lines.write(frame_line(step))
                 if film is not None:

@@ -81,20 +81,28 @@ class Aligner:
         levels : of the pyramid, beyond the first, for displacements of several pixels.
         """
         places = self._places(motion, normals, u, known)
-        zoom = self._zoom(places)
-        pulled = _pulled(_blurred(frame, zoom), places)
-        reference = _blurred(self.grey, 1.0 / zoom)
-        gain, offset = _brightness(reference, pulled, places, self.camera)
-        pulled = _brightened(pulled, gain, offset)
-        moved, near = self.tracks.uv.copy(), np.zeros(len(self.tracks), bool)
+        zoom, moved = self._zoom(places), self.tracks.uv.copy()
+        near = np.zeros(len(self.tracks), bool)
         asked = np.flatnonzero(known & _inside(_sampled(places, moved), self.camera, TRACKING.margin_px))
         if len(asked):
-            moved[asked], near[asked] = _tracked(reference, pulled, moved[asked], levels)
+            part = self._part(moved[asked])
+            reference = np.ascontiguousarray(_blurred(self.grey, 1.0 / zoom)[part])
+            pulled = _pulled(_blurred(frame, zoom), places[:, part[0], part[1]])
+            pulled = _brightened(pulled, *_brightness(reference, pulled, places[:, part[0], part[1]], self.camera))
+            corner = np.array([part[1].start, part[0].start])
+            found, near[asked] = _tracked(reference, pulled, moved[asked] - corner, levels)
+            moved[asked] = found + corner
         uv = _sampled(places, moved)
         inside = _inside(uv, self.camera, TRACKING.margin_px)
         x = rays_from_pixels(self.camera, np.where(inside[:, None], uv, 0.0))
         seen = near & inside & np.isfinite(x).all(axis=1)
         return Found(uv, np.where(seen[:, None], x, 0.0).T, seen, zoom)
+
+    def _part(self, uv: FloatArray) -> tuple[slice, slice]:
+        """Rows and columns of the reference around points (k, 2), with room for windows and displacements."""
+        low = np.maximum(uv.min(axis=0).astype(int) - 2 * TRACKING.lk_px, 0)
+        high = uv.max(axis=0).astype(int) + 2 * TRACKING.lk_px
+        return slice(int(low[1]), int(high[1])), slice(int(low[0]), int(high[0]))
 
     def _places(self, motion: Motion, normals: FloatArray, u: FloatArray, known: BoolArray) -> NDArray[np.float32]:
         """(2, h, w) px of the frame that every pixel of the reference is expected at."""
