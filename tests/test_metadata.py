@@ -194,6 +194,18 @@ def test_calibration_of_the_maker() -> None:
     assert lens.sigma < 0.01
 
 
+def test_calibration_of_an_image_made_smaller() -> None:
+    """A program that shrinks an image may write its new size into EXIF; the centre stated tells what it was."""
+    packet = xmp_packet(
+        {"DewarpData": DEWARP, "CalibratedOpticalCenterX": "2736.0", "CalibratedOpticalCenterY": "1824.0"}
+    )
+    for size in ((1368, 912), (1368, 770)):  # the second is cut in height, as 16:9 of a sensor of 3:2 is
+        lens = read(size, exif={WIDTH: size[0], HEIGHT: size[1]}, xmp=packet).lens
+        assert lens is not None
+        assert lens.fx == pytest.approx(3680.5 / 4)
+        assert lens.centre_px == pytest.approx((11.25 / 4, -7.5 / 4))
+
+
 def test_an_image_already_undistorted_has_no_distortion() -> None:
     lens = read(WHOLE, xmp=xmp_packet({"DewarpData": DEWARP, "DewarpFlag": "1"})).lens
     assert lens is not None

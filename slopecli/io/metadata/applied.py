@@ -131,12 +131,13 @@ class _Wanted:
     def __init__(self, pair: Pair, choice: MetadataChoice) -> None:
         self._pair, self._choice = pair, choice
         self._taken: list[str] = []
-        self._missing: list[str] = []
+        self._missing: dict[str, list[str]] = {}  # names by the reason why they are missing
 
     def notes(self) -> tuple[str, ...]:
         """One line of what was taken, one of what is missing, and what the files have that cannot be used."""
         taken = [f"from the metadata of the images: {', '.join(self._taken)}"] if self._taken else []
-        missing = [f"not in the metadata of the images: {'; '.join(self._missing)}"] if self._missing else []
+        lacking = "; ".join(f"{', '.join(names)} ({why})" for why, names in self._missing.items())
+        missing = [f"not in the metadata of the images: {lacking}"] if lacking else []
         if not missing and not taken:  # angles are given, and nothing is asked of the files
             return ()
         others = (f"{one.path}: {note}" for one in self._pair for note in one.notes)
@@ -149,7 +150,7 @@ class _Wanted:
         """Refuse, or note, that something is not stated."""
         if name in self._choice.must:
             raise InputError(f"{flag}: {why}; {instead}")
-        self._missing.append(f"{name} ({why})")
+        self._missing.setdefault(why, []).append(name)
 
     def frame(self, options: Options, stated: Stated, attitude: Attitude | None) -> tuple[Options, Stated]:
         """Up and north by the attitude of camera 1."""

@@ -45,6 +45,19 @@ def taken_size(tags: ImageTags) -> Size | None:
     return (width, height) if width and height else None
 
 
+def _calibrated_size(tags: ImageTags, taken: Size) -> Size:
+    """(width, height) px of the image that DJI's numbers are for: twice as wide as the centre that is stated.
+
+    Programs that shrink an image write its new size into EXIF, and leave these numbers as they were. The height follows
+    from the shape of the image, which may be that of the sensor cut in height.
+    """
+    centre = tags.xmp_number(DJI, "CalibratedOpticalCenterX")
+    width, height = taken
+    if centre is None or not 1 <= centre < 1e6 or width < height:
+        return taken
+    return round(2 * centre), max(round(2 * centre * height / width), 1)
+
+
 def _dewarp(tags: ImageTags, taken: Size) -> Lens | None:
     """DJI's calibration: "date;fx,fy,cx,cy,k1,k2,p1,p2,k3", px, principal point from the middle of the image."""
     text = tags.xmp.get((DJI, "DewarpData"), "").rpartition(";")[2]
@@ -57,7 +70,8 @@ def _dewarp(tags: ImageTags, taken: Size) -> Lens | None:
     undistorted = tags.xmp.get((DJI, "DewarpFlag"), "0").strip() == "1"
     how = ", distortion already taken out (DewarpFlag)" if undistorted else ""
     lens = () if undistorted else tuple(distortion)
-    return Lens(taken, fx, fy, ERRORS.calibrated, f"DJI DewarpData{how}", (cx, cy), lens)
+    size = _calibrated_size(tags, taken)
+    return Lens(size, fx, fy, ERRORS.calibrated, f"DJI DewarpData{how}", (cx, cy), lens)
 
 
 def _calibrated(tags: ImageTags, taken: Size) -> Lens | None:
@@ -65,7 +79,8 @@ def _calibrated(tags: ImageTags, taken: Size) -> Lens | None:
     focal = tags.xmp_number(DJI, "CalibratedFocalLength")
     if focal is None or focal <= 0:
         return None
-    return Lens(taken, focal, focal, ERRORS.nominal, f"DJI CalibratedFocalLength {focal:g} px")
+    size = _calibrated_size(tags, taken)
+    return Lens(size, focal, focal, ERRORS.nominal, f"DJI CalibratedFocalLength {focal:g} px")
 
 
 def _focal_plane(tags: ImageTags, taken: Size) -> Lens | None:
@@ -129,7 +144,7 @@ def lens_of(tags: ImageTags) -> tuple[Lens | None, str]:
         return None, f"it states a focal length of {focal_mm:g} mm, but no size of the sensor" if focal_mm else ""
     first, *others = found
     for other in others:
-        if abs(math.log(other.fx / first.fx)) > ERRORS.contradiction:
+        if abs(math.log(other.fx / other.size[0] * first.size[0] / first.fx)) > ERRORS.contradiction:
             each = f"{first.source} is {first.fx:.4g} px, {other.source} is {other.fx:.4g} px"
             return None, f"its focal lengths contradict each other: {each}"
     try:
