@@ -129,7 +129,7 @@ def test_options_of_estimate_reach_every_pair(flight: Path, tmp_path: Path) -> N
     for outcome in lines_of(tmp_path):
         result = json.loads((tmp_path / outcome["name"] / "slopes.json").read_text())
         assert (result["options"]["grid"], result["options"]["tolerance_deg"]) == ([1, 2], 30.0)
-        assert set(outcome["files"]) == {"slopes.json", "labels.png"}
+        assert set(outcome["files"]) == {"slopes.json", "planes.csv", "labels.png"}
     assert [outcome["name"] for outcome in lines_of(tmp_path)] == ["view_8-view_11", "view_9-view_12"]
 
 

@@ -21,7 +21,7 @@ from slopecli.options import Lander, MapOptions
 SIDE = 256  # px
 ASKED = ("--footprint", "24", "--sites", "3", "--altitude", "13")
 SHARES = ("safe", "unsafe", "undecided", "unknown")
-FILES = {"slopes.json", "slope_map.tif", "map.png", "map_sigma.png"}
+FILES = {"slopes.json", "planes.csv", "slope_map.tif", "slope_map.qml", "map.png", "map_sigma.png"}
 Run = tuple[Done, Path, Path]
 
 
@@ -126,7 +126,7 @@ def test_a_finished_pair_is_kept_and_a_changed_option_of_the_map_does_it_again(f
     _, other = again(flight, "--max-height", "3")
     assert other["slopes.json"] != before["slopes.json"]
     done, fewer = again(flight, "--no-pictures")
-    assert set(fewer) == {"slopes.json", "slope_map.tif", "pair.json"}
+    assert set(fewer) == {"slopes.json", "planes.csv", "slope_map.tif", "slope_map.qml", "pair.json"}
     assert done.returncode == 4
 
 
@@ -136,7 +136,15 @@ def test_maps_and_estimates_replace_each_other(flight: Run, tmp_path: Path) -> N
     done = slopemap("batch", str(flight[1]), "-o", str(tmp_path / "out"))
     assert done.returncode == 4
     names = {path.name for path in (tmp_path / "out" / "view000-view001").iterdir()}
-    assert names == {"slopes.json", "labels.png", "labels_colour.png", "overlay.png", "patches.ply", "pair.json"}
+    assert names == {
+        "slopes.json",
+        "planes.csv",
+        "labels.png",
+        "labels_colour.png",
+        "overlay.png",
+        "patches.ply",
+        "pair.json",
+    }
 
 
 USAGE = {

@@ -44,6 +44,7 @@ SLOW_TO_IMPORT = {"scipy", "skimage", "tifffile", "matplotlib", "trimesh", "rich
     "h5py",
     "laspy",
     "OpenEXR",
+    "pyproj",
 }
 CALLERS = sorted(path for folder in ("tests", "benchmarks") for path in (ROOT / folder).rglob("*.py"))
 # rooms publish their public names; one of the same name as its module can be had from the module alone

@@ -36,7 +36,7 @@ IMAGE1, IMAGE2 = (load_image(FOLDER / f"image{number}.png") for number in (1, 2)
 CAMERA = load_camera(FOLDER / "camera.json", size=(800, 800))
 HALF_CAMERA = {"width": 400, "height": 400, "fx": 346.41016151, "fy": 346.41016151, "cx": 199.5, "cy": 199.5}
 LENS = {"distortion": [-0.06, 0.012, 0.0, 0.0, 0.0]}
-PICTURES, ALWAYS = {"map.png", "map_sigma.png"}, {"slopes.json", "slope_map.tif"}
+PICTURES, ALWAYS = {"map.png", "map_sigma.png"}, {"slopes.json", "planes.csv", "slope_map.tif", "slope_map.qml"}
 BACKWARD = unit(0.3, -0.2, -0.9)
 
 
@@ -247,7 +247,7 @@ def test_pictures_are_left_out_and_a_cloud_is_added_on_request_and_files_of_an_e
     assert {path.name for path in tmp_path.iterdir()} == ALWAYS | {"cloud.ply", "notes.txt"}
     assert slopemap("estimate", *pair, "-o", str(tmp_path)).returncode == 0
     assert {path.name for path in tmp_path.iterdir()} == {
-        "slopes.json", "labels.png", "labels_colour.png", "overlay.png", "patches.ply", "notes.txt",
+        "slopes.json", "planes.csv", "labels.png", "labels_colour.png", "overlay.png", "patches.ply", "notes.txt",
     }  # fmt: skip
 
 

@@ -26,6 +26,7 @@ from report_factory import (
 
 from slopecli.errors import InputError
 from slopecli.io import check_directory, temporary_folder, write_outputs
+from slopecli.options import Place, Position
 from slopecli.products import (
     MAP_PRODUCTS,
     OUTPUT_NAMES,
@@ -37,8 +38,9 @@ from slopecli.products import (
     kept_choices,
     report_to_json,
 )
+from slopecli.types import Scale
 
-ALL = {"slopes.json", "overlay.png", "patches.ply", "labels.png", "labels_colour.png"}
+ALL = {"slopes.json", "planes.csv", "overlay.png", "patches.ply", "labels.png", "labels_colour.png"}
 STEPS = {"step1_gradient.png", "step2_components.png", "step3_merged.png"}
 REPORT, IMAGE = make_report(), make_image()
 SMALL_IMAGE = make_image(320, 240, colour=True)
@@ -51,7 +53,9 @@ def test_every_file_has_a_row_and_the_result_completes_them() -> None:
     assert set(OUTPUT_NAMES) == {*files, VIDEO}
     assert len(OUTPUT_NAMES) == len(set(OUTPUT_NAMES))
     assert OUTPUT_NAMES[-1] == "slopes.json"
-    assert all(product.what and product.encode(REGIONS, SMALL_IMAGE) for product in PRODUCTS)
+    position = Position(46.6, 8.0, None, 1.0, 2.0, 1.0)
+    placed = replace(REGIONS, place=Place(position, (0.0, -1.0, 0.0), 0.0, 0.0), scale=Scale("m", "baseline", 0.0))
+    assert all(product.what and product.encode(placed, SMALL_IMAGE) for product in PRODUCTS)
 
 
 def test_flags_decline_or_ask_for_files() -> None:
@@ -129,8 +133,8 @@ def test_replaces_an_earlier_answer_and_nothing_else(earlier: Path) -> None:
 
 def test_files_left_out_do_not_stay_from_an_earlier_run(earlier: Path) -> None:
     written = write_outputs(REPORT, IMAGE, earlier, keep_files(overlay=False, ply=False))
-    assert {path.name for path in written} == {"slopes.json", "labels.png"}
-    assert set(contents(earlier)) == {"slopes.json", "labels.png", "notes.txt"}
+    assert {path.name for path in written} == {"slopes.json", "planes.csv", "labels.png"}
+    assert set(contents(earlier)) == {"slopes.json", "planes.csv", "labels.png", "notes.txt"}
 
 
 @pytest.mark.parametrize(
@@ -141,7 +145,7 @@ def test_files_left_out_do_not_stay_from_an_earlier_run(earlier: Path) -> None:
 def test_regions_come_with_a_textured_model(earlier: Path, declined: set[str]) -> None:
     files = {"overlay": "overlay.png", "ply": "patches.ply", "glb": "patches.glb"}
     written = write_outputs(REGIONS, SMALL_IMAGE, earlier, keep_files(**dict.fromkeys(declined, False)))
-    expected = {"slopes.json", "labels.png", *files.values()} - {files[name] for name in declined}
+    expected = {"slopes.json", "planes.csv", "labels.png", *files.values()} - {files[name] for name in declined}
     expected |= {"labels_colour.png"} - {"labels_colour.png" for name in declined if name == "overlay"}
     assert {path.name for path in written} == expected
     assert set(contents(earlier)) == expected | {"notes.txt"}

@@ -9,7 +9,7 @@ from typing import Any
 import click
 from click.core import ParameterSource
 
-from slopecli.options import CameraChoice, MapOptions, Options
+from slopecli.options import CameraChoice, MapOptions, Options, Position
 from slopecli.patches import FINDERS
 
 CAMERA_FLAGS, WINDOW_FLAGS = ("camera", "intrinsics", "fov"), ("grid", "windows")
@@ -88,6 +88,10 @@ def options_from(parameters: dict[str, Any]) -> Options:
         from slopecli.io.poses import load_pose
 
         parameters = {**parameters, "pose": load_pose(parameters["pose_file"])}
+    if parameters.get("position"):
+        (latitude, longitude, altitude), sigma = parameters["position"], parameters["position_sigma_m"]
+        # satellites tell height half as well as place; against another place of the user's own, no better than each
+        parameters = {**parameters, "position": Position(latitude, longitude, altitude, sigma, 2.0 * sigma, sigma)}
     return Options(**{field.name: parameters[field.name] for field in fields(Options) if field.name in parameters})
 
 

@@ -27,7 +27,7 @@ from slopecli.cli.talk import Talk, origin_of
 
 if TYPE_CHECKING:
     from slopecli.options import CameraChoice, Options
-    from slopecli.types import Camera, Image
+    from slopecli.types import Camera, Image, Report
 
 
 @click.command(
@@ -39,6 +39,7 @@ if TYPE_CHECKING:
         *shared.finder_options,
         *shared.region_options,
         *shared.pair_frame_options(),
+        *shared.place_options,
         *shared.pair_solving_options,
         *shared.matching_options,
         *shared.talk_options(),
@@ -66,6 +67,7 @@ def estimate(ctx: click.Context, image1: str, image2: str, **parameters: Any) ->
         *shared.output_options,
         *shared.region_options,
         *shared.pair_frame_options("dominant-plane"),
+        *shared.place_options,
         *shared.pair_solving_options,
         *shared.matching_options,
         *shared.talk_options(),
@@ -96,6 +98,7 @@ def segment(ctx: click.Context, image1: str, image2: str, **parameters: Any) -> 
         *shared.map_output_options,
         *shared.map_options,
         *shared.pair_frame_options(),
+        *shared.place_options,
         *shared.pair_solving_options,
         *shared.matching_options,
         *shared.talk_options(),
@@ -129,6 +132,7 @@ def slope_map(ctx: click.Context, image1: str, image2: str, **parameters: Any) -
         with talk.timed("write"):
             keep, origin = kept_choices(parameters, MAP_PRODUCTS), origin_of(talk, images[1])
             written = write_map(answer, images[0], output, keep, origin)
+    _say_place(answer.report, talk)
     print_map(answer, written, talk, as_json=parameters["as_json"])
 
 
@@ -148,7 +152,20 @@ def _answer_pair(ctx: click.Context, image1: str, image2: str, parameters: dict[
 
         with talk.timed("write"):
             written = write_outputs(report, images[0], output, kept_choices(parameters), origin_of(talk, images[1]))
+    _say_place(report, talk)
     print_report(report, written, talk, as_json=parameters["as_json"])
+
+
+def _say_place(report: Report, talk: Talk) -> None:
+    """Say what is missing where the position of camera 1 is known and there are no files of a GIS all the same."""
+    if report.place is None or report.place.position is None:
+        return
+    missing = [
+        *(["the direction of north (--yaw, --north)"] if report.place.north_cam1 is None else []),
+        *(["metres (--baseline, --altitude)"] if report.scale.unit != "m" else []),
+    ]
+    if missing:
+        talk.say(f"info: no slopes.geojson and no map of a GIS: {' and '.join(missing)} not known")
 
 
 def _read_pair(

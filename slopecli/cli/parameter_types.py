@@ -170,6 +170,21 @@ def _lander(text: str) -> Lander:
     return Lander(pads, diameter, pad)
 
 
+def _position(text: str) -> tuple[float, float, float | None]:
+    """Latitude and longitude, degrees, and altitude, metres, where it is given."""
+    try:
+        numbers = [float(part) for part in text.split(",")]
+    except ValueError:
+        numbers = []
+    usual = len(numbers) in (2, 3) and all(map(math.isfinite, numbers)) and abs(numbers[-1]) < 1e5
+    if not usual or abs(numbers[0]) > 90 or abs(numbers[1]) > 180:
+        raise ValueError(
+            f"{text!r} is not LAT,LON or LAT,LON,ALT: degrees north (-90 to 90) and east (-180 to 180) of WGS 84, and "
+            "metres, for example 46.5763,8.0158,1600."
+        )
+    return numbers[0], numbers[1], numbers[2] if len(numbers) == 3 else None
+
+
 def _classes(text: str) -> tuple[float, ...]:
     edges: tuple[float, ...] = number_list(0.1, 90).parse(text)
     if list(edges) != sorted(edges) or len(edges) > 8:
@@ -239,7 +254,7 @@ ROTATION_PRIOR = Parsed(_rotation_prior)
 GRID = two_sides("COLUMNSxROWS with both at least 1", "3x3", most=9999)
 SIZE = two_sides("WIDTHxHEIGHT in px", "1024x768")
 PATH, PAIRING = Parsed(_path), Parsed(_pairing)
-LANDER, CLASSES = Parsed(_lander), Parsed(_classes)
+LANDER, CLASSES, POSITION = Parsed(_lander), Parsed(_classes), Parsed(_position)
 POSITIVE = Between(min=0, min_open=True)
 SEED = click.IntRange(0, 2**31 - 1)
 

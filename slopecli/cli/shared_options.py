@@ -215,8 +215,8 @@ EXIF = "exif"  # stands for what the metadata of the images state
 _WIDER = {  # options that take that word too, and what their help says then
     "camera": "Camera file (#NAME: one of several), or exif",
     "camera2": "Camera file of image 2, if another, or exif",
-    "up": "Up: camera (looks down), dominant-plane, X,Y,Z, or exif",
-    "north": "Where aspect is 0, or exif",
+    "up": "camera, dominant-plane, X,Y,Z or exif",
+    "north": "Aspect 0, or exif; --north-sigma",
     "baseline_m": "Distance between the cameras, m, or exif",
     "altitude_m": "Height of camera 1 above ground, m, or exif",
 }
@@ -227,6 +227,12 @@ metadata_options = (
     unlisted(Option(FRAME, "--yaw yaw_deg", "DEG", Between(-360, 360), "Heading, clockwise from true north")),
 )
 metadata_options[1].names = "--pitch, --roll, --yaw DEG"
+_PLACE_HELP = "Of camera 1, WGS 84; --position-sigma M  [3]"
+place_options = (
+    Option(FRAME, "--position", "LAT,LON[,ALT]", kinds.POSITION, _PLACE_HELP),
+    unlisted(Option(FRAME, "--position-sigma position_sigma_m", "M", POSITIVE, "1-sigma north and east, each", 3)),
+    unlisted(_option(FRAME, "--north-sigma north_sigma_deg", "DEG", Between(0, 90, max_open=True), "1-sigma of north")),
+)
 
 
 def or_exif(options: Sequence[Option]) -> tuple[Option, ...]:

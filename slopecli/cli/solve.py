@@ -60,9 +60,8 @@ def solve(ctx: click.Context, matches: str, **parameters: Any) -> None:
     Prints a table; -o DIR also writes slopes.json.
 
     \b
-    Examples:
+    Example:
       slopemap solve matches.csv --camera camera.json --noise 0.3
-      slopemap solve database.db --pair a.jpg b.jpg --planes found
     """
     from slopecli.io.correspondences.match_formats import read_correspondences
     from slopecli.pipeline import solve as solve_given

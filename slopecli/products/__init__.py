@@ -35,7 +35,7 @@ class Product:
     by_default : whether it is made unless declined.
     of_origin : whether the encoder is given the `Origin` as well.
     requires : attribute of an answer without which there is no such file: planes found in the image, a segmentation,
-        a map.
+        a map; "place": the place and heading of camera 1, and metres.
     """
 
     file: str
@@ -43,7 +43,7 @@ class Product:
     encoder: str
     choice: str = ""
     by_default: bool = True
-    requires: Literal["", "found", "segmentation", "map"] = ""
+    requires: Literal["", "found", "segmentation", "map", "place"] = ""
     of_origin: bool = False
 
     @property
@@ -59,6 +59,8 @@ class Product:
     def is_made(self, answer: Answer, keep: Collection[str]) -> bool:
         """Whether an answer gives this file if the user wants those of the choices `keep`."""
         wanted = not self.choice or self.choice in keep
+        if self.requires == "place":
+            return wanted and is_georeferenced(answer)
         return wanted and (not self.requires or bool(getattr(answer, self.requires)))
 
     def encode(self, answer: Answer, image: Image, origin: Origin | None = None) -> bytes:
@@ -73,11 +75,21 @@ class Product:
         return encode_picture(content)
 
 
+def is_georeferenced(answer: Answer) -> bool:
+    """Whether its places on the earth are known: position of camera 1, direction of north, and lengths in metres."""
+    report: Any = getattr(answer, "report", answer)
+    place = report.place
+    known = place is not None and place.position is not None and place.north_cam1 is not None
+    return bool(known and report.scale.unit == "m")
+
+
 # in the order in which they appear in the folder; the last one completes an answer
 _Page = partial(
     Product, "report.html", "the answer as a page to look at", choice="report", by_default=False, of_origin=True
 )
 _Step = partial(Product, choice="debug_images", by_default=False, requires="segmentation")
+_Csv = partial(Product, "planes.csv", "the planes as a table: slope, dip, strike, area")
+_GeoJson = partial(Product, "slopes.geojson", "planes and sites on the earth, for a GIS", requires="place")
 PRODUCTS = (
     _Step("step1_gradient.png", "the gradient of image 1", "steps:draw_gradient"),
     _Step("step2_components.png", "the connected regions below its threshold", "steps:draw_components"),
@@ -94,6 +106,8 @@ PRODUCTS = (
     ),
     Product("labels_colour.png", "the planes of labels.png in colours", "label_colours:draw_labels_colour", "overlay"),
     Product("labels.png", "the id of the plane of every pixel", "drawing.canvas:encode_labels"),
+    _Csv(encoder="planes_csv:encode"),
+    _GeoJson(encoder="geojson:encode"),
     Product(RESULT, "the answer, complete", "slopes_json:encode"),
 )
 MAP_PRODUCTS = (
@@ -104,6 +118,13 @@ MAP_PRODUCTS = (
     _Page(encoder="page.report_page:encode_map"),
     Product("cloud.ply", "the ground as a cloud of points, by slope", "cloud_ply:encode", "ply", by_default=False),
     Product("slope_map.tif", "the map as bands of numbers", "map_tiff:encode"),
+    Product("slope_map.qml", "its colours in QGIS", "map_style:encode"),
+    Product(
+        "slope_map_geo.tif", "the map from above, at its place on the earth", "map_geotiff:encode", requires="place"
+    ),
+    Product("slope_map_geo.qml", "its colours in QGIS", "map_style:encode", requires="place"),
+    _Csv(encoder="planes_csv:encode_map"),
+    _GeoJson(encoder="geojson:encode_map"),
     Product(RESULT, "the answer, complete, but for the cells of the map", "slopes_json:encode_map"),
 )
 _OfMap = partial(Product, requires="map")
@@ -172,6 +193,11 @@ __getattr__, __dir__ = lazy_names(
     __name__,
     {
         "cloud_ply": "MOST_POINTS map_to_ply",
+        "georeference": "Georeference",
+        "map_geotiff": "map_to_geotiff orthographic",
+        "map_style": "map_to_qml",
+        "plane_measures": "measures_of",
+        "planes_csv": "COLUMNS report_to_csv",
         "glb": "LARGEST_TEXTURE_PX model_from_camera1 report_to_glb",
         "map_picture": "draw_map draw_sigma",
         "map_tiff": "BANDS NODATA map_to_tiff",

@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import io
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
 from xml.sax.saxutils import escape
 
 import numpy as np
@@ -13,7 +16,7 @@ from slopecli.types import Image
 MAP_FILE = "slope_map.tif"
 NODATA = -9999.0
 # name of a band -> the array of a `SlopeMap` and its unit, "" for that of the scale
-_SOURCES = {
+SOURCES = {
     "slope_deg": ("slope_deg", "deg"),
     "slope_sigma_deg": ("sigma_deg", "deg"),
     "p_safe": ("p_safe", "1"),
@@ -24,8 +27,18 @@ _SOURCES = {
     "distance": ("distance", ""),
     "valid_share": ("valid_share", "1"),
 }
-BANDS = tuple(_SOURCES)
-_GDAL_METADATA, _GDAL_NODATA = 42112, 42113  # tags that GDAL defines
+BANDS = tuple(SOURCES)
+
+
+@dataclass(frozen=True)
+class _Gdal:
+    """Numbers of the tags that GDAL defines."""
+
+    metadata: int = 42112
+    nodata: int = 42113
+
+
+GDAL = _Gdal()
 
 
 def encode(slope_map: SlopeMap, image: Image) -> bytes:
@@ -41,7 +54,7 @@ def map_to_tiff(slope_map: SlopeMap) -> bytes:
     """
     import tifffile
 
-    planes = np.array([getattr(slope_map, source) for source, _ in _SOURCES.values()], np.float32)
+    planes = np.array([getattr(slope_map, source) for source, _ in SOURCES.values()], np.float32)
     planes[~np.isfinite(planes)] = NODATA
     content = io.BytesIO()
     with tifffile.TiffWriter(content, byteorder="<") as file:
@@ -53,10 +66,7 @@ def map_to_tiff(slope_map: SlopeMap) -> bytes:
             description=_description(slope_map.spacing_px),
             metadata=None,  # neither a description nor a version of tifffile's own
             software=False,
-            extratags=[
-                (_GDAL_METADATA, "s", 0, _metadata(slope_map.report.scale.unit), True),
-                (_GDAL_NODATA, "s", 0, f"{NODATA:g}", True),
-            ],
+            extratags=gdal_tags(gdal_metadata(slope_map.report.scale.unit)),
         )
     return content.getvalue()
 
@@ -66,10 +76,16 @@ def _description(spacing_px: int) -> str:
     return f"slopemap: ground around every cell of image 1; row i, column j is centred at its pixel {place}"
 
 
-def _metadata(scale_unit: str) -> str:
-    """Names and units of the bands in the XML of GDAL."""
-    items = []
-    for sample, (name, (_, unit)) in enumerate(_SOURCES.items()):
+def gdal_tags(metadata: str | None) -> list[tuple[Any, ...]]:
+    """The tags of GDAL for tifffile: its XML, where there is some, and the value for what is not known."""
+    nodata = (GDAL.nodata, "s", 0, f"{NODATA:g}", True)
+    return [nodata] if metadata is None else [(GDAL.metadata, "s", 0, metadata, True), nodata]
+
+
+def gdal_metadata(scale_unit: str, of_file: Mapping[str, str] | None = None) -> str:
+    """Names and units of the bands in the XML of GDAL, and what is to be said of the whole file."""
+    items = [f'  <Item name="{name}">{escape(text)}</Item>' for name, text in (of_file or {}).items()]
+    for sample, (name, (_, unit)) in enumerate(SOURCES.items()):
         for item, role, text in (("DESCRIPTION", "description", name), ("UNITTYPE", "unittype", unit or scale_unit)):
             items.append(f'  <Item name="{item}" sample="{sample}" role="{role}">{escape(text)}</Item>')
     return "\n".join(["<GDALMetadata>", *items, "</GDALMetadata>"]) + "\n"

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from slopecli.errors import InputError
-from slopecli.io.correspondences.match_source import MAX_BYTES, MatchSource, checked_rows, taken
+from slopecli.io.correspondences.match_source import MAX_BYTES, MatchSource, Names, checked_rows, taken
 from slopecli.patches.given import Given
 from slopecli.types import FloatArray, IntArray
 
@@ -55,27 +55,37 @@ def read_archive(source: MatchSource) -> Given:
     """A .npz file, see `MATCHED`, `FOUND` and `COLUMNS`; patch and sigma may be there too."""
     arrays = _arrays(source)
     if all(name in arrays and arrays[name].ndim == 1 for name in COLUMNS):
-        columns = [_numbers(source, arrays[name], name) for name in COLUMNS]
-        if len({len(column) for column in columns}) > 1:
-            raise source.refused(f"its x1, y1, x2, y2 have {', '.join(str(len(column)) for column in columns)} numbers")
-        table = np.column_stack(columns)
-        return _with_columns(source, arrays, table[:, :2], table[:, 2:])
-    for first, second in MATCHED:
-        if first in arrays and second in arrays:
-            xy1, xy2 = (_points(source, arrays[name], name) for name in (first, second))
-            if len(xy1) != len(xy2):
-                raise source.refused(
-                    f"has {len(xy1)} points in {first} and {len(xy2)} in {second}; needed a row a match"
-                )
-            return _with_columns(source, arrays, xy1, xy2)
-    for first, second in FOUND:
-        if first in arrays and second in arrays:
-            return _of_indices(source, arrays, first, second)
+        return _of_columns(source, arrays)
+    if pair := _first_pair(arrays, MATCHED):
+        return _of_points(source, arrays, *pair)
+    if pair := _first_pair(arrays, FOUND):
+        return _of_indices(source, arrays, *pair)
     if len(arrays) == 1:
         (array,) = arrays.values()
         return _table(source, array)
     found = ", ".join(repr(name[:20]) for name in list(arrays)[:6]) or "nothing"
     raise source.refused(f"has no points under a known name (found {found}); {WANTED}")
+
+
+def _first_pair(arrays: Arrays, names: tuple[Names, ...]) -> Names | None:
+    return next((pair for pair in names if pair[0] in arrays and pair[1] in arrays), None)
+
+
+def _of_columns(source: MatchSource, arrays: Arrays) -> Given:
+    columns = [_numbers(source, arrays[name], name) for name in COLUMNS]
+    if len({len(column) for column in columns}) > 1:
+        raise source.refused(f"its x1, y1, x2, y2 have {', '.join(str(len(column)) for column in columns)} numbers")
+    table = np.column_stack(columns)
+    return _with_columns(source, arrays, table[:, :2], table[:, 2:])
+
+
+def _of_points(source: MatchSource, arrays: Arrays, first: str, second: str) -> Given:
+    """Points of both images, row k matched with row k."""
+    xy1, xy2 = (_points(source, arrays[name], name) for name in (first, second))
+    if len(xy1) != len(xy2):
+        counts = f"has {len(xy1)} points in {first} and {len(xy2)} in {second}"
+        raise source.refused(f"{counts}; needed a row a match")
+    return _with_columns(source, arrays, xy1, xy2)
 
 
 def _of_indices(source: MatchSource, arrays: Arrays, first: str, second: str) -> Given:

@@ -109,12 +109,17 @@ def read_correspondences(
     data = None if form else _read(path)
     form = form or next(row for row in MATCH_FORMATS if (data or b"").startswith(row.starts))
     source = MatchSource(str(path), data, pair, None if keypoints is None else str(keypoints))
-    if form.opens and data is not None:
-        raise source.refused(f"is a {form.name} file, which must be a file on disk; give its path")
-    if not form.opens and (pair or keypoints):
-        flag = "--pair" if pair else "--keypoints"
-        raise source.refused(f"is a {form.name}, which holds one pair with its points; leave {flag} out")
+    _check(form, source)
     return form.read(source)
+
+
+def _check(form: MatchFormat, source: MatchSource) -> None:
+    """Raise InputError where a file on disk is needed and is not there, or where what is asked for says nothing."""
+    if form.opens and source.data is not None:
+        raise source.refused(f"is a {form.name} file, which must be a file on disk; give its path")
+    if not form.opens and (source.names or source.keypoints):
+        flag = "--pair" if source.names else "--keypoints"
+        raise source.refused(f"is a {form.name}, which holds one pair with its points; leave {flag} out")
 
 
 def _start(path: str | PathLike[str]) -> bytes:

@@ -57,7 +57,7 @@ def apply_metadata(pair: Pair, choice: MetadataChoice, options: Options, cameras
     moved = displacement(pair)
     wanted = _Wanted(pair, choice)
     options, stated = (
-        replace(options, position=pair[0].position),
+        replace(options, position=options.position or pair[0].position),
         _stated(attitude if compared else None, second, moved),
     )
     options, stated = wanted.frame(options, stated, attitude)
@@ -170,8 +170,9 @@ class _Wanted:
         if north is None and self._asked("north"):
             self._lacks("north", "--north exif", f"{image.path} states no heading", "give --yaw, or --north X,Y,Z")
         elif north is not None and (self._asked("north") or self._choice.yaw_deg is not None):
-            options = replace(options, north=north, north_sigma_deg=attitude.yaw_sigma_deg)
-            self._say(given, f"north (yaw {attitude.yaw_deg:g}°, ± {attitude.yaw_sigma_deg:g}°)")
+            sigma = options.north_sigma_deg or attitude.yaw_sigma_deg
+            options = replace(options, north=north, north_sigma_deg=sigma)
+            self._say(given, f"north (yaw {attitude.yaw_deg:g}°, ± {sigma:g}°)")
         return options, stated
 
     def _say(self, given: bool, text: str) -> None:

@@ -1,0 +1,60 @@
+"""planes.csv: the planes of a report as a table, in the terms of surveyors, roofers and geologists."""
+
+from __future__ import annotations
+
+import csv
+import io
+from dataclasses import astuple, fields
+
+from slopecli.ground.slope_map import SlopeMap
+from slopecli.products import is_georeferenced
+from slopecli.products.georeference import Georeference
+from slopecli.products.plane_measures import PlaneMeasures, centre_of, measures_of
+from slopecli.types import Image, Plane, Report
+
+COLUMNS = (
+    "id",
+    *(field.name for field in fields(PlaneMeasures)),
+    "area_unit",
+    "verdict",
+    "status",
+    "longitude_deg",
+    "latitude_deg",
+    "position_sigma_m",
+)
+
+
+def encode(report: Report, image: Image) -> bytes:
+    """Return the content of planes.csv of a report."""
+    return report_to_csv(report).encode("ascii")
+
+
+def encode_map(slope_map: SlopeMap, image: Image) -> bytes:
+    """Return the content of planes.csv of a map: its windows."""
+    return report_to_csv(slope_map.report).encode("ascii")
+
+
+def report_to_csv(report: Report) -> str:
+    """Serialise the planes of a report as a table with a header, a row a plane; an empty cell is not known."""
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(COLUMNS)
+    place = Georeference.of(report) if is_georeferenced(report) else None
+    for plane in report.planes:
+        numbers = [_cell(value) for value in astuple(measures_of(plane, report))]
+        unit = "m2" if report.scale.unit == "m" else "baseline2"
+        writer.writerow([plane.id, *numbers, unit, plane.verdict or "", plane.status, *_place(plane, report, place)])
+    return text.getvalue()
+
+
+def _cell(value: float | None) -> str:
+    return "" if value is None else f"{value:.6g}"
+
+
+def _place(plane: Plane, report: Report, place: Georeference | None) -> list[str]:
+    """Longitude and latitude of a plane's middle, and the 1-sigma of that, m; empty where they are not known."""
+    centre = None if place is None else centre_of(plane, report)
+    if place is None or centre is None:
+        return ["", "", ""]
+    longitude, latitude = place.degrees(centre[None])[0]
+    return [f"{longitude:.8f}", f"{latitude:.8f}", f"{float(place.sigma_m(centre[None])[0]):.3g}"]
