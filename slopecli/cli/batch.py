@@ -56,7 +56,7 @@ map_options = tuple(map(shared.unlisted, (*shared.map_options, *shared.map_file_
 worker_options = (
     Option(WORKERS, "--jobs", "N", click.IntRange(1), "Worker processes", shown="one per core"),
     Option(WORKERS, "--timeout timeout_s", "SECONDS", POSITIVE, "Give up a pair that takes longer", shown="none"),
-    Option(WORKERS, "--memory memory_gb", "GB", POSITIVE, "Give up a pair that needs more memory", shown="no limit"),
+    Option(WORKERS, "--memory memory_gb", "GB", POSITIVE, "Give up a pair that needs more memory", shown="none"),
     Option(WORKERS, "--cluster", "ADDRESS", None, "A Dask cluster instead, say tcp://head:8786"),
     Flag(WORKERS, "--ship", "Send images to the cluster, fetch its files"),
 )

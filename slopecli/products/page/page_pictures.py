@@ -73,7 +73,7 @@ def sheets_of(report: Report, image: Image) -> tuple[Sheet, Sheet]:
     both = []
     for cells, kinds in ((slope, classes), (sigma, sigmas)):
         picture = painted(image, frame, cells, kinds)
-        draw_tolerance_edge(picture, steep, slope >= 0, 1.0, frame.text_px)
+        draw_tolerance_edge(picture, steep, slope >= 0, 1.0, 2 * frame.text_px)
         both.append(Sheet(data_uri(_numbered(picture, report, frame)), _legend(kinds, cells)))
     return both[0], both[1]
 
@@ -97,7 +97,7 @@ def map_sheets(slope_map: SlopeMap, image: Image) -> tuple[Sheet, Sheet]:
     both = []
     for cells, named in kinds:
         picture = painted(image, frame, spread(cells, (frame.height, frame.width), side, UNKNOWN), named)
-        draw_tolerance_edge(picture, slope >= (classes.steep_from or 0), slope >= 0, side, frame.text_px)
+        draw_tolerance_edge(picture, slope >= (classes.steep_from or 0), slope >= 0, side, 2 * frame.text_px)
         draw_sites(picture, slope_map.sites, frame)
         both.append(Sheet(data_uri(picture), _legend(named, cells)))
     return both[0], both[1]
