@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 import pytest
 from frames import CAMERA, STEP, frame, true_normals
-from scenery import to_grey
+from scenery import render, to_grey, turn
 
 from slopecli.geometry import normal_angle, solve_views
 from slopecli.geometry.solver import ViewsSolution
@@ -162,3 +162,42 @@ def test_what_breaks_a_step_is_skipped(monkeypatch: pytest.MonkeyPatch) -> None:
         assert sequence.add(frame(3)).status == "skipped"
     np.testing.assert_array_equal(sequence.solution().scaled_normals, before)
     assert sequence.add(frame(4)).status == "used"
+
+
+def plane_frames(*positions: FloatArray) -> list[FloatArray]:
+    """Frames of one plane that rises by 15 degrees, from these positions, the first at the origin."""
+    normal = np.array([np.sin(np.radians(15.0)), 0.0, np.cos(np.radians(15.0))]) / 12.0
+    shown = []
+    for number, position in enumerate(positions):
+        R = turn(0.5 * np.sin(number), 0.3 * number, 0.4 * number)
+        pair = render(R, position if number else np.array([0.0, 0.0, 1.0]), [normal], noise=1.0, noise_seed=number)
+        shown.append(pair.grey2 if number else pair.grey1)
+    return shown
+
+
+def test_a_view_off_the_line_decides_between_two_answers_for_one_plane() -> None:
+    """Straight down over one plane there are two; both are told, until the camera moves aside."""
+    down, aside = np.array([0.05, 0.02, 1.0]), np.array([0.0, 0.8, 0.2])
+    normal = np.array([[np.sin(np.radians(15.0)), 0.0, np.cos(np.radians(15.0))]] * 4)
+    first, *later = plane_frames(0 * down, down, 2 * down + aside)
+    sequence = run(first, later[0])
+    two = sequence.solution()
+    assert two.status == "unresolved"
+    assert two.alternative is not None
+    off = [np.degrees(normal_angle(one.scaled_normals, normal)).max() for one in (two, two.alternative)]
+    assert min(off) < 1.0
+    assert max(off) > 5.0
+    assert {plane.verdict for plane in sequence.report().planes} == {"undecided"}
+    sequence.add(later[1])
+    one = sequence.solution()
+    assert one.status != "unresolved"
+    assert np.degrees(normal_angle(one.scaled_normals, normal)).max() < 0.5
+
+
+def test_a_motion_that_fits_badly_is_not_taken() -> None:
+    """A jump to another place and attitude is found again, or skipped; the answer does not follow a wrong motion."""
+    glide, aside = np.array([0.7, 0.0, 0.7]), np.array([0.0, 0.8, 0.2])
+    frames = plane_frames(0 * glide, glide, 2 * glide, 2 * glide + aside, 3 * glide + 2 * aside)
+    sequence = run(*frames)
+    normal = np.array([[np.sin(np.radians(15.0)), 0.0, np.cos(np.radians(15.0))]] * 4)
+    assert np.degrees(normal_angle(sequence.solution().scaled_normals, normal)).max() < 0.5

@@ -96,8 +96,8 @@ class CoarseMotion:
         if p.shape[1] < 12:
             return None
         found = resect(p, x, u, starts, FLOOR_PX / self.camera.focal_px)
-        # a wrong motion agrees with as many points as its tolerance is wide
-        sure = found.share >= TRACKING.least_share and found.sigma * self.camera.focal_px < 4.0 * FLOOR_PX * 4.0
+        # a wrong motion agrees with many points if its tolerance is wide
+        sure = found.share >= TRACKING.least_share and found.sigma * self.camera.focal_px < TRACKING.most_sigma_px
         return found if sure and np.count_nonzero(found.fits) >= 12 else None
 
     def _pixels(self, p: FloatArray, u: FloatArray, motion: Motion) -> tuple[FloatArray, FloatArray]:

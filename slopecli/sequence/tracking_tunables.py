@@ -22,6 +22,7 @@ class TrackingTunables:
     map_step_px: int = 8  # between the nodes of the depth that a frame is aligned by
     coarse_points: int = 400  # points by which the motion between two frames is found
     least_share: float = 0.4  # of the coarse points that agree with a motion; with fewer the frame is not understood
+    most_sigma_px: float = 1.0  # 1-sigma of the points under a motion: with more it is another motion, or other ground
     misses: int = 2  # frames in turn whose track contradicts the rest, after which it is given up
     least_sigma_px: float = 0.03  # 1-sigma of a tracked point that is believed at least
     start_parallax_px: float = 3.0  # median displacement that a rotation leaves, for the first move

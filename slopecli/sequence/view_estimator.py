@@ -201,7 +201,7 @@ class ViewEstimator:
         across = np.abs(along_axis[0] * e[1] - along_axis[1] * e[0])
         noise = max(line.root.noise, self._floor) * found.zoom
         sigma = np.median(across[used]) * 1.4826 if used.any() else noise
-        sigma = max(noise, float(sigma))
+        sigma = min(max(noise, float(sigma)), max(noise, TRACKING.most_sigma_px / self._focal_px))
         spread = np.hypot(sigma, length * noise * np.sqrt(np.maximum(t, 0.0)))
         return np.asarray((across < 4.5 * sigma) & (along < 4.5 * np.hypot(spread, sigma)))
 
@@ -213,6 +213,10 @@ class ViewEstimator:
             return
         noise = min(line.root.noise for line in self._lines)
         lines = sorted(self._lines, key=lambda line: line.root._replace(noise=noise).cost / noise**2)
+        one, other = (line.root.state for line in lines[:2])
+        if _is_same(one, other):
+            self._lines = lines[:1]
+            return
         solution = self._judged(lines)
         self._lines = lines[:1] if solution.status == "resolved" else lines[:2]
 
@@ -256,6 +260,13 @@ class ViewEstimator:
         )
         patch, cell = self.tracks.patch[used], self.tracks.cell[used]
         return correlation_gain([(cell[patch == i], across[patch == i]) for i in range(points.n_planes)])
+
+
+def _is_same(one: ViewState, other: ViewState) -> bool:
+    """Whether two roots have become one: normals and motions agree to 2e-3 rad."""
+    n, o = (N / np.linalg.norm(N, axis=1, keepdims=True) for N in (one.N, other.N))
+    turned = np.linalg.norm(one.R - other.R, axis=(1, 2)).max()
+    return bool(max(float(np.linalg.norm(n - o, axis=1).max()), float(turned)) < 2e-3)
 
 
 def _plane_depths(points: ViewPoints, N: FloatArray) -> FloatArray:
