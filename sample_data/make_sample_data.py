@@ -44,6 +44,16 @@ def make_urban(folder: Path) -> None:
     write_image(folder / "labels.png", labels)
 
 
+def make_demo(folder: Path) -> None:
+    """The descent as JPEG, a third of the size, which the package carries."""
+    images, camera, _ = render_descent()
+    folder.mkdir(parents=True, exist_ok=True)
+    for number, image in enumerate(images, 1):
+        if not cv2.imwrite(str(folder / f"image{number}.jpg"), image, [cv2.IMWRITE_JPEG_QUALITY, 85]):
+            raise OSError(f"{folder}: the image could not be written")
+    write_json(folder / "camera.json", camera)
+
+
 def write_pair(folder: Path, images: list[Any], camera: dict[str, Any], truth: dict[str, Any]) -> None:
     folder.mkdir(parents=True, exist_ok=True)
     for number, image in enumerate(images, 1):
@@ -52,7 +62,7 @@ def write_pair(folder: Path, images: list[Any], camera: dict[str, Any], truth: d
     write_json(folder / "truth.json", truth)
 
 
-SCENES = {"descent": make_descent, "urban": make_urban}
+SCENES = {"descent": make_descent, "urban": make_urban, "demo": make_demo}
 
 
 def main() -> None:

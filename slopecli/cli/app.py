@@ -25,9 +25,13 @@ PLACE_OF = {
     "estimate": "pair:estimate",
     "map": "pair:slope_map",
     "segment": "pair:segment",
-    **{name: f"{name}:{name}" for name in ("batch", "sequence", "solve", "plan", "camera", "simulate", "validate")},
+    **{name: f"{name}:{name}" for name in ("batch", "sequence", "solve", "plan", "camera", "simulate")},
+    **{name: f"{name}:{name}" for name in ("validate", "demo")},
 }
 EPILOG = """\b
+Every command takes --config FILE: options from a TOML file.
+
+\b
 Exit status:
   0    an answer was written
   1    an input was unusable

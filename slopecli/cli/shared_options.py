@@ -23,6 +23,7 @@ from slopecli.products import BY_DEFAULT, CHOICES, MAP_PRODUCTS, PRODUCTS, Produ
 INPUT, OUTPUT, PLANES, FRAME = "Input", "Output", "Windows and planes", "Frame and scale"
 MAP = "Map and landing sites"
 PRIOR, DECISION, SOLVER, GENERAL = "Prior knowledge", "Decision", "Solver", "General"
+CONFIG_HELP = "TOML file of options; the command line comes first"
 NAMES_WIDTH = 27  # characters, so that the lists of a help text line up
 
 
@@ -270,9 +271,38 @@ def _set_talk(ctx: click.Context, parameter: click.Parameter, value: bool) -> No
         raise click.UsageError("-v and -q contradict each other; give one.", ctx)
 
 
+def _take_settings(ctx: click.Context, _: click.Parameter, path: str | None) -> None:
+    """Let a settings file give what the command line does not."""
+    if path is None:
+        return
+    from slopecli.cli.app import slopemap
+    from slopecli.io.settings_files import read_settings
+
+    commands = {name: _spellings(slopemap.commands[name]) for name in slopemap.commands}
+    ctx.default_map = {**(ctx.default_map or {}), **read_settings(path, commands, str(ctx.info_name))}
+
+
+def _spellings(command: click.Command) -> dict[str, str]:
+    """Options of a command as users write them, without dashes in front, and the names of their parameters."""
+    options = [one for one in command.params if isinstance(one, click.Option) and one.expose_value]
+    return {flag.lstrip("-"): str(one.name) for one in options for flag in one.opts if flag.startswith("--")}
+
+
 def talk_options(verbose: str = "Time of every stage") -> tuple[Option, ...]:
     """How much is said on stderr; `verbose` says what more -v gives."""
     return (
+        unlisted(
+            Option(
+                GENERAL,
+                "--config",
+                "FILE",
+                PATH,
+                CONFIG_HELP,
+                expose_value=False,
+                is_eager=True,
+                callback=_take_settings,
+            )
+        ),
         Flag(GENERAL, "-v --verbose", verbose, expose_value=False, callback=_set_talk),
         Flag(GENERAL, "-q --quiet", "Only errors on stderr", expose_value=False, callback=_set_talk),
     )

@@ -1,0 +1,128 @@
+"""`--config`: options from a TOML file, and `slopemap demo`, which needs no file at all."""
+
+from __future__ import annotations
+
+import json
+from contextlib import redirect_stderr, redirect_stdout
+from io import StringIO
+from pathlib import Path
+from typing import NamedTuple
+
+import cv2
+import numpy as np
+import pytest
+
+from slopecli import cli
+
+PLAN = ("plan", "--json")
+
+
+class Done(NamedTuple):
+    """Exit status, stdout and stderr of a command."""
+
+    status: int
+    out: str
+    err: str
+
+
+def slopemap(*arguments: str) -> Done:
+    out, err = StringIO(), StringIO()
+    with redirect_stdout(out), redirect_stderr(err):
+        status = cli.run(cli.slopemap, arguments)
+    return Done(status, out.getvalue(), err.getvalue())
+
+
+def settings(folder: Path, text: str) -> str:
+    path = folder / "slopemap.toml"
+    path.write_text(text, encoding="utf-8")
+    return str(path)
+
+
+def test_settings_are_as_good_as_the_command_line(tmp_path: Path) -> None:
+    path = settings(
+        tmp_path,
+        'fov = 60\nsize = "640x480"\nnoise = 0.2\n[plan]\ndirection = [1, 0, 0]\nheight = 80\nbaseline = 16\n'
+        "ground_slope = 5\n[map]\nfootprint = 64\n",
+    )
+    by_file = slopemap(*PLAN, "--config", path)
+    by_hand = slopemap(
+        *PLAN, "--fov", "60", "--size", "640x480", "--noise", "0.2", "--direction", "1,0,0", "--height", "80",
+        "--baseline", "16", "--ground-slope", "5",
+    )  # fmt: skip
+    assert by_file.status == 0, by_file.err
+    assert by_file.out == by_hand.out
+
+
+def test_the_command_line_comes_first_then_the_table_then_what_is_for_all(tmp_path: Path) -> None:
+    path = settings(tmp_path, "fov = 40\nheight = 80\nbaseline = 1\n[plan]\nfov = 60\nbaseline = 8\n")
+    given = ("--size", "640x480", "--direction", "1,0,0", "--baseline", "16")
+    found = json.loads(slopemap(*PLAN, *given, "--config", path).out)
+    wanted = json.loads(slopemap(*PLAN, *given, "--fov", "60", "--height", "80").out)
+    assert found == wanted
+
+
+def test_flags_and_several_values(tmp_path: Path) -> None:
+    path = settings(
+        tmp_path,
+        'fov = 60\nsize = "640x480"\nheight = 80\nbaseline = 16\n[plan]\ndirection = "1,0,0"\njson = true\n'
+        'window = ["10,10,100,100", "200,200,100,100"]\n',
+    )
+    done = slopemap("plan", "--config", path)
+    assert done.status == 0, done.err
+    assert len(json.loads(done.out)["windows"]) == 2
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("foof = 3\n", "--foof"),
+        ("[plan]\nfootprint_m = 3\n", "--footprint-m"),
+        ("[plane]\nfov = 3\n", "'plane'"),
+        ("fov = [[1]]\n", "fov"),
+        ("fov = 1979-05-27\n", "fov"),
+        ("fov 3\n", "no TOML"),
+        ("\x00", "no TOML"),
+    ],
+)
+def test_what_is_no_setting_is_refused_in_one_line(tmp_path: Path, text: str, said: str) -> None:
+    done = slopemap(*PLAN, "--config", settings(tmp_path, text))
+    assert (done.status, len(done.err.splitlines())) == (1, 1), done.err
+    assert said in done.err
+    assert "fault of slopemap" not in done.err
+
+
+def test_a_value_out_of_range_is_refused_as_on_the_command_line(tmp_path: Path) -> None:
+    done = slopemap(*PLAN, "--config", settings(tmp_path, "fov = 400\n"))
+    assert done.status == 2
+    assert "--fov" in done.err
+
+
+def test_a_settings_file_that_is_not_there(tmp_path: Path) -> None:
+    done = slopemap(*PLAN, "--config", str(tmp_path / "no.toml"))
+    assert (done.status, len(done.err.splitlines())) == (1, 1)
+
+
+def test_demo_answers_from_what_the_package_carries(tmp_path: Path) -> None:
+    done = slopemap("demo", "-o", str(tmp_path / "out"))
+    assert done.status == 0, done.err
+    assert {"image1.jpg", "image2.jpg", "camera.json", "map.png", "slopes.json"} <= {
+        path.name for path in (tmp_path / "out").iterdir()
+    }
+    answer = json.loads((tmp_path / "out" / "slopes.json").read_text(encoding="utf-8"))
+    assert answer["scale"]["unit"] == "m"
+    assert len(answer["sites"]) >= 3
+    assert cv2.imread(str(tmp_path / "out" / "map.png")).std() > 20
+    assert "next: look at" in done.err
+
+
+def test_the_pair_of_the_demo_is_that_of_the_sample() -> None:
+    root = Path(__file__).resolve().parent.parent
+    for number in (1, 2):
+        small, full = (
+            cv2.imread(str(path), cv2.IMREAD_GRAYSCALE).astype(float)
+            for path in (
+                root / "slopecli" / "sample" / f"image{number}.jpg",
+                root / "sample_data" / "descent" / f"image{number}.png",
+            )
+        )
+        assert np.abs(small - full).mean() < 4.0
