@@ -85,7 +85,7 @@ worker_options = (
 @click.argument("folder", type=PATH)
 @click.pass_context
 def batch(ctx: click.Context, folder: str, **parameters: Any) -> None:
-    """Every pair of images in FOLDER, answered as by estimate, segment or map; or every folder in it, by sequence.
+    """Every pair of images in FOLDER, or by sequence every folder in it.
 
     Prints a table. DIR gets a folder for each pair, a table of all (summary.csv, results.jsonl) and a page
     (index.html). Without a camera option, a camera file beside the images is used. After a stop, the same command

@@ -72,7 +72,7 @@ FILES = (
 @click.argument("frames", type=PATH, nargs=-1)
 @click.pass_context
 def sequence(ctx: click.Context, frames: tuple[str, ...], **parameters: Any) -> None:
-    """Slopes of windows of the first frame from a list of images, a folder of them, or a video.
+    """Slopes of windows of the first of many images, of a folder or a video.
 
     Prints a line a frame, then the table; -o DIR also writes sequence.jsonl while it runs, and slopes.json, overlay.png
     and trajectory.txt at the end. Vectors are in axes of the first frame: x right, y down, z forward. Ctrl-C ends the
