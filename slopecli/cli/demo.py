@@ -44,7 +44,7 @@ def demo(ctx: click.Context, **parameters: Any) -> None:
     talk, folder = ctx.ensure_object(Talk), Path(parameters["output"])
     check_directory(folder)
     with talk.timed("load"):
-        first, second, camera_file = copy_sample(resources.files("slopecli.sample"), folder)
+        first, second, camera_file = copy_sample(resources.files("slopecli") / "sample", folder)
         images, camera = (load_image(first), load_image(second)), load_camera(camera_file)
     options = Options(baseline_m=BASELINE_M)
     answer = pipeline.slope_map(*images, camera, camera, options, MapOptions(), on_stage=talk.stage)
