@@ -10,6 +10,8 @@ class TrackingTunables:
     """As measured on rendered descents and flights; see docs/sequence.md."""
 
     per_window: int = 225  # points of a window: 144 lose a tenth of the accuracy, 400 cost twice the time
+    in_few: int = 2000  # points of all windows where they are fewer than nine, at the cost of nine
+    most_per_window: int = 900  # of one of few windows: its cells become as small as the windows of the alignment
     in_all: int = 4000  # points of all windows, so that a grid of a hundred costs about twice that of nine
     outside: int = 200  # points outside the windows, for the motion alone
     least_cell_px: int = 5  # side of the cell that a point is the best corner of; in smaller ones they coincide

@@ -38,7 +38,8 @@ def choose_tracks(grey: Grey, windows: list[Window], camera: Camera) -> Tracks:
     corner[:edge], corner[height - edge :], corner[:, :edge], corner[:, width - edge :] = 0.0, 0.0, 0.0, 0.0
     # a corner that grey noise alone would make: its gradients have a variance of about twice that of the noise
     least = 0.02 * float(np.median(corner[corner > 0.0])) if (corner > 0.0).any() else 0.0
-    wanted = min(TRACKING.per_window, max(TRACKING.in_all // len(windows), 9))
+    few = min(TRACKING.in_few // len(windows), TRACKING.most_per_window)
+    wanted = max(min(TRACKING.per_window, TRACKING.in_all // len(windows)), few, 9)
     parts = [_best_corners(corner, window, wanted, least) for window in windows]
     covered = np.zeros(grey.shape, bool)
     for x, y, w, h in windows:

@@ -26,6 +26,8 @@ from slopecli.geometry.solver.views import (
 from slopecli.geometry.statistics import median, robust_sigma
 from slopecli.types import Ambiguity, BoolArray, FloatArray, Solution
 
+MOST_JOINT = 100  # planes whose covariances with each other are computed; of more those through the pair's motion
+
 
 class Root(NamedTuple):
     """One minimum: its state, linearised there; relief (m,) and the information q (n,) that follows from it.
@@ -192,42 +194,29 @@ class ViewsSolution:
         """(m, 3, 3) of the scaled normals, that of the motions included."""
         return self.own_covariance + self.normal_gain @ self.motion_covariance @ self.normal_gain.swapaxes(1, 2)
 
-    @cached_property
-    def joint_covariance(self) -> FloatArray:
-        """(6k + 3m, 6k + 3m) covariance of all motions (w, T) and all normals."""
-        m = len(self.scaled_normals)
-        gain = np.concatenate([self.basis, self.normal_gain.reshape(3 * m, -1)])
-        full = gain @ self.motion_covariance @ gain.T
-        first = len(self.basis)
-        for i in range(m):
-            part = slice(first + 3 * i, first + 3 * i + 3)
-            full[part, part] += self.own_covariance[i]
-        return full
-
     def pair(self, view: int = -1) -> Solution:
         """The reference and one view as a `Solution`, in the unit of that view's own baseline."""
         view %= len(self.R)
         length = float(np.linalg.norm(self.T[view]))
-        T, m = self.T[view] / length, len(self.scaled_normals)
+        T, m, C = self.T[view] / length, len(self.scaled_normals), self.motion_covariance
         tangent = tangent_basis(T)
-        rows = np.zeros((5 + 3 * m, len(self.basis) + 3 * m))
-        rows[:3, 6 * view : 6 * view + 3] = np.eye(3)
-        rows[3:5, 6 * view + 3 : 6 * view + 6] = tangent.T / length
-        rows[5:, len(self.basis) :] = length * np.eye(3 * m)
-        rows[5:, 6 * view + 3 : 6 * view + 6] = np.outer(self.scaled_normals.ravel(), T)
-        covariance = rows @ self.joint_covariance @ rows.T
-        motion, normals = covariance[:5, :5], covariance[5:, 5:]
-        mixed = covariance[5:, :5]
+        turn, move = self.basis[6 * view : 6 * view + 3], self.basis[6 * view + 3 : 6 * view + 6]
+        # derivatives of the pair's motion and normals by the motions of all views
+        of_motion = np.concatenate([turn, tangent.T @ move / length])
+        of_normals = length * self.normal_gain + self.scaled_normals[:, :, None] * (T @ move)
+        own = length**2 * self.own_covariance
+        motion = of_motion @ C @ of_motion.T
+        flat = of_normals.reshape(3 * m, -1)
         other = self.alternative.pair(view) if self.alternative is not None else None
         ambiguity = Ambiguity(self.status, self.delta_chi2, other, None, self.joined)  # type: ignore[arg-type]
         return Solution(
             R=self.R[view],
             T=T,
             scaled_normals=length * self.scaled_normals,
-            normal_covariance=np.stack([normals[3 * i : 3 * i + 3, 3 * i : 3 * i + 3] for i in range(m)]),
+            normal_covariance=own + of_normals @ C @ of_normals.swapaxes(1, 2),
             motion_covariance=motion,
             tangent=tangent,
-            normal_gain=(mixed @ np.linalg.pinv(motion)).reshape(m, 3, 5),
+            normal_gain=(flat @ C @ of_motion.T @ np.linalg.pinv(motion)).reshape(m, 3, 5),
             noise=self.noise,
             relief=self.relief,
             rms=self.rms,
@@ -236,9 +225,17 @@ class ViewsSolution:
             converged=self.converged,
             iterations=self.iterations,
             ambiguity=ambiguity,
-            joint_normals=normals,
+            joint_normals=flat @ C @ flat.T + _diagonal(own) if m <= MOST_JOINT else None,
             noise_gain=self.noise_gain,
         )
+
+
+def _diagonal(blocks: FloatArray) -> FloatArray:
+    """(3m, 3m) with blocks (m, 3, 3) on its diagonal."""
+    m = len(blocks)
+    full = np.zeros((m, 3, m, 3))
+    full[np.arange(m), :, np.arange(m)] = blocks
+    return full.reshape(3 * m, 3 * m)
 
 
 def solution_of(points: ViewPoints, root: Root, unit: float, gain: float = 1.0) -> ViewsSolution:
