@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 import json
+import math
 import re
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+import tifffile
 from command import slopemap
 from metadata_factory import FOCAL_35, PLACE, gimbal, photograph, xmp_packet
 from numpy.testing import assert_allclose
+from pyproj import Geod, Proj
 from scenery import Pair, Surface, make_camera, render, turn, unit
 from scipy.spatial.transform import Rotation
 
@@ -315,3 +318,66 @@ def test_options_from_python(tmp_path: Path, scene: Pair) -> None:
     assert_allclose(
         np.array(options.stated.attitude1).reshape(3, 3).T @ options.stated.move_m, T * BASELINE_M, atol=0.1
     )
+
+
+# ---- on the earth ----
+
+
+def place_of(u: float, v: float, scaled_normal: np.ndarray) -> tuple[float, float]:
+    """Longitude and latitude of the ground that a pixel of image 1 shows."""
+    ray = np.array([(u - CAMERA.cx) / CAMERA.fx, (v - CAMERA.cy) / CAMERA.fy, 1.0])
+    north, east, _ = NED_1 @ (ray / (ray @ scaled_normal)) * BASELINE_M
+    longitude, latitude, _ = Geod(ellps="WGS84").fwd(
+        PLACE[1], PLACE[0], math.degrees(math.atan2(east, north)), math.hypot(east, north)
+    )
+    return longitude, latitude
+
+
+def test_a_marked_corner_lies_where_it_is_on_the_earth(scene: Pair, tmp_path: Path) -> None:
+    """Corners of windows and the slopes left and right of the ridge, in slopes.geojson and in the GeoTIFF."""
+    images = write(tmp_path, scene)
+    done = slopemap("estimate", *images, *HALVES, "--metadata", "-o", "out", *QUIET, cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    features = json.loads((tmp_path / "out/slopes.geojson").read_text())["features"]
+    for feature, normal, (u, v) in zip(features, (LEFT, RIGHT), ((59.5, 49.5), (179.5, 49.5)), strict=True):
+        sigma = feature["properties"]["position_sigma_m"]
+        assert 3.0 <= sigma < 12.0
+        corners = feature["geometry"]["coordinates"][0]
+        off = min(Geod(ellps="WGS84").inv(*place_of(u, v, normal), *corner)[2] for corner in corners)
+        assert off < sigma
+    done = slopemap("map", *images, "--metadata", "-o", "map", "--no-pictures", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    with tifffile.TiffFile(tmp_path / "map/slope_map_geo.tif") as file:
+        (slope, sigma, *_), tags_of = file.pages[0].asarray(), file.pages[0].tags
+        pixel, tie = tags_of["ModelPixelScaleTag"].value[0], tags_of["ModelTiepointTag"].value
+        assert tags_of["GeoKeyDirectoryTag"].value[-5] == 32632
+    for u, v, normal in ((80, 120, LEFT), (110, 70, LEFT), (230, 120, RIGHT), (260, 170, RIGHT)):
+        easting, northing = Proj("EPSG:32632")(*place_of(u, v, normal))
+        row, column = int((tie[4] - northing) / pixel), int((easting - tie[3]) / pixel)
+        assert abs(slope[row, column] - truth(normal)[0]) < 3 * sigma[row, column] < 12
+
+
+def test_a_position_of_ones_own_goes_before_that_of_the_image(scene: Pair, tmp_path: Path) -> None:
+    images = write(tmp_path, scene)
+    result = answer(tmp_path, images, "--metadata", "--position", "10,20,30", "--position-sigma", "0.5")
+    assert result["place"]["position"] == {
+        "latitude_deg": 10, "longitude_deg": 20, "altitude_m": 30, "sigma_m": 0.5, "sigma_up_m": 1, "apart_sigma_m": 0.5
+    }  # fmt: skip
+
+
+def test_what_is_missing_for_a_gis_is_said(scene: Pair, tmp_path: Path) -> None:
+    images = write(tmp_path, scene)
+    camera = ("--intrinsics", f"{CAMERA.fx},{CAMERA.fy},{CAMERA.cx},{CAMERA.cy}", *QUIET, *HALVES)
+    for options, missing in (
+        (("--position", "10,20"), "the direction of north (--yaw, --north) and metres (--baseline, --altitude)"),
+        (("--position", "10,20", "--north", "0,-1,0"), "metres (--baseline, --altitude)"),
+        (("--position", "10,20", "--baseline", "12.5"), "the direction of north (--yaw, --north)"),
+    ):
+        done = slopemap("estimate", *images, *camera, *options, "-o", "out", cwd=tmp_path)
+        assert done.returncode == 0
+        assert f"info: no slopes.geojson and no map of a GIS: {missing} not known" in done.stderr
+        assert not (tmp_path / "out/slopes.geojson").exists()
+    for text in ("91,0", "0,181", "1", "1,2,3,4", "nan,0", "x,y", "1,2,1e9"):
+        done = slopemap("estimate", *images, *camera, "--position", text, "-o", "out", cwd=tmp_path)
+        assert done.returncode == 2
+        assert "is not LAT,LON or LAT,LON,ALT" in done.stderr
