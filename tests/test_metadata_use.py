@@ -201,6 +201,19 @@ def test_another_flight_is_noticed(tmp_path: Path, scene: Pair) -> None:
     assert "no turn" in codes(answer(tmp_path, images, "--metadata"))["metadata-contradicted"]
 
 
+def test_positions_tell_two_motions_apart(tmp_path: Path) -> None:
+    """One plane, seen twice: the note names the true motion, and the option that rules out the other."""
+    plane = render(R, T, [Surface(LEFT)], noise=1.0)
+    images = write(tmp_path, plane)
+    result = answer(tmp_path, images, "--metadata")
+    assert result["ambiguity"]["status"] == "unresolved"
+    (remedy,) = [one["remedy"] for one in result["diagnostics"] if one["code"] == "metadata" and one["remedy"]]
+    again = answer(tmp_path, images, "--metadata", *remedy.split()[:2])
+    assert again["ambiguity"]["status"] == "resolved"
+    moved = np.array(again["motion"]["baseline_cam1"])
+    assert moved @ T / np.linalg.norm(moved) > np.cos(np.radians(2))
+
+
 # ---- what is not stated, or not usably ----
 
 

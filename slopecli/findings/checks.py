@@ -31,6 +31,7 @@ ANSWER_CHECKS = (
     plane_checks.focus_of_expansion_in_plane,
     plane_checks.not_planar,
     solution_checks.second_root,
+    metadata_checks.root_stated,
     solution_checks.large_residuals,
     solution_checks.not_converged,
 )

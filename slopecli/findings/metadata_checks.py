@@ -56,6 +56,20 @@ def contradicted(facts: AnswerFacts) -> list[Diagnostic]:
     return [finding("metadata-contradicted", message, first.value)]
 
 
+def root_stated(facts: AnswerFacts) -> list[Diagnostic]:
+    """Say which of two motions is the one that the positions state, and how to let them decide."""
+    stated, both = facts.options.stated, facts.solution.ambiguity
+    if both.status != "unresolved" or both.alternative is None or stated is None or stated.attitude1 is None:
+        return []
+    first, second = (_differences(root, stated, 0, 0).worst <= 1.0 for root in (facts.solution, both.alternative))
+    if first == second or stated.move_m is None or not _tells_move(stated):
+        return []
+    x, y, z = _matrix(stated.attitude1).T @ np.array(stated.move_m) / np.linalg.norm(stated.move_m)
+    message = f"of the two motions the {'first' if first else 'second'} goes from one GPS position to the other"
+    remedy = f"--direction-prior {x:.3f},{y:.3f},{z:.3f},{stated.move_sigma_deg:.2g} lets them decide"
+    return [finding("metadata", message, None, remedy)]
+
+
 def _turned(turns: tuple[float, float], stated: Stated) -> tuple[str, str]:
     """Which images seem to be turned, by how much, and what to do; turns: of images 1 and 2, degrees."""
     by = " and ".join(f"{turn:.0f}°" for turn in dict.fromkeys(turns) if turn)
