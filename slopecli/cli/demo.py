@@ -13,7 +13,6 @@ from slopecli.cli.map_table import print_map
 from slopecli.cli.parameter_types import PATH
 from slopecli.cli.talk import Talk
 
-BASELINE_M = 2.175  # between the cameras of the pair
 NEXT = (
     "next: look at {picture}: blue ground is at most 15° steep, orange ground is steeper, hatched ground is not known",
     "your own pair needs its camera: slopemap map first.jpg second.jpg --camera camera.json -o out",
@@ -46,7 +45,7 @@ def demo(ctx: click.Context, **parameters: Any) -> None:
     with talk.timed("load"):
         first, second, camera_file = copy_sample(resources.files("slopecli") / "sample", folder)
         images, camera = (load_image(first), load_image(second)), load_camera(camera_file)
-    options = Options(baseline_m=BASELINE_M)
+    options = Options(baseline_m=2.175)  # the distance between the cameras of the sample
     answer = pipeline.slope_map(*images, camera, camera, options, MapOptions(), on_stage=talk.stage)
     with talk.timed("write"):
         written = write_map(answer, images[0], folder)

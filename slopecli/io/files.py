@@ -26,13 +26,18 @@ DISK_FULL = (errno.ENOSPC, errno.EDQUOT)
 
 
 def read_file(
-    path: str | PathLike[str], kind: str, max_bytes: int, base: str | PathLike[str] = "", *, pipe: bool = False
+    path: str | PathLike[str],
+    kind: str,
+    max_bytes: int = 2_000_000_000,
+    base: str | PathLike[str] = "",
+    *,
+    pipe: bool = False,
 ) -> bytes:
     """The bytes of an input file.
 
     Parameters
     ----------
-    kind : what it should be, for messages: "image file".
+    kind : what it should be, for messages: "image file".  max_bytes : more are refused; by default what memory holds.
     base : folder that a relative path starts from.
     pipe : whether it may be a pipe; of a pipe at most max_bytes + 1 are read.
 

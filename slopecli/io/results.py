@@ -21,7 +21,6 @@ from slopecli.types import Camera
 from slopecli.validate.finished_result import Result, ResultMap, ResultPlane
 
 LABELS = "labels.png"
-MAX_BYTES = 1 << 30
 WANTED = "needed the folder of an answer of estimate, segment or map, or its slopes.json"
 
 
@@ -35,7 +34,7 @@ def read_result(path: str | PathLike[str]) -> Result:
     if not file.exists():
         raise InputError(f"{path}: no such answer; {WANTED}")
     try:
-        document = json.loads(read_file(file, "slopes.json", MAX_BYTES))
+        document = json.loads(read_file(file, "slopes.json"))
         return _result(document, file.parent)
     except InputError:
         raise
@@ -94,9 +93,7 @@ def _labels(folder: Path, camera: Camera) -> NDArray[np.uint16] | None:
     """labels.png of image 1's size; None where there is none."""
     if not (folder / LABELS).exists():
         return None
-    labels = cv2.imdecode(
-        np.frombuffer(read_file(folder / LABELS, "image file", MAX_BYTES), np.uint8), cv2.IMREAD_UNCHANGED
-    )
+    labels = cv2.imdecode(np.frombuffer(read_file(folder / LABELS, "image file"), np.uint8), cv2.IMREAD_UNCHANGED)
     if labels is None or labels.shape != (camera.height, camera.width):
         raise InputError(f"{folder / LABELS}: is not the labels of this answer; write the answer again")
     return np.asarray(labels, np.uint16)

@@ -10,7 +10,6 @@ from typing import Any
 from slopecli.errors import InputError
 from slopecli.io.files import read_file
 
-MAX_BYTES = 1_000_000
 WANTED = 'needed lines such as camera = "camera.json", for all commands, or below [map] for one'
 
 
@@ -27,7 +26,7 @@ def read_settings(path: str | PathLike[str], commands: Mapping[str, Mapping[str,
     InputError : the file cannot be read, or names a command or an option that there is not.
     """
     try:
-        document = tomllib.loads(read_file(path, "settings file", MAX_BYTES).decode("utf-8"))
+        document = tomllib.loads(read_file(path, "settings file").decode("utf-8"))
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
         raise InputError(f"{path}: is no TOML ({error}); {WANTED}") from error
     tables = {name: value for name, value in document.items() if isinstance(value, dict)}

@@ -16,7 +16,6 @@ from slopecli.io.files import read_file
 from slopecli.types import FloatArray
 
 Grid = NDArray[np.floating]
-MAX_BYTES = 1 << 31
 GRID_NAMES = ("depth", "disparity", "disp", "z")  # of the array in an NPZ with several
 
 
@@ -71,7 +70,7 @@ def _read_npz(path: str | PathLike[str], key: str | None) -> Grid:
 
 
 def _read_image(path: str | PathLike[str], key: str | None) -> Grid:
-    values = cv2.imdecode(np.frombuffer(read_file(path, "depth", MAX_BYTES), np.uint8), cv2.IMREAD_UNCHANGED)
+    values = cv2.imdecode(np.frombuffer(read_file(path, "depth"), np.uint8), cv2.IMREAD_UNCHANGED)
     if values is None:
         raise InputError(f"{path}: cannot be read as an image; write it as NPY, PFM or 16-bit PNG")
     return np.asarray(values)
@@ -95,7 +94,7 @@ def _read_pfm(path: str | PathLike[str], key: str | None) -> Grid:
 
     The scale is negative where the bytes are little-endian. Source: Debevec, "PFM portable float map format".
     """
-    content = read_file(path, "depth", MAX_BYTES)
+    content = read_file(path, "depth")
     head = content.split(None, 4)
     if len(head) < 5 or head[0] != b"Pf":
         raise InputError(f"{path}: is no PFM of one channel (it begins with {content[:2]!r}); needed Pf")

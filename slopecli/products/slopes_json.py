@@ -17,7 +17,6 @@ from slopecli.products.map_tiff import BANDS, MAP_FILE
 from slopecli.types import Image, Report
 
 SCHEMA_VERSION = "2.1"
-LINE = 110  # characters that are kept on one line
 SIGNIFICANT_DIGITS = 9  # 1e-9 of a rotation is 6e-8 deg; more digits would only record the processor's rounding
 # written as labels.png, drawn on overlay.png and the steps; properties that follow from other keys
 _NOT_IN_JSON = {"labels", "epipole1_px", "segmentation", "slope_known", "noun", "found", "size_given", "note"}
@@ -116,9 +115,10 @@ def _least_length(value: dict[str, Any] | list[Any]) -> int:
 
 def _layout(value: Any, indent: str = "", before: str = "") -> str:
     """Indent by two, but keep on one line whatever fits: a matrix reads better in a row than in nine."""
-    if not isinstance(value, dict | list) or _least_length(value) <= LINE:
+    line = 110 - len(indent)  # characters
+    if not isinstance(value, dict | list) or _least_length(value) <= line:
         compact = before + json.dumps(value, allow_nan=False)
-        if len(indent) + len(compact) <= LINE or not isinstance(value, dict | list):
+        if len(compact) <= line or not isinstance(value, dict | list):
             return compact
     inner = indent + "  "
     if isinstance(value, dict):

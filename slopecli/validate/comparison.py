@@ -98,10 +98,7 @@ def compare(result: Result, truth: Truth, surfaces: NDArray[Any] | None = None) 
         the plane of the whole surface that most of it is on.
     InputError : no patch has truth under it.
     """
-    under = {plane.id: truth.some(_under(plane, result, truth)) for plane in result.planes}
-    if surfaces is not None:
-        at = _numbers_at(truth, surfaces)
-        under = {plane.id: truth.some(_surface_under(plane, result, truth, at)) for plane in result.planes}
+    under = _points_under(result, truth, surfaces)
     known = [plane for plane in result.planes if len(under[plane.id].points) >= COMPARE.fewest]
     if not known:
         raise InputError(
@@ -111,9 +108,7 @@ def compare(result: Result, truth: Truth, surfaces: NDArray[Any] | None = None) 
     outliers = truth.in_disparity or surfaces is not None
     fits = [fit_plane(under[plane.id], robust=plane.found or outliers) for plane in known]
     ratios = np.array([abs(fit.normal @ fit.middle) / plane.distance for fit, plane in zip(fits, known, strict=True)])
-    sure = np.array([plane.sigma_deg is None or plane.sigma_deg <= COMPARE.sure_deg for plane in known])
-    scale = median(ratios[sure] if sure.any() else ratios)
-    spread = MAD_FACTOR * median(np.abs((ratios[sure] if sure.any() else ratios) / scale - 1.0))
+    scale, spread = _scale(ratios, known)
     patches = [
         _compared(plane, fit, ratio / scale, result.up)
         for plane, fit, ratio in zip(known, fits, ratios.tolist(), strict=True)
@@ -121,6 +116,14 @@ def compare(result: Result, truth: Truth, surfaces: NDArray[Any] | None = None) 
     missing = tuple(plane.id for plane in result.planes if plane not in known)
     cells = None if result.cells is None else _cells(result, result.cells, truth)
     return Comparison(tuple(patches), missing, scale, spread, cells)
+
+
+def _points_under(result: Result, truth: Truth, surfaces: NDArray[Any] | None) -> dict[int, Truth]:
+    """The points that every patch is compared with, by its id."""
+    if surfaces is None:
+        return {plane.id: truth.some(_under(plane, result, truth)) for plane in result.planes}
+    at = _numbers_at(truth, surfaces)
+    return {plane.id: truth.some(_surface_under(plane, result, truth, at)) for plane in result.planes}
 
 
 def _under(plane: ResultPlane, result: Result, truth: Truth) -> np.ndarray:
@@ -148,6 +151,14 @@ def _surface_under(plane: ResultPlane, result: Result, truth: Truth, at: NDArray
     if not len(numbers) or counts.max() < COMPARE.mostly * counts.sum() or numbers[counts.argmax()] == 0:
         return np.zeros(len(at), bool)
     return np.asarray(at == numbers[counts.argmax()])
+
+
+def _scale(ratios: FloatArray, planes: Sequence[ResultPlane]) -> tuple[float, float]:
+    """The scale of most sure planes, or of most planes where none is sure, and its relative spread."""
+    sure = np.array([plane.sigma_deg is None or plane.sigma_deg <= COMPARE.sure_deg for plane in planes])
+    chosen = ratios[sure] if sure.any() else ratios
+    scale = median(chosen)
+    return scale, MAD_FACTOR * median(np.abs(chosen / scale - 1.0))
 
 
 @dataclass(frozen=True, eq=False)

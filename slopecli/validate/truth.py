@@ -11,9 +11,17 @@ from slopecli.errors import InputError
 from slopecli.geometry.camera import pixels_from_rays, rays_from_pixels, scale_camera
 from slopecli.types import BoolArray, Camera, FloatArray, IntArray
 
-BLOCK_PX = 4.0  # side of the blocks of image 1 in which points behind others are hidden
-BEHIND = 1.05  # times the distance of the nearest point of a block, from which on a point is hidden
-LIKE = 0.02  # relative difference of the shapes of image 1 and of its depth
+
+@dataclass(frozen=True)
+class TruthTunables:
+    """Tunables of what image 1 shows of the truth."""
+
+    block_px: float = 4.0  # side of the blocks of image 1 in which points behind others are hidden
+    behind: float = 1.05  # times the distance of the nearest point of a block, from which on a point is hidden
+    like: float = 0.02  # relative difference of the shapes of image 1 and of its depth that rounding makes
+
+
+SHOWN = TruthTunables()
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,7 +48,7 @@ def from_depth(depth: NDArray[np.floating], camera: Camera, *, in_disparity: boo
     """
     rows, columns = depth.shape
     ratio = columns / camera.width / (rows / camera.height)
-    if abs(np.log(ratio)) > LIKE:
+    if abs(np.log(ratio)) > SHOWN.like:
         raise InputError(
             f"the truth is {columns}x{rows} px, and image 1 {camera.width}x{camera.height}; needed one value for every "
             "pixel of image 1, or of image 1 enlarged or reduced"
@@ -96,8 +104,8 @@ def from_points(points: FloatArray, camera: Camera) -> Truth:
             "forward), or their --pose: the attitude and the place of camera 1 among them"
         )
     truth = Truth(points[inside], uv[inside])
-    block = np.floor(truth.uv / BLOCK_PX).astype(np.int64)
+    block = np.floor(truth.uv / SHOWN.block_px).astype(np.int64)
     _, number = np.unique(block[:, 1] * (camera.width + 1) + block[:, 0], return_inverse=True)
     nearest = np.full(number.max() + 1, np.inf)
     np.minimum.at(nearest, number, truth.points[:, 2])
-    return truth.some(truth.points[:, 2] <= BEHIND * nearest[number])
+    return truth.some(truth.points[:, 2] <= SHOWN.behind * nearest[number])

@@ -18,7 +18,6 @@ from slopecli.validate.truth import Truth
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-MOST_POINTS_DRAWN, MOST_NAMED = 6000, 24  # of the truth in space; patches whose bars have their id
 GROUND, ANSWER, SIGMA = "#7f7f7f", "#D55E00", "#0072B2"  # safe for the colour-blind: Okabe and Ito
 
 
@@ -45,7 +44,7 @@ def _draw_differences(axes: Axes, comparison: Comparison) -> None:
     axes.bar(places, off, color=ANSWER, label="slope less true slope")
     axes.errorbar(places, off, 2.0 * sigma, fmt="none", ecolor=SIGMA, capsize=3.0, label="2 sigma of the answer")
     axes.axhline(0.0, color="black", linewidth=0.8)
-    step = -(-len(patches) // MOST_NAMED)
+    step = -(-len(patches) // 24)  # as many ids as there is room for
     axes.set_xticks(places[::step], [str(one.id) for one in patches[::step]])
     most = 1.25 * float(np.quantile(np.abs(off) + 2.0 * np.nan_to_num(sigma), 0.95)) or 1.0
     axes.set_ylim(-most, most)
@@ -55,8 +54,8 @@ def _draw_differences(axes: Axes, comparison: Comparison) -> None:
 
 def _draw_space(axes: Any, result: Result, truth: Truth, comparison: Comparison) -> None:
     """The paper's Figure 8: the patches over the points of the truth, in the unit of the truth, seen from the side."""
-    axes_of = _level_axes(result.up)
-    some = truth.points[:: max(1, len(truth.points) // MOST_POINTS_DRAWN)] @ axes_of.T
+    axes_of = _level_axes(result.up)  # more than some thousand points only take time
+    some = truth.points[:: max(1, len(truth.points) // 6000)] @ axes_of.T
     axes.scatter(*some.T, s=1.0, color=GROUND, linewidths=0.0)
     planes = {plane.id: plane for plane in result.planes}
     shown = [_outline(planes[one.id], result, comparison.scale) @ axes_of.T for one in comparison.patches]
