@@ -195,3 +195,19 @@ def test_a_map_has_the_depth_of_all_frames(descent: Path, tmp_path: Path) -> Non
     on_a_face = (np.abs(rows - middle[0]) > 4) & (np.abs(columns - middle[1]) > 4)
     assert np.median(off[on_a_face]) < 0.5
     assert (off[on_a_face] < 3.0 * sigmas[known][on_a_face] + 0.1).mean() > 0.95
+
+
+def test_positions_give_metres(descent: Path, tmp_path: Path) -> None:
+    """Turned, shifted and in steps of 2.5 m; distances alone count."""
+    lines = [f"{100 + 2.5 * number:.3f} 20.0 -3.0" for number in range(5)]
+    (tmp_path / "positions.txt").write_text("\n".join(lines) + "\n")
+    out = tmp_path / "out"
+    done = slopemap(*arguments(descent, out), "--positions", str(tmp_path / "positions.txt"))
+    assert done.returncode == 0, done.stderr
+    document = json.loads((out / "slopes.json").read_text())
+    assert (document["scale"]["unit"], document["scale"]["source"]) == ("m", "pose")
+    assert np.linalg.norm(document["motions"][-1]["motion"]["baseline_cam1"]) == pytest.approx(10.0, rel=0.01)
+    (tmp_path / "positions.txt").write_text("\n".join(lines[:4]) + "\n")
+    done = slopemap(*arguments(descent, out), "--positions", str(tmp_path / "positions.txt"))
+    assert done.returncode == 1
+    assert "4 lines for 5 frames" in done.stderr

@@ -37,6 +37,7 @@ STOPS = click.Choice(["settled"])
 FRAMES = (
     Option(INPUT, "--glob pattern", "PATTERN", str, "Of the images in a folder", "", shown="all"),
     Option(INPUT, "--times times_file", "FILE", PATH, "Time of every frame, s, one a line"),
+    Option(INPUT, "--positions positions_file", "FILE", PATH, "Of the camera: x,y,z or TUM lines, for metres"),
     Option(INPUT, "--every", "N", click.IntRange(1), "Of a video: every N-th frame", 1),
     Option(INPUT, "--fps", "RATE", POSITIVE, "Of a video: so many frames a second", shown="all"),
     Option(INPUT, "--start start_s", "S", kinds.Between(0, 1e6), "Of a video: where to begin, s", 0.0),
@@ -107,8 +108,8 @@ def sequence(ctx: click.Context, frames: tuple[str, ...], **parameters: Any) -> 
 
 def _check(ctx: click.Context, frames: tuple[str, ...], parameters: dict[str, Any]) -> None:
     """Refuse contradictions of the command line, and a folder that cannot take the results."""
-    at_most_one(ctx, CAMERA_FLAGS, WINDOW_FLAGS, ("baseline_m", "altitude_m"), ("every", "fps"))
-    sigma_alone = given(ctx, "scale_sigma_percent") and not given(ctx, "baseline_m", "altitude_m")
+    at_most_one(ctx, CAMERA_FLAGS, WINDOW_FLAGS, ("baseline_m", "altitude_m", "positions_file"), ("every", "fps"))
+    sigma_alone = given(ctx, "scale_sigma_percent") and not given(ctx, "baseline_m", "altitude_m", "positions_file")
     live = parameters["live"]
     refuse(
         ctx,
@@ -120,25 +121,27 @@ def _check(ctx: click.Context, frames: tuple[str, ...], parameters: dict[str, An
             "Nowhere to put the answer: give -o DIR, or --json to print it.",
         ),
         (parameters["video"] and not parameters["output"], "--video is a file; give -o DIR for it."),
-        (sigma_alone, "--scale-sigma is of a --baseline or --altitude; give both."),
+        (sigma_alone, "--scale-sigma is of a --baseline, --altitude or --positions; give both."),
     )
     if parameters["output"]:
         from slopecli.io.outputs import check_directory
         from slopecli.products import OUTPUT_NAMES
 
         names = (LINES, *OUTPUT_NAMES)
-        check_directory(parameters["output"], names, inputs=(*frames, parameters["camera"], parameters["times_file"]))
+        files = (parameters[name] for name in ("camera", "times_file", "positions_file"))
+        check_directory(parameters["output"], names, inputs=(*frames, *files))
 
 
 def _opened(frames: tuple[str, ...], parameters: dict[str, Any]) -> FrameSource:
     """The frames that the command line names."""
-    from slopecli.io.frame_sources import VideoChoice, open_camera, open_frames, read_times
+    from slopecli.io.frame_sources import VideoChoice, open_camera, open_frames, read_positions, read_times
 
     if parameters["live"]:
         return open_camera(parameters["live"])
     times = read_times(parameters["times_file"]) if parameters["times_file"] else None
     choice = VideoChoice(parameters["every"], parameters["fps"], parameters["start_s"], parameters["stop_s"])
-    return open_frames(frames, parameters["pattern"], times, choice)
+    positions = read_positions(parameters["positions_file"]) if parameters["positions_file"] else None
+    return open_frames(frames, parameters["pattern"], times, choice, positions)
 
 
 def _run(

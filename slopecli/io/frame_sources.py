@@ -21,6 +21,9 @@ from slopecli.types import Image
 VIDEO_SUFFIXES = {".mp4", ".avi", ".mov", ".mkv", ".webm", ".m4v", ".mpg", ".mpeg", ".mjpeg", ".ts"}
 
 
+Position = tuple[float, float, float]
+
+
 @dataclass(frozen=True)
 class VideoChoice:
     """Which frames of a video are taken: from `start_s` to `stop_s`, every n-th, or so many a second.
@@ -55,11 +58,16 @@ class FrameSource:
 
 
 def open_frames(
-    paths: Sequence[str], pattern: str = "", times: Sequence[float] | None = None, video: VideoChoice | None = None
+    paths: Sequence[str],
+    pattern: str = "",
+    times: Sequence[float] | None = None,
+    video: VideoChoice | None = None,
+    positions: Sequence[Position] | None = None,
 ) -> FrameSource:
     """Frames of files, of one folder in natural order, or of one video.
 
-    pattern : of the names of images in a folder; "" for all.  times : s, one a frame, of files and folders.
+    pattern : of the names of images in a folder; "" for all.
+    times, positions : s, and m, one a frame, of files and folders.
 
     Raises
     ------
@@ -70,27 +78,36 @@ def open_frames(
         chosen = [name for name in names if not pattern or fnmatch.fnmatch(Path(name).name, pattern)]
         if not chosen:
             raise InputError(f"{paths[0]}: none of its {len(names)} images is called {pattern}; check --glob")
-        return _of_files(chosen, times)
+        return _of_files(chosen, times, positions)
     if len(paths) == 1 and Path(paths[0]).suffix.lower() in VIDEO_SUFFIXES:
+        if times is not None or positions is not None:
+            raise InputError(f"{paths[0]}: is a video, which has its own times; --times and --positions are for images")
         return _of_video(paths[0], video or VideoChoice())
-    return _of_files(paths, times)
+    return _of_files(paths, times, positions)
 
 
-def _of_files(paths: Sequence[str], times: Sequence[float] | None) -> FrameSource:
+def _of_files(paths: Sequence[str], times: Sequence[float] | None, positions: Sequence[Position] | None) -> FrameSource:
     if len(paths) < 2:
         raise InputError(f"{paths[0]}: is one image, a sequence needs at least two; give more, a folder or a video")
-    if times is not None and len(times) != len(paths):
-        raise InputError(f"--times has {len(times)} times for {len(paths)} frames; give one a frame")
-    first = Frame(paths[0], load_image(paths[0]), None if times is None else times[0])
-    return FrameSource(first, read_frames(paths[1:], times=None if times is None else times[1:]), len(paths))
+    for flag, values in (("--times", times), ("--positions", positions)):
+        if values is not None and len(values) != len(paths):
+            raise InputError(f"{flag} has {len(values)} lines for {len(paths)} frames; give one a frame")
+    load_image(paths[0])  # the size of the camera is that of the first: it must be readable
+    frames = read_frames(paths, times=times, positions=positions)
+    return FrameSource(next(frames), frames, len(paths))
 
 
-def read_frames(paths: Sequence[str], base: str = "", times: Sequence[float] | None = None) -> Iterator[Frame]:
+def read_frames(
+    paths: Sequence[str],
+    base: str = "",
+    times: Sequence[float] | None = None,
+    positions: Sequence[Position] | None = None,
+) -> Iterator[Frame]:
     """Frames of image files, relative to `base`; what is wrong with one that cannot be read is its problem."""
     for k, path in enumerate(paths):
-        time_s = None if times is None else times[k]
+        time_s, position = None if times is None else times[k], None if positions is None else positions[k]
         try:
-            yield Frame(path, decode_image(read_image_file(path, base), path), time_s)
+            yield Frame(path, decode_image(read_image_file(path, base), path), time_s, position_m=position)
         except InputError as error:
             yield Frame(path, None, time_s, str(error).removeprefix(f"{path}: "))
 
@@ -191,3 +208,26 @@ def read_times(path: str) -> list[float]:
     if not times:
         raise InputError(f"{path}: has no times; {needed}")
     return times
+
+
+def read_positions(path: str) -> list[Position]:
+    """Positions x, y, z in m, one a line, or lines of a trajectory in TUM format; InputError for anything else."""
+    data = read_file(path, "file of positions", 100_000_000)
+    needed = "needed x, y, z in m a line, or lines in TUM format: time, x, y, z, and a quaternion"
+    found: list[Position] = []
+    for line, cells in csv_rows(path, data, needed, ", "):
+        if cells[0].startswith("#"):
+            continue
+        try:
+            values = [float(cell) for cell in cells if cell]
+        except ValueError:
+            if not found and line == 1:  # a heading
+                continue
+            raise InputError(f"{path}: line {line} is {' '.join(cells)[:60]!r}; {needed}") from None
+        values = values[1:4] if len(values) == 8 else values
+        if len(values) != 3 or not all(map(math.isfinite, values)):
+            raise InputError(f"{path}: line {line} has {len(cells)} values; {needed}")
+        found.append((values[0], values[1], values[2]))
+    if not found:
+        raise InputError(f"{path}: has no positions; {needed}")
+    return found

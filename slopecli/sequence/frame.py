@@ -13,12 +13,16 @@ if TYPE_CHECKING:
 
 
 class Frame(NamedTuple):
-    """One frame: its name, image, and time in s, None where that is not known; problem: why there is no image."""
+    """One frame: its name, image, and time in s, None where that is not known; problem: why there is no image.
+
+    position_m : of the camera, in axes that are the same for all frames, m; None where it is not known.
+    """
 
     name: str
     image: Image | None
     time_s: float | None = None
     problem: str = ""
+    position_m: tuple[float, float, float] | None = None
 
 
 @dataclass(frozen=True, eq=False)

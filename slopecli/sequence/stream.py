@@ -40,6 +40,7 @@ class FrameState:
     frame : its number, from 1.  image : what it is called.  time_s : when it was taken, None where that is not known.
     status : "reference" (the first), "used" or "skipped"; why : code and words if skipped.
     R, T : of the frame, in axes of the first, unit: the first move; None if it was not used.
+    position_m : of the camera as known otherwise, m.
     """
 
     frame: int
@@ -49,6 +50,7 @@ class FrameState:
     why: Skipped | None = None
     R: FloatArray | None = None
     T: FloatArray | None = None
+    position_m: tuple[float, float, float] | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -197,7 +199,8 @@ class Sequence:
             state = FrameState(len(self.frames) + 1, "skipped", frame.name, frame.time_s, why)
             self.frames.append(state)
             return state
-        state = self.add(frame.image.grey, frame.name, frame.time_s)
+        state = replace(self.add(frame.image.grey, frame.name, frame.time_s), position_m=frame.position_m)
+        self.frames[-1] = state
         if state.status != "skipped":
             info = ImageInfo(frame.image.path, frame.image.width, frame.image.height, frame.image.sha256)
             self._images = (frame.image if state.status == "reference" else self._images[0], info)
@@ -272,7 +275,29 @@ class Sequence:
         used = [state for state in self.frames if state.status != "skipped"]
         size = self.camera.width, self.camera.height
         named = images or (ImageInfo(used[0].image, *size, ""), ImageInfo(used[-1].image, *size, ""))
-        return report_of(self._estimator, self.windows, named, self.camera, self.options, self._notes())
+        length = self._first_move_m(used)
+        options = self.options if length is None else replace(self.options, baseline_m=length)
+        found = report_of(self._estimator, self.windows, named, self.camera, options, self._notes())
+        if length is None:
+            return found
+        return found._replace(report=replace(found.report, scale=replace(found.report.scale, source="pose")))
+
+    @staticmethod
+    def _first_move_m(used: list[FrameState]) -> float | None:
+        """Length of the first move, m, from the positions that are known; None where fewer than two are.
+
+        Distances from the first frame, known and found, are compared by least squares; their axes do not matter.
+        """
+        start = used[0].position_m
+        if start is None:
+            return None
+        both = [
+            (float(np.linalg.norm(state.T)), float(np.linalg.norm(np.subtract(state.position_m, start))))
+            for state in used[1:]
+            if state.T is not None and state.position_m is not None
+        ]
+        found, known = np.array(both).reshape(-1, 2).T
+        return float(found @ known / (found @ found)) if (known > 0.0).any() else None
 
     def motions(self, report: Report) -> list[FrameMotion]:
         """Motions of all frames used, in the unit of the report, each as it was when its frame came in."""
