@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import math
 import re
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +19,7 @@ from pyproj import Geod, Proj
 from scenery import Pair, Surface, make_camera, render, turn, unit
 from scipy.spatial.transform import Rotation
 
+from slopecli.errors import InputError
 from slopecli.io import load_schema
 from slopecli.io.metadata import apply_metadata, read_metadata
 from slopecli.options import CameraChoice, MetadataChoice, Options
@@ -237,6 +239,17 @@ def test_positions_closer_than_their_errors_are_no_baseline(tmp_path: Path, scen
     result = answer(tmp_path, images, "--metadata")
     assert result["scale"]["unit"] == "baseline"
     assert "0 m apart" in codes(result)["metadata"]
+
+
+def test_numbers_that_are_no_heights_and_places_of_two_flights(tmp_path: Path, scene: Pair) -> None:
+    huge = {"RelativeAltitude": "1e308", "AbsoluteAltitude": "-1e308", "RtkStdLat": "1e300", "RtkStdLon": "1e300"}
+    images = write(tmp_path, scene, **huge)
+    one, two = (read_metadata(tmp_path / name) for name in images)
+    assert one.position is not None
+    assert (one.relative_altitude_m, one.position.altitude_m, one.position.sigma_m) == (None, None, 3.0)
+    far = replace(two, position=replace(one.position, latitude_deg=-40.0))
+    with pytest.raises(InputError, match="which is not one flight"):
+        apply_metadata((one, far), MetadataChoice(must=("baseline",)), Options())
 
 
 @pytest.mark.parametrize("zero", ["+0.00", "-0.00", "0"])

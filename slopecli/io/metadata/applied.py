@@ -37,7 +37,9 @@ class Displacement:
         return float(np.linalg.norm(along * self.sigmas_m))
 
 
-def apply_metadata(pair: Pair, choice: MetadataChoice, options: Options, cameras: tuple[CameraChoice, ...]) -> Options:
+def apply_metadata(
+    pair: Pair, choice: MetadataChoice, options: Options, cameras: tuple[CameraChoice, ...] = ()
+) -> Options:
     """The options of an estimate with what the metadata of both images state in their place.
 
     Sigmas of the options that are not 0 stay, as does a focal sigma.
@@ -45,7 +47,7 @@ def apply_metadata(pair: Pair, choice: MetadataChoice, options: Options, cameras
     Parameters
     ----------
     pair : metadata of images 1 and 2.  choice : what is wanted of them.
-    cameras : of both images, for the uncertainty of focal lengths that are from metadata.
+    cameras : of both images, for the uncertainty of focal lengths that are from metadata; () where none is.
 
     Raises
     ------
@@ -118,7 +120,7 @@ def _stated(first: Attitude | None, second: Attitude | None, moved: Displacement
         attitude2=None if second is None or second.yaw_deg is None else tuple(second.ned_from_camera.ravel().tolist()),
         attitude_sigma_deg=max(sigma, 1.0),  # an angle that is given is a whole number of degrees, more or less
     )
-    if moved is None or not moved.length_m:
+    if moved is None or not 0 < moved.length_m < FIX.farthest:
         return both
     north, east, down = (float(metres) for metres in moved.ned_m)
     across = math.degrees(float(moved.sigmas_m.max()) / moved.length_m)
@@ -198,6 +200,8 @@ class _Wanted:
         if moved is None:
             lacking = next(image for image in self._pair if image.position is None)
             return _unusable(lacking, "GPS", f"{lacking.path} states no GPS position")
+        if moved.length_m > FIX.farthest:
+            return f"the positions are {moved.length_m / 1e3:.0f} km apart, which is not one flight"
         if moved.sigma_m > FIX.most_share * moved.length_m:
             return f"the positions are {moved.length_m:.2g} m apart, which is known to ± {moved.sigma_m:.2g} m"
         return ""
@@ -217,7 +221,7 @@ class _Wanted:
 
     def focal_sigma(self, options: Options, cameras: tuple[CameraChoice, ...]) -> Options:
         """The uncertainty of focal lengths that are from metadata, unless one was given."""
-        lenses = [image.lens for image, camera in zip(self._pair, cameras, strict=True) if camera.exif]
+        lenses = [image.lens for image, camera in zip(self._pair, cameras, strict=False) if camera.exif]
         known = [lens for lens in lenses if lens is not None]
         if known:
             each = dict.fromkeys(f"{lens.source}: {lens.fx:.5g} px ± {100 * lens.sigma:.2g} %" for lens in known)

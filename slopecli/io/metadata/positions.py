@@ -25,6 +25,7 @@ class FixErrors:
     apart: float = 1.0
     climb: float = 0.5
     most_share: float = 0.3  # as of --scale-sigma
+    farthest: float = 1e5  # of a height, and of one image from the other: beyond, the number is none
 
 
 FIX = FixErrors()
@@ -52,6 +53,7 @@ def _stated(tags: ImageTags) -> tuple[float | None, float | None, float | None, 
     if altitude is not None and tags.gps.get(GpsTag.ALTITUDE_SIDE) in (b"\x01", 1, "1"):
         altitude = -altitude
     above = altitude if above is None else above
+    above = above if above is not None and abs(above) < FIX.farthest else None
     if latitude is not None and longitude is not None:
         return latitude, longitude, above, ""
     datum = re.sub("[^A-Z0-9]", "", str(tags.gps.get(GpsTag.DATUM) or "").upper())
@@ -78,14 +80,15 @@ def _angle(value: Any, side: Any, sides: str) -> float | None:
 def _sigmas(tags: ImageTags) -> tuple[float, float, float]:
     """1-sigmas, m, of the place, of the height, and of the place against another: as stated, or as usual."""
     north, east, up = (tags.xmp_number(DJI, name) for name in ("RtkStdLat", "RtkStdLon", "RtkStdHgt"))
-    if north and east and min(north, east) > 0:
+    if north and east and min(north, east) > 0 and max(north, east) < FIX.farthest:
         place = max(north, east)
-        return place, up if up and up > 0 else 2 * place, place
+        return place, up if up and 0 < up < FIX.farthest else 2 * place, place
     stated = number_of(tags.gps.get(GpsTag.ERROR_M))
-    place = stated if stated is not None and 0 < stated < 1e4 else FIX.place
+    place = stated if stated is not None and 0 < stated < FIX.farthest else FIX.place
     return place, max(FIX.height, place), min(place, FIX.apart)
 
 
 def relative_altitude_of(tags: ImageTags) -> float | None:
-    """Height above the place of take-off, m; None where it is not stated."""
-    return tags.xmp_number(DJI, "RelativeAltitude")
+    """Height above the place of take-off, m; None where it is not stated, or is no height."""
+    height = tags.xmp_number(DJI, "RelativeAltitude")
+    return height if height is not None and abs(height) < FIX.farthest else None
