@@ -407,3 +407,10 @@ def test_what_is_missing_for_a_gis_is_said(scene: Pair, tmp_path: Path) -> None:
         done = slopemap("estimate", *images, *camera, "--position", text, "-o", "out", cwd=tmp_path)
         assert done.returncode == 2
         assert "is not LAT,LON or LAT,LON,ALT" in done.stderr
+    for options, said in (
+        (("--position-sigma", "1"), "--position-sigma is of a --position"),
+        (("--north-sigma", "1"), "--north-sigma is of --north, --yaw or --metadata"),
+    ):
+        done = slopemap("estimate", *images, *camera, *options, "-o", "out", cwd=tmp_path)
+        assert done.returncode == 2
+        assert said in done.stderr

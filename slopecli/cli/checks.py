@@ -51,6 +51,14 @@ def check_estimate(ctx: click.Context) -> None:
     other_solver = ctx.params["solver"] != "mle"
     refuse(
         ctx,
+        (
+            given(ctx, "position_sigma_m") and not given(ctx, "position"),
+            "--position-sigma is of a --position; give both.",
+        ),
+        (
+            given(ctx, "north_sigma_deg") and not given(ctx, "north", "yaw_deg", "metadata"),
+            "--north-sigma is of --north, --yaw or --metadata; give both.",
+        ),
         (sigma_of_none, "--scale-sigma is of a --baseline, --altitude or --pose; give both."),
         (sigma_alone, "--pose-sigma is of a --pose; give both."),
         (ctx.params["merge_coplanar"] and other_solver, "--merge-coplanar is for --solver mle; leave one out."),

@@ -222,17 +222,17 @@ _WIDER = {  # options that take that word too, and what their help says then
     "altitude_m": "Height of camera 1 above ground, m, or exif",
 }
 metadata_options = (
+    unlisted(_option(FRAME, "--north-sigma north_sigma_deg", "DEG", Between(0, 90, max_open=True), "1-sigma of north")),
     Flag(FRAME, "--metadata", "All that EXIF and XMP state, as by each exif"),
     Option(FRAME, "--pitch pitch_deg", "DEG", Between(-360, 360), "Of camera 1: -90 is down; yaw from north"),
     unlisted(Option(FRAME, "--roll roll_deg", "DEG", Between(-360, 360), "Clockwise about the line of sight")),
     unlisted(Option(FRAME, "--yaw yaw_deg", "DEG", Between(-360, 360), "Heading, clockwise from true north")),
 )
-metadata_options[1].names = "--pitch, --roll, --yaw DEG"
+metadata_options[2].names = "--pitch, --roll, --yaw DEG"
 _PLACE_HELP = "Of camera 1, WGS 84; --position-sigma M  [3]"
 place_options = (
     Option(FRAME, "--position", "LAT,LON[,ALT]", kinds.POSITION, _PLACE_HELP),
     unlisted(Option(FRAME, "--position-sigma position_sigma_m", "M", POSITIVE, "1-sigma north and east, each", 3)),
-    unlisted(_option(FRAME, "--north-sigma north_sigma_deg", "DEG", Between(0, 90, max_open=True), "1-sigma of north")),
 )
 
 
