@@ -11,7 +11,7 @@ import pytest
 from report_factory import make_ambiguity, make_region_report, make_report, with_level_plane
 from rich.console import Console
 
-from slopecli.cli import Table, draw_table, result_table, talk_lines
+from slopecli.cli import SLOPE_UNITS, Table, draw_table, result_table, talk_lines
 from slopecli.types import Rejected, Scale, Up
 
 
@@ -222,3 +222,32 @@ def test_planes_found_and_refused_are_not_called_windows(source: str, noun: str)
 def test_talk_warns_that_the_largest_plane_may_be_a_wall() -> None:
     up = Up((0.0, 0.0, -1.0), "dominant-plane")
     assert "if it is a wall, give --up X,Y,Z" in next(iter(talk_lines(replace(REGIONS, up=up))))
+
+
+@pytest.mark.parametrize(
+    ("name", "slope", "interval"),
+    [
+        ("deg", "15.00 ± 0.50°", "14.00 to 16.00°"),
+        ("percent", "26.8 ± 0.9 %", "24.9 to 28.7 %"),
+        ("x-in-12", "3.22 ± 0.11 in 12", "2.99 to 3.44 in 12"),
+    ],
+)
+def test_slopes_in_the_units_of_a_road_and_of_a_roof(name: str, slope: str, interval: str) -> None:
+    """A rise over a run of 100 and of 12: tan 15 deg = 0.268, whose derivative is 1 / cos(15 deg)^2."""
+    unit = SLOPE_UNITS[name]
+    assert unit.text(15.0, 0.5) == slope
+    assert unit.interval(14.0, 16.0) == interval
+
+
+def test_walls_are_in_degrees_in_any_unit() -> None:
+    for unit in SLOPE_UNITS.values():
+        assert unit.text(89.0, 0.2) == "89.00 ± 0.20°"
+        assert unit.interval(70.0, 95.0) == "70.00 to 95.00°"
+
+
+def test_a_small_sigma_is_not_rounded_to_certainty() -> None:
+    assert [unit.text(10.0, 0.001) for unit in SLOPE_UNITS.values()] == [
+        "10.00 ± <0.01°",
+        "17.6 ± <0.1 %",
+        "2.12 ± <0.01 in 12",
+    ]

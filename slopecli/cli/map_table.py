@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from slopecli.cli.report_table import focal_line, talk_lines
+from slopecli.cli.slope_units import SLOPE_UNITS, SlopeUnit
 from slopecli.cli.table import Table, print_table
 from slopecli.cli.talk import Talk, check_stdout, print_result
 
@@ -37,7 +38,7 @@ def print_map(answer: SlopeMap, written: list[Path], talk: Talk, *, as_json: boo
 def print_sites(answer: SlopeMap, talk: Talk) -> None:
     """Print the landing sites on stdout; on stderr what the ground is like."""
     if answer.sites:
-        print_table(sites_table(answer))
+        print_table(sites_table(answer, SLOPE_UNITS[talk.slope_unit]))
     else:
         print_result("no landing site")
     talk.say(ground_line(answer))
@@ -45,16 +46,16 @@ def print_sites(answer: SlopeMap, talk: Talk) -> None:
         talk.say(f"no landing site: {answer.no_site}")
 
 
-def sites_table(answer: SlopeMap) -> Table:
+def sites_table(answer: SlopeMap, unit: SlopeUnit = SLOPE_UNITS["deg"]) -> Table:
     """A row for each landing site, best first; lengths in metres where the scale is known."""
     with_lander = any(site.lander_slope_deg is not None for site in answer.sites)
     header = (*HEADER, "lander") if with_lander else HEADER
-    unit = " m" if answer.report.scale.unit == "m" else " b"
-    return Table(header, [_cells(site, unit)[: len(header)] for site in answer.sites])
+    metres = " m" if answer.report.scale.unit == "m" else " b"
+    return Table(header, [_cells(site, metres, unit)[: len(header)] for site in answer.sites])
 
 
-def _cells(site: Site, unit: str) -> tuple[str, ...]:
-    length = lambda value: f"{value:.3g}{unit}"  # noqa: E731
+def _cells(site: Site, metres: str, unit: SlopeUnit) -> tuple[str, ...]:
+    length = lambda value: f"{value:.3g}{metres}"  # noqa: E731
     in_image2 = "-" if site.centre_image2_px is None else "{:.1f}, {:.1f}".format(*site.centre_image2_px)
     lander = "-"
     if site.lander_slope_deg is not None and site.lander_clearance is not None:
@@ -64,7 +65,7 @@ def _cells(site: Site, unit: str) -> tuple[str, ...]:
         "{:.1f}, {:.1f}".format(*site.centre_px),
         in_image2,
         f"{site.radius_px:.0f} px = {length(site.radius)}",
-        f"{site.slope_deg:.2f} ± {site.slope_sigma_deg:.2f}°",
+        unit.text(site.slope_deg, site.slope_sigma_deg),
         length(site.above_plane_max),
         length(site.below_plane_max),
         f"{site.p_safe:.3f}",

@@ -6,6 +6,7 @@ import math
 from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
+from slopecli.cli.slope_units import SLOPE_UNITS, SlopeUnit
 from slopecli.cli.table import Table, print_table
 from slopecli.cli.talk import Talk, check_stdout, print_result
 from slopecli.options import MapOptions
@@ -33,7 +34,8 @@ def print_report(report: Report, written: list[Path], talk: Talk, *, as_json: bo
     else:
         from slopecli.report.kinds import many_windows
 
-        print_table(classes_table(report) if many_windows(report) else result_table(report))
+        unit = SLOPE_UNITS[talk.slope_unit]
+        print_table(classes_table(report, unit) if many_windows(report) else result_table(report, unit))
     for line in talk_lines(report):
         talk.say(line)
     if talk.verbose:
@@ -42,9 +44,9 @@ def print_report(report: Report, written: list[Path], talk: Talk, *, as_json: bo
         talk.say(f"wrote {', '.join(map(str, written))}")
 
 
-def result_table(report: Report) -> Table:
-    """A row for each window or plane in the order of ids, those without an answer included; angles in degrees."""
-    rows = {plane.id: _plane_cells(plane, report) for plane in report.planes}
+def result_table(report: Report, unit: SlopeUnit = SLOPE_UNITS["deg"]) -> Table:
+    """A row for each window or plane in the order of ids, those without an answer included; slopes in `unit`."""
+    rows = {plane.id: _plane_cells(plane, report, unit) for plane in report.planes}
     if report.found:
         from slopecli.report.kinds import plane_kinds, plane_shares
 
@@ -56,12 +58,15 @@ def result_table(report: Report) -> Table:
     return Table(header, [tuple(rows[number].get(title, "-") for title in header) for number in sorted(rows)])
 
 
-def classes_table(report: Report) -> Table:
+def classes_table(report: Report, unit: SlopeUnit = SLOPE_UNITS["deg"]) -> Table:
     """A row for each class of slope, with how many of many windows are in it, their sigma and their verdicts."""
     edges = MapOptions().classes_deg
     told = [plane for plane in report.planes if plane.slope_known and plane.status == "ok"]
     class_of = {plane.id: sum(plane.slope_deg > edge for edge in edges) for plane in told}
     names = [f"{low:g}-{high:g}°" for low, high in zip((0.0, *edges), edges, strict=False)] + [f"over {edges[-1]:g}°"]
+    if unit.run:
+        low = (0.0, *edges)
+        names = [unit.interval(*ends) for ends in zip(low, edges, strict=False)] + [f"over {unit.text(edges[-1])}"]
     rows = []
     for k, name in enumerate(names):
         here = [plane for plane in told if class_of[plane.id] == k]
@@ -73,18 +78,19 @@ def classes_table(report: Report) -> Table:
     return Table(CLASSES_HEADER, [*rows, ("not known, or poor", str(rest), "-", *("-",) * len(VERDICTS))])
 
 
-def _plane_cells(plane: Plane, report: Report) -> dict[str, str]:
+def _plane_cells(plane: Plane, report: Report, unit: SlopeUnit) -> dict[str, str]:
     """Cells by the title of their column; both slopes where two motions remain, dashes for an unknown slope."""
     other = report.ambiguity.others.get(plane.id)
     low, high = plane.slope_ci95_deg or (math.nan, math.nan)
     known = {
-        "95 % interval": "-" if plane.taken_as_level else f"{_number(low, 2)} to {_number(high, 2)}°",
+        "95 % interval": "-" if plane.taken_as_level else unit.interval(low, high),
         "aspect": "-" if plane.aspect_deg is None else f"{_number(plane.aspect_deg, 0)}°",
     }
+    is_level = plane.taken_as_level
     in_metres = report.scale.unit == "m" and math.isfinite(plane.roughness)
     return {
         "id": str(plane.id),
-        "slope": _slope(plane) if other is None or plane.taken_as_level else f"{_slope(plane)} or {_slope(other)}",
+        "slope": " or ".join(_slope(one, unit) for one in (plane, other) if one is plane or (one and not is_level)),
         **(known if plane.slope_known else {}),
         "verdict": plane.verdict or "-",
         "P(safe)": "-" if plane.p_safe is None else _number(plane.p_safe, 3),
@@ -102,14 +108,11 @@ def _note(plane: Plane) -> str:
     return f"taken as level; {plane.status}: {others}" if others else "taken as level"
 
 
-def _slope(plane: Plane | AlternativePlane) -> str:
+def _slope(plane: Plane | AlternativePlane, unit: SlopeUnit) -> str:
     sigma_deg = plane.slope_sigma_deg
-    if sigma_deg is None:
-        return f"{_number(plane.slope_deg, 2)}°"
-    if not plane.slope_known:  # whole degrees, but two figures of what is below ten
+    if sigma_deg is not None and not plane.slope_known:  # whole degrees, but two figures of what is below ten
         return f"unknown (± {f'{sigma_deg:.2g}' if sigma_deg < 10 else _number(sigma_deg, 0)}°)"
-    sigma = "<0.01" if 0 < sigma_deg < 0.005 else _number(sigma_deg, 2)  # "0.00" would read as certainty
-    return f"{_number(plane.slope_deg, 2)} ± {sigma}°"
+    return unit.text(plane.slope_deg, sigma_deg)
 
 
 def _number(value: float, decimals: int) -> str:

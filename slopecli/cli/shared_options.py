@@ -15,6 +15,7 @@ import click
 
 from slopecli.cli import parameter_types as kinds
 from slopecli.cli.parameter_types import PATH, POSITIVE, VECTOR, Between, choices_of, inside
+from slopecli.cli.slope_units import SLOPE_UNITS
 from slopecli.cli.talk import Talk
 from slopecli.options import MOST_SIGMA_DEG, MapOptions, Options
 from slopecli.patches import FINDERS, PLANE_FINDERS
@@ -115,6 +116,14 @@ intrinsics_options = (
 size = Option(INPUT, "--size", "WxH", kinds.SIZE, "Image size, px, for --fov and --intrinsics")
 camera_options = (camera, camera2, *intrinsics_options)
 
+
+def _set_talk(ctx: click.Context, parameter: click.Parameter, value: bool | str) -> None:
+    talk: Talk = ctx.ensure_object(Talk)
+    setattr(talk, str(parameter.name), value)
+    if talk.verbose and talk.quiet:
+        raise click.UsageError("-v and -q contradict each other; give one.", ctx)
+
+
 json_flag = Flag(OUTPUT, "--json as_json", "Print slopes.json instead of the table")
 
 
@@ -134,9 +143,12 @@ file_options = tuple(map(_product_flag, _others))
 _folder = Option(OUTPUT, "-o --output", "DIR", PATH, "Folder for the results; optional with --json")
 _FRAME_HELP = "Of PLY files: up (z is up) or camera"
 ply_frame = Option(OUTPUT, "--ply-frame", "AXES", kinds.choices_of("ply_frame"), _FRAME_HELP, of=Options)
-output_options = (_folder, json_flag, report_flag, *file_options, ply_frame)
+_UNIT_HELP = "Of the table: deg, percent or x-in-12"
+slope_unit = Option(OUTPUT, "--slope-unit", "UNIT", click.Choice([*SLOPE_UNITS]), _UNIT_HELP, "deg", expose_value=False)
+slope_unit.callback = _set_talk
+output_options = (_folder, json_flag, slope_unit, report_flag, *file_options, ply_frame)
 map_file_options = tuple(_product_flag(choice, MAP_PRODUCTS) for choice in ("pictures", "ply"))
-map_output_options = (_folder, json_flag, report_flag, *map_file_options, ply_frame)
+map_output_options = (_folder, json_flag, slope_unit, report_flag, *map_file_options, ply_frame)
 
 _map = partial(Option, of=MapOptions)
 map_options = (
@@ -264,13 +276,6 @@ matching_options = (
 )
 
 
-def _set_talk(ctx: click.Context, parameter: click.Parameter, value: bool) -> None:
-    talk: Talk = ctx.ensure_object(Talk)
-    setattr(talk, str(parameter.name), value)
-    if talk.verbose and talk.quiet:
-        raise click.UsageError("-v and -q contradict each other; give one.", ctx)
-
-
 def _take_settings(ctx: click.Context, _: click.Parameter, path: str | None) -> None:
     """Let a settings file give what the command line does not."""
     if path is None:
@@ -290,6 +295,8 @@ def _spellings(command: click.Command) -> dict[str, str]:
 
 def talk_options(verbose: str = "Time of every stage") -> tuple[Option, ...]:
     """How much is said on stderr; `verbose` says what more -v gives."""
+    say_more = Flag(GENERAL, "-v --verbose", f"{verbose}; or only errors", expose_value=False, callback=_set_talk)
+    say_more.names = "-v, --verbose; -q, --quiet"
     return (
         unlisted(
             Option(
@@ -303,6 +310,6 @@ def talk_options(verbose: str = "Time of every stage") -> tuple[Option, ...]:
                 callback=_take_settings,
             )
         ),
-        Flag(GENERAL, "-v --verbose", verbose, expose_value=False, callback=_set_talk),
-        Flag(GENERAL, "-q --quiet", "Only errors on stderr", expose_value=False, callback=_set_talk),
+        say_more,
+        unlisted(Flag(GENERAL, "-q --quiet", "Only errors on stderr", expose_value=False, callback=_set_talk)),
     )

@@ -39,6 +39,7 @@ row_plane_options = (
         shared.Option(shared.INPUT, "--noise", "PX", POSITIVE, NOISE_HELP, shown="from the residuals"),
         shared.Option(shared.OUTPUT, "-o --output", "DIR", PATH, "Folder for slopes.json"),
         shared.json_flag,
+        shared.slope_unit,
         shared.report_flag,
         *row_plane_options,
         *shared.frame_options(),

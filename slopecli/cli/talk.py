@@ -24,11 +24,13 @@ if TYPE_CHECKING:
 class Talk:
     """How much the command says on stderr; errors are said in any case.
 
-    command : the command line, as typed.  notes : how files were read, as said so far.
+    slope_unit : of tables, see `slope_units`.  command : the command line, as typed.
+    notes : how files were read, as said so far.
     """
 
     verbose: bool = False
     quiet: bool = False
+    slope_unit: str = "deg"
     command: str = ""
     notes: list[str] = field(default_factory=list)
 
