@@ -183,7 +183,7 @@ region_options = (
 
 def frame_options(up: str = str(Options.up), shown: str | None = None) -> tuple[Option, ...]:
     """Options of the reference of slopes, with a command's own default for the vertical, shown as it says."""
-    what = "camera (down), dominant-plane or X,Y,Z"
+    what = "camera (axis), dominant-plane, X,Y,Z"
     return (
         Option(FRAME, "--up", "VERTICAL", kinds.UP, what, up, shown=shown),
         _option(FRAME, "--up-sigma up_sigma_deg", "DEG", Between(0, 90, max_open=True), "1-sigma of the vertical"),
