@@ -104,6 +104,7 @@ __getattr__, __dir__ = lazy_names(
         "uncalibrated": "label_planes",
         "given": "Given",
         "join": "Joined MergedGroup join_patches merge_patches",
+        "row_planes": "rows_by_label_image rows_by_label_planes rows_in_windows rows_on_one_plane",
         "patch": "Footprint Found Patch overdispersion paint_labels region_footprints window_footprint",
     },
 )

@@ -188,5 +188,6 @@ def _metadata(slope_map: SlopeMap, place: Georeference) -> str:
             "ASPECT_FROM": "true north",
             "GRID_CONVERGENCE_DEG": f"{place.convergence_deg:.4f}",
             "UP_SOURCE": slope_map.report.up.source,
+            "AMBIGUITY": slope_map.report.ambiguity.status,
         },
     )
