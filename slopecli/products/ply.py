@@ -72,18 +72,7 @@ def report_to_ply(report: Report, image: Image | None = None, surfaces: Sequence
         "scalars of the cameras are 0; scalar_patch_id is the id in slopes.json",
         f"scalar_slope_deg and quality are {UNKNOWN_SLOPE:g} where the slope is not known",
     ]
-    turned = [_turned(mesh, model_rotation(report)) for mesh in meshes]
-    return _encode(turned, [*comments, *_level(report), *_second_answer(report)])
-
-
-def _turned(mesh: Mesh, rotation: FloatArray) -> Mesh:
-    """The mesh in other axes."""
-    vertices = mesh.vertices.copy()
-    for names in (("x", "y", "z"), ("nx", "ny", "nz")):
-        turned = np.column_stack([vertices[name] for name in names]).astype(float) @ rotation.T
-        for name, column in zip(names, turned.T, strict=True):
-            vertices[name] = column
-    return Mesh(vertices, mesh.triangles)
+    return _encode(meshes, model_rotation(report), [*comments, *_level(report), *_second_answer(report)])
 
 
 def _level(report: Report) -> list[str]:
@@ -175,8 +164,13 @@ def _vertices(points: FloatArray, normals: FloatArray, colour: ArrayLike) -> NDA
     return vertices
 
 
-def _encode(meshes: Sequence[Mesh], comments: Sequence[str]) -> bytes:
+def _encode(meshes: Sequence[Mesh], rotation: FloatArray, comments: Sequence[str]) -> bytes:
+    """The file; rotation (3, 3): from camera-1 axes to its own."""
     vertices = np.concatenate([mesh.vertices for mesh in meshes])
+    for names in (("x", "y", "z"), ("nx", "ny", "nz")):
+        turned = np.column_stack([vertices[name] for name in names]).astype(float) @ rotation.T
+        for name, column in zip(names, turned.T, strict=True):
+            vertices[name] = column
     starts = np.cumsum([0] + [len(mesh.vertices) for mesh in meshes])
     triangles = np.vstack([mesh.triangles + start for mesh, start in zip(meshes, starts, strict=False)])
     faces = np.zeros(len(triangles), [("count", "u1"), ("vertex_indices", "<i4", (3,))])

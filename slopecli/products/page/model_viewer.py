@@ -11,8 +11,9 @@ import numpy as np
 
 from slopecli.ground.slope_map import SlopeMap
 from slopecli.products.glb import model_from_camera1
-from slopecli.products.region_mesh import region_surfaces, window_surface
-from slopecli.types import FloatArray, Image, IntArray, Report
+from slopecli.products.region_mesh import Surface, lay_on_plane, region_surfaces, window_surface
+from slopecli.report.kinds import many_windows
+from slopecli.types import Camera, FloatArray, Image, IntArray, Plane, Report
 
 MODEL_TRIANGLES = 12_000  # of the page: half a megabyte with the viewer; patches.glb has more
 TEXTURE_PX = 1024  # long side of image 1 on the model
@@ -23,9 +24,18 @@ Part = tuple[FloatArray, FloatArray, IntArray]  # points (n, 3) in camera-1 axes
 def viewer_of_report(report: Report, image: Image) -> str:
     """Return the viewer of the planes of a report as a page of HTML of its own; "" where there is nothing to show."""
     surfaces = region_surfaces(report, MODEL_TRIANGLES) if report.found else []
-    windows = [window_surface(plane, report.cameras[0]) for plane in report.planes if not plane.found]
+    given, camera = [plane for plane in report.planes if not plane.found], report.cameras[0]
+    lay = _corners_alone if many_windows(report) else window_surface
+    windows = (lay(plane, camera) for plane in given)
     shown = [*surfaces, *(surface for surface in windows if surface is not None)]
     return _viewer([(one.points, one.uv, one.triangles) for one in shown], report, image)
+
+
+def _corners_alone(plane: Plane, camera: Camera) -> Surface | None:
+    """A small window laid onto its plane in as few triangles as its corners have."""
+    polygon = np.asarray(plane.polygon_px, float)
+    fan = np.array([(0, i, i + 1) for i in range(1, len(polygon) - 1)])
+    return lay_on_plane(plane, camera, polygon, fan)
 
 
 def viewer_of_map(slope_map: SlopeMap, image: Image) -> str:
@@ -64,13 +74,14 @@ def _viewer(parts: Sequence[Part], report: Report, image: Image) -> str:
     low, high = np.quantile(every, [0.01, 0.99], axis=0)
     centre = 0.5 * (low + high)
     size = max(0.5 * float(np.linalg.norm(high - low)), 1e-9)
-    scene, sides = trimesh.Scene(), np.array([image.width, image.height])
-    for k, (points, (_, uv, triangles)) in enumerate(zip(turned, parts, strict=True)):
-        place = (uv + 0.5) / sides
-        place[:, 1] = 1.0 - place[:, 1]  # trimesh counts from below
-        visual = trimesh.visual.TextureVisuals(uv=place, material=material)
-        mesh = trimesh.Trimesh((points - centre) / size, triangles, visual=visual, process=False)
-        scene.add_geometry(mesh, geom_name=f"part{k}", node_name=f"part{k}")
+    place = (np.concatenate([uv for _, uv, _ in parts]) + 0.5) / [image.width, image.height]
+    place[:, 1] = 1.0 - place[:, 1]  # trimesh counts from below
+    starts = np.cumsum([0, *(len(points) for points in turned[:-1])])
+    triangles = np.concatenate([part[2] + start for part, start in zip(parts, starts, strict=True)])
+    visual = trimesh.visual.TextureVisuals(uv=place, material=material)
+    scene = trimesh.Scene()
+    mesh = trimesh.Trimesh((every - centre) / size, triangles, visual=visual, process=False)
+    scene.add_geometry(mesh, geom_name="ground", node_name="ground")
     scene.camera = trimesh.scene.Camera(name="camera", resolution=(640, 480), fov=(45.0, 34.0))
     scene.camera_transform = _oblique(2.6)
     return str(scene_to_html(scene))
