@@ -6,7 +6,7 @@ DEMO := sample_data/descent
 # one process a core, whole files, as tests of a file share what takes long; tests/conftest.py gives the order
 PARALLEL := -n logical --dist loadfile --no-loadscope-reorder --durations=15
 
-.PHONY: help venv demo test test-all fuzz lint types bench sample-data docs clean
+.PHONY: help venv demo test test-all fuzz lint types bench sample-data docs site clean
 
 help:
 	@echo 'make demo         slopes and map of the sample pair, checked against their truth (into demo_output/)'
@@ -17,6 +17,7 @@ help:
 	@echo 'make types        mypy'
 	@echo 'make bench        how fast, and how it compares (writes docs/benchmarks.md)'
 	@echo 'make docs         write docs/cli.md, the examples of the documents and their pictures anew'
+	@echo 'make site         the documentation as a site (into site/)'
 	@echo 'make sample-data  render sample_data/ anew'
 	@echo 'make venv         only install into .venv (PYTHON=python3.12 picks the interpreter)'
 
@@ -57,6 +58,10 @@ bench: venv
 	-$(BIN)/python -m pip install --quiet --editable '.[peers]'
 	OPENBLAS_NUM_THREADS=1 $(BIN)/python benchmarks/compare.py --into docs/benchmarks.md
 
+site: venv
+	-$(BIN)/python -m pip install --quiet --editable '.[site]'
+	NO_MKDOCS_2_WARNING=1 $(BIN)/python -m mkdocs build --strict
+
 docs: venv
 	$(BIN)/python docs/generate.py
 
@@ -64,4 +69,4 @@ sample-data: venv
 	$(BIN)/python sample_data/make_sample_data.py
 
 clean:
-	rm -rf demo_output fuzz_failures .pytest_cache .mypy_cache .ruff_cache .hypothesis
+	rm -rf site demo_output fuzz_failures .pytest_cache .mypy_cache .ruff_cache .hypothesis

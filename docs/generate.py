@@ -11,6 +11,7 @@ import shlex
 import subprocess
 import sys
 import tempfile
+import tomllib
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
@@ -24,6 +25,7 @@ from slopecli.io.metadata import ATTITUDE_SOURCES, LENS_SOURCES
 
 ROOT = Path(__file__).resolve().parent.parent
 README = ROOT / "README.md"
+PACKAGE_PAGE = ROOT / "docs" / "package_page.md"
 REFERENCE = ROOT / "docs" / "cli.md"
 DIAGNOSTICS = ROOT / "docs" / "diagnostics.md"
 SEGMENT = ROOT / "docs" / "segment.md"
@@ -153,12 +155,22 @@ def rewrite_examples(document: Path, folder: Path) -> None:
     document.write_text(text, encoding="utf-8")
 
 
+def package_page() -> str:
+    """README.md for a package index, where relative links lead nowhere: with links to the repository."""
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    home = project["urls"]["Homepage"]
+    text = README.read_text(encoding="utf-8")
+    text = re.sub(r"(!\[[^]]*\])\((?!https?:)([^)]+)\)", rf"\1({home}/raw/main/\2)", text)
+    return re.sub(r"(?<!!)(\[[^]]*\])\((?!https?:|#)([^)]+)\)", rf"\1({home}/blob/main/\2)", text)
+
+
 def write_tables() -> None:
     """Write docs/cli.md and the tables made from rows."""
     rewrite_table(CAMERAS, camera_formats_table())
     rewrite_table(SOLVE, match_formats_table())
     rewrite_table(DRONE, lenses_table())
     rewrite_table(DRONE, attitudes_table())
+    PACKAGE_PAGE.write_text(package_page(), encoding="utf-8")
     REFERENCE.write_text(cli_reference(), encoding="utf-8")
     rewrite_table(DIAGNOSTICS, codes_table())
     rewrite_table(DIAGNOSTICS, rejections_table())

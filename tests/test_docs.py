@@ -313,3 +313,27 @@ def test_map_page_has_every_band_and_the_numbers_of_the_code() -> None:
 
 def test_picture_of_the_map_is_small() -> None:
     assert (ROOT / "docs" / "images" / "map.jpg").stat().st_size < 400_000
+
+
+def test_the_page_of_the_package_is_the_readme_with_links_that_lead_somewhere() -> None:
+    page = GENERATE["package_page"]()
+    assert (ROOT / "docs" / "package_page.md").read_text(encoding="utf-8") == page, "run `make docs`"
+    links = re.findall(r"\]\(([^)]+)\)", page)
+    assert len(links) > 20
+    assert all(link.startswith("https://") for link in links)
+
+
+def test_the_site_has_every_page_and_begins_with_what_it_cannot_do() -> None:
+    settings = (ROOT / "mkdocs.yml").read_text(encoding="utf-8")
+    pages = re.findall(r"([a-z_]+\.md)$", settings[settings.index("nav:") :], re.MULTILINE)
+    assert pages[:2] == ["index.md", "limits.md"]
+    assert sorted(pages) == sorted(path.name for path in (ROOT / "docs").glob("*.md") if path.name != "package_page.md")
+
+
+def test_the_site_builds_without_a_warning(tmp_path: Path) -> None:
+    build = pytest.importorskip("mkdocs.commands.build", reason="the site is built where mkdocs-material is installed")
+    pytest.importorskip("material")
+    from mkdocs.config import load_config
+
+    build.build(load_config(str(ROOT / "mkdocs.yml"), site_dir=str(tmp_path)))
+    assert (tmp_path / "limits.html").exists()
