@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from scenery import Pair, Surface, make_camera, render, tilted, turn, unit
 
-from slopecli.geometry import normal_angle, pixels_from_rays, rays_from_pixels
+from slopecli.geometry import homogeneous, normal_angle, pixels_from_rays, rays_from_pixels
 from slopecli.look import (
     NOISE_GREY,
     Layer,
@@ -152,6 +152,25 @@ def test_cells_know_how_well_they_know() -> None:
     off = cells.shift
     chi2 = np.einsum("ni,nij,nj->n", off, cells.information, off)
     assert 0.3 < chi2.mean() / 2 < 1.5
+
+
+def test_shifts_along_epipolar_lines_alone_leave_the_plane_where_it_was_aligned() -> None:
+    """Shifts in two directions trade off, so their part along the line pulls the plane of a small window away."""
+    pulled = []
+    for seed in range(6):
+        pair = render(R, T, [GROUND], noise=4.0, noise_seed=seed)
+        view = view_of(pair, (100, 60, 48, 48))
+        cells = cell_shifts(view, align_plane(view, GROUND).normal, 4)
+        rays = homogeneous(rays_from_pixels(pair.camera1, view.grid.full(cells.centre)))
+        axis = rays[:, :2] * T[2] - T[:2]
+        axis /= np.linalg.norm(axis, axis=1, keepdims=True)
+        root = np.sqrt(np.einsum("ni,nij,nj->n", axis, cells.information, axis))
+        shifts = np.array([cells.along(axis), (cells.shift * axis).sum(axis=1)]).T
+        planes = np.linalg.lstsq(rays * root[:, None], shifts * root[:, None], rcond=None)[0]
+        pulled.append(np.abs(rays @ planes).max(axis=0))
+    alone, of_two = np.sqrt(np.mean(np.square(pulled), axis=0))
+    assert alone < 0.02  # px
+    assert alone < 0.7 * of_two
 
 
 def test_cells_out_of_view_are_left_out() -> None:

@@ -214,12 +214,24 @@ class CellShifts:
     """Displacements (n, 2) of cells from an aligned plane, grid px of image 2, with their information.
 
     centre (n, 2): grid px; information (n, 2, 2): inverse covariance of the shift, px^-2; index (n, 2).
+    prior : px^-2, of a cell being on the plane, along either axis.
     """
 
     centre: FloatArray
     shift: FloatArray
     information: FloatArray
     index: NDArray[np.int64]
+    prior: float
+
+    def along(self, axis: FloatArray) -> FloatArray:
+        """(n,) shifts along unit vectors (n, 2) if cells can move along no other, grid px.
+
+        Weighted by their information these sum to zero on the plane aligned, which the shifts along two axes, that
+        trade off in texture of one direction, do not.
+        """
+        system = self.information + self.prior * np.eye(2)
+        known = np.einsum("ni,nij,nj->n", axis, system, axis)
+        return np.asarray(np.einsum("ni,nij,nj->n", axis, system, self.shift) / known)
 
 
 def cell_shifts(view: View, normal: FloatArray, cell: int) -> CellShifts:
@@ -247,7 +259,7 @@ def cell_shifts(view: View, normal: FloatArray, cell: int) -> CellShifts:
     index = np.stack(np.divmod(np.flatnonzero(keep), view.grid.shape[1] // cell), -1)
     centre = index[:, ::-1] * float(cell) + (cell - 1) / 2
     information = np.stack([a, b, b, c], -1).reshape(-1, 2, 2)[keep]
-    return CellShifts(centre, shift, information, index)
+    return CellShifts(centre, shift, information, index, prior)
 
 
 def sweep_planes(view: View, depths: FloatArray, keep: int = 4) -> list[PlaneFit]:

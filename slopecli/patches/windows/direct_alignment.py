@@ -12,7 +12,7 @@ from slopecli.geometry.statistics import CHI2_MEDIAN, median
 from slopecli.look.matches import Matches, pair_rays
 from slopecli.look.noise import SYSTEMATIC_PX
 from slopecli.look.photometric import PlaneFit, View, align_plane, cell_shifts
-from slopecli.look.scene import FINE_PX, Scene, axis_variance, view_of
+from slopecli.look.scene import FINE_PX, Scene, axis_variance, epipolar_axes, view_of
 from slopecli.look.warp import sample_map
 from slopecli.patches.patch import REFERENCE_PX, Patch, overdispersion, weight_of
 from slopecli.patches.windows.tunables import TUNE
@@ -64,11 +64,14 @@ def _shifted_cells(patch: Patch, view: View, fit: PlaneFit, scene: Scene, cell: 
     """The window with the aligned plane's cells, each shifted as its pixels require; None if too few are certain."""
     shifts = cell_shifts(view, fit.normal, cell)
     uv1 = view.grid.full(shifts.centre)
-    uv2 = sample_map(view.mapping(fit.normal), shifts.centre + shifts.shift)
+    # depth moves a cell along its epipolar line only
+    axes = np.array(epipolar_axes(uv1, scene))
+    shift = np.array([shifts.along(axis) for axis in axes])
+    uv2 = sample_map(view.mapping(fit.normal), shifts.centre + (shift[:, :, None] * axes).sum(axis=0))
     # twice the noise of grey values, as interpolation gives neighbouring cells some of it in common
     variance = axis_variance(shifts.information, uv1, scene, SYSTEMATIC_PX, 2.0)
     x1, x2, seen = pair_rays(scene.camera1, scene.camera2, uv1, uv2)
-    good = seen & (np.abs(shifts.shift).max(1) < TUNE.mismatch_px) & (variance[:, 0] < TUNE.mismatch_px**2)
+    good = seen & (np.abs(shift).max(0) < TUNE.mismatch_px) & (variance[:, 0] < TUNE.mismatch_px**2)
     if good.sum() < max(TUNE.least_matches, 0.3 * len(patch.matches)):  # fewer than 30 % of those of flow: it is better
         return None
     matches, variance = Matches(uv1, uv2, x1, x2).take(good), variance[good, 0] / view.grid.mean_scale**2

@@ -8,7 +8,7 @@ chosen, but those that fit about as well are part of the spread, which is the si
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -18,9 +18,9 @@ from slopecli.geometry.epipolar import homogeneous, tangent_basis
 from slopecli.geometry.motion import inverse_depth
 from slopecli.geometry.statistics import median, robust_sigma
 from slopecli.look.matches import ON_PLANE_PX, Matches
-from slopecli.look.noise import ROUNDING_GREY
-from slopecli.look.photometric import TILTS, View
-from slopecli.look.scene import Scene, view_of
+from slopecli.look.noise import MAX_GAIN, ROUNDING_GREY
+from slopecli.look.photometric import TILTS, View, align_plane
+from slopecli.look.scene import FINE_PX, Scene, view_of
 from slopecli.look.warp import covered, map_nodes, node_shape, sample_grey, sample_layer, spread_table
 from slopecli.patches.patch import Patch
 from slopecli.patches.windows.borrowed import angles, from_elsewhere, shares, similarity
@@ -34,6 +34,10 @@ class OrientationTunables:
 
     faint_score: float = 0.55  # own matches that agree less are chance as often as not,
     doubt_rad: float = float(np.radians(5.0))  # where the 1-sigma of their tilt says so, too
+    vague_rad: float = float(np.radians(10.0))  # 1-sigma by noise, beyond which a slope is not reported
+    clear_score: float = 0.9  # with better ones a window needs no other start
+    starts: int = 3  # known orientations that a faint window is aligned from, those of the least misfit
+    better: float = 0.05  # growth of the correlation by which another start is no chance
     most_windows: int = 100  # in a finer grid the planes next to a window tell more than orientations far away
     most_known: int = 12  # orientations compared: rooms and streets have fewer
     same_rad: float = float(np.radians(1.5))  # orientations nearer to each other are compared once
@@ -48,6 +52,9 @@ class OrientationTunables:
 
 
 KNOWN = OrientationTunables()
+
+
+Rematch = Callable[[Patch, Scene, FloatArray], Patch]
 
 
 class KnownPlane(NamedTuple):
@@ -67,26 +74,64 @@ class Exposure(NamedTuple):
     noise: float
 
 
-def with_known_orientations(patches: list[Patch], scene: Scene) -> list[Patch]:
-    """The windows; those without matches, or with faint ones, have an orientation from elsewhere if that fits."""
-    doubtful = [_is_doubtful(patch) for patch in patches]
-    if not any(doubtful) or len(patches) > KNOWN.most_windows:
+def with_known_orientations(patches: list[Patch], scene: Scene, rematch: Rematch) -> list[Patch]:
+    """The windows; those without matches, or with faint ones, have an orientation from elsewhere if that fits.
+
+    rematch : matches a window anew, guided by a plane; used where texture aligns better from a known orientation.
+    """
+    if len(patches) > KNOWN.most_windows:
+        return patches
+    faint, mute = [_is_faint(patch) for patch in patches], [_is_mute(patch, scene) for patch in patches]
+    if not any(faint + mute):
         return patches
     known = known_planes(patches, scene)
     if not known:
         return patches
-    exposure = exposure_of(scene)
-    return [
-        _settled(patch, known, exposure, scene) if asked else patch
-        for patch, asked in zip(patches, doubtful, strict=True)
-    ]
+    exposure, settled = exposure_of(scene), list(patches)
+    for k in range(len(patches)):
+        if faint[k]:
+            settled[k] = _realigned(settled[k], known, exposure, scene, rematch)
+        if mute[k] and _is_mute(settled[k], scene):
+            settled[k] = _settled(settled[k], known, exposure, scene)
+    return settled
 
 
-def _is_doubtful(patch: Patch) -> bool:
-    """Whether a window that image 2 shows has no matches of its own, or only faint ones."""
+def _is_mute(patch: Patch, scene: Scene) -> bool:
+    """Whether a window that image 2 shows has no matches of its own, or such as agree by chance or tell no tilt."""
     if patch.origin != "own":
         return patch.code != "no-overlap"
-    return patch.score < KNOWN.faint_score and patch.tilt_sigma_rad > KNOWN.doubt_rad
+    by_chance = patch.score < KNOWN.faint_score and patch.tilt_sigma_rad > KNOWN.doubt_rad
+    return by_chance or _noise_rad(patch, scene) > KNOWN.vague_rad
+
+
+def _noise_rad(patch: Patch, scene: Scene) -> float:
+    """1-sigma of the tilt of a window by the residuals of its matches, if neighbours share as much as they ever do."""
+    rows, target = _rows_of(patch, scene)
+    return MAX_GAIN * _tilt_sigma(rows, target, own_plane(patch, scene))
+
+
+def _is_faint(patch: Patch) -> bool:
+    """Whether a window has matches of its own that are better than chance, but may be led to the wrong plane."""
+    by_matches = patch.tilt_sigma_rad - patch.unmatched_sigma_rad
+    return (
+        patch.origin == "own" and KNOWN.faint_score <= patch.score < KNOWN.clear_score and by_matches > KNOWN.doubt_rad
+    )
+
+
+def _realigned(patch: Patch, known: list[KnownPlane], exposure: Exposure, scene: Scene, rematch: Rematch) -> Patch:
+    """The window matched anew from the known orientation that its texture aligns best from, if clearly better so."""
+    small, view = (view_of(patch.window, scene, side, border=False) for side in (KNOWN.side_px, FINE_PX))
+    if min(small.grid.shape) < 8:  # px: too narrow to compare
+        return patch
+    found = _compared(small, np.array([plane.normal for plane in known]), _depths(small, scene), exposure, 1.0)
+    starts = [k for k in np.argsort(found.misfit, kind="stable")[: KNOWN.starts] if np.isfinite(found.misfit[k])]
+    fits = [align_plane(view, found.normals[k] * found.depth[k], 8) for k in starts]  # as for other starts
+    own = align_plane(view, own_plane(patch, scene), 8)
+    best = max(fits, key=lambda fit: fit.score, default=own)
+    if best.score < own.score + KNOWN.better:
+        return patch
+    again = rematch(patch.unmatched(""), scene, best.normal)
+    return again if again.origin == "own" and again.score > patch.score else patch
 
 
 # ---- what is known ----
@@ -113,13 +158,10 @@ def _plane_of(patch: Patch, scene: Scene) -> KnownPlane | None:
     """The plane through the matches of a window; None if these are few, faint, or leave its orientation open."""
     if patch.origin != "own" or patch.score < TUNE.good_score or patch.share < TUNE.scarce_share:
         return None
-    x1, x2 = patch.matches.x1, patch.matches.x2
-    w, leverage = inverse_depth(scene.R, scene.T, x1, x2)
-    root = leverage * np.sqrt(patch.weight)
-    rows, target = homogeneous(x1) * root[:, None], w * root
+    rows, target = _rows_of(patch, scene)
     if np.linalg.matrix_rank(rows) < 3:
         return None
-    normal = np.asarray(np.linalg.lstsq(rows, target, rcond=None)[0])
+    normal = own_plane(patch, scene)
     # what is not matched does not tilt the part that is
     sigma = float(np.hypot(patch.tilt_sigma_rad - patch.unmatched_sigma_rad, _tilt_sigma(rows, target, normal)))
     return KnownPlane(normal, sigma, patch.matches, f"window {patch.id}") if sigma < KNOWN.sure_rad else None
@@ -129,7 +171,7 @@ def _tilt_sigma(rows: FloatArray, target: FloatArray, normal: FloatArray) -> flo
     """1-sigma, rad, of the tilt of a plane by the residuals of its rows (n, 3) @ normal = target (n,)."""
     residual, length = target - rows @ normal, float(np.linalg.norm(normal))
     across = np.eye(3) - np.outer(normal, normal) / length**2
-    covariance = across @ np.linalg.inv(rows.T @ rows) @ across
+    covariance = across @ np.linalg.pinv(rows.T @ rows) @ across
     return float(np.sqrt(0.5 * np.trace(covariance) * (residual @ residual) / max(len(target) - 3, 1))) / length
 
 
@@ -205,12 +247,23 @@ def _settled(patch: Patch, known: list[KnownPlane], exposure: Exposure, scene: S
     return from_elsewhere(patch, scene, known[best].matches, float(spread), known[best].name)
 
 
+def own_plane(patch: Patch, scene: Scene) -> FloatArray:
+    """(3,) scaled normal of the plane through the matches of a window."""
+    return np.asarray(np.linalg.lstsq(*_rows_of(patch, scene), rcond=None)[0])
+
+
+def _rows_of(patch: Patch, scene: Scene) -> tuple[FloatArray, FloatArray]:
+    """Rows (n, 3) @ normal = target (n,) of the matches of a window, weighted."""
+    w, leverage = inverse_depth(scene.R, scene.T, patch.matches.x1, patch.matches.x2)
+    root = leverage * np.sqrt(patch.weight)
+    return homogeneous(patch.matches.x1) * root[:, None], w * root
+
+
 def _is_around(patch: Patch, normal: FloatArray, scene: Scene) -> bool:
     """Whether the window has the plane of most matches around it already, and this normal (3,) agrees with it."""
     if patch.origin == "none":
         return False
-    w, _ = inverse_depth(scene.R, scene.T, patch.matches.x1, patch.matches.x2)
-    plane = np.asarray(np.linalg.lstsq(homogeneous(patch.matches.x1), w, rcond=None)[0])
+    plane = own_plane(patch, scene)
     vote = scene.evidence.near(patch.window, TUNE.reaches[0]) * similarity(patch.window, scene, TUNE.reaches[0])
     agrees = angles(np.array([plane, normal]))[0, 1] < KNOWN.parallel_rad
     return bool(agrees and shares([plane], scene, vote)[0] >= 0.5)
@@ -218,10 +271,9 @@ def _is_around(patch: Patch, normal: FloatArray, scene: Scene) -> bool:
 
 def _beside_own(found: Compared, patch: Patch, view: View, exposure: Exposure, scene: Scene) -> Compared:
     """The orientations, less likely the farther they are from the plane of the window's own matches; and that, last."""
-    w, leverage = inverse_depth(scene.R, scene.T, patch.matches.x1, patch.matches.x2)
-    root = leverage * np.sqrt(patch.weight)
-    normal = np.asarray(np.linalg.lstsq(homogeneous(patch.matches.x1) * root[:, None], w * root, rcond=None)[0])[None]
-    misfit, sigma = _misfit(view, normal, exposure), max(patch.tilt_sigma_rad, KNOWN.sure_rad)
+    normal = own_plane(patch, scene)[None]
+    misfit = _misfit(view, normal, exposure)
+    sigma = max(patch.tilt_sigma_rad, _noise_rad(patch, scene), KNOWN.sure_rad)
     apart = angles(np.vstack([found.normals, normal]))[-1, :-1]
     found = found._replace(prior=found.prior * np.exp(-0.5 * (apart / sigma) ** 2))
     return found.joined(Compared(normal, misfit, np.zeros(1), np.array([KNOWN.unknown])))

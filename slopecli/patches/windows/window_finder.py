@@ -36,7 +36,7 @@ def find_in_windows(scene: Scene, options: Options) -> Found:
     match = WINDOW_MATCHERS[options.features]
     with single_threaded():
         patches = [match(window_patch(window, k), scene) for k, window in enumerate(windows, 1)]
-        return Found(with_known_orientations(patches, scene))
+        return Found(with_known_orientations(patches, scene, REMATCHERS[options.features]))
 
 
 def wanted_windows(options: Options, width: int, height: int) -> list[Window]:
@@ -257,3 +257,8 @@ def _correlated(patch: Patch, scene: Scene, normal: FloatArray) -> Patch:
 
 # what `--features` names: the matcher of a window
 WINDOW_MATCHERS: dict[str, Callable[[Patch, Scene], Patch]] = {"sift": match_window, "foerstner": match_window_corners}
+# and how a window is matched under a plane
+REMATCHERS: dict[str, Callable[[Patch, Scene, FloatArray], Patch]] = {
+    "sift": _densely_matched,
+    "foerstner": _correlated,
+}
