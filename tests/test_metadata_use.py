@@ -320,7 +320,7 @@ def test_every_pair_of_a_batch_has_its_own(tmp_path: Path, scene: Pair) -> None:
 def test_the_page_runs(tmp_path: Path, scene: Pair, monkeypatch: pytest.MonkeyPatch) -> None:
     """Its first command, and its Python, on files of these names."""
     page = (Path(__file__).parent.parent / "docs" / "drone.md").read_text(encoding="utf-8")
-    command, code = re.search(r"^slopemap (.*?) +#", page, re.M), re.search(r"```python\n(.*?)```", page, re.S)
+    command, code = re.search(r"^slopemap (estimate .*?) +#", page, re.M), re.search(r"```python\n(.*?)```", page, re.S)
     assert command
     assert code
     for image, name in zip(write(tmp_path, scene), ("DJI_0031.JPG", "DJI_0032.JPG"), strict=True):
