@@ -9,6 +9,7 @@ nothing, so what is found is only where a search begins.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -30,7 +31,7 @@ class _Search:
 
     rounds: int = 30  # of robust weights: they settle in 5, and in 20 where a quarter of the points is mismatched
     focal_lengths: int = 41  # that are compared: 4 % apart, and what begins within 10 % arrives
-    through_lens: int = 9  # focal lengths under which the lines of a lens with distortion are fitted
+    through_lens: float = 0.175  # steps of the logarithm of the focal length; what begins within half of one arrives
 
 
 _SEARCH = _Search()
@@ -42,15 +43,13 @@ def start_by_lines(sightings: Sightings, noise: float, most: float) -> tuple[flo
     noise : of the matches, normalised.  None where no focal length within reach is better than its neighbours.
     """
     if any(camera.distortion for camera in sightings.cameras):
-        found = [_fitted(sightings, value, noise) for value in np.linspace(-most, most, _SEARCH.through_lens)]
-        lines = min((one for one in found if one), key=lambda one: one.noise_px, default=None)
-        step: float | None = 0.0
+        lines, step = _straightest(sightings, noise, most), 0.0
     else:
         lines = _fitted(sightings, 0.0, noise)
-        step = lines and _focal_of(lines.F, most)
-    if lines is None or step is None:
+        step = _focal_of(lines.F, most) if lines else math.nan
+    if lines is None or math.isnan(step):
         return None
-    value = float(lines.value + step)
+    value = lines.value + step
     E = _scaled(lines.F, np.array([step]))[0]
     seen = lines.seen.seen_by(_with_focal(sightings.cameras, value))
     finite = np.isfinite(np.column_stack(seen.rays())).all(axis=1)
@@ -68,6 +67,18 @@ class _Lines(NamedTuple):
     F: FloatArray
     weight: FloatArray
     noise_px: float
+
+
+def _straightest(sightings: Sightings, noise: float, most: float) -> _Lines | None:
+    """The lines of a lens with distortion, by steps of the focal length for as long as points come nearer to them."""
+    best = _fitted(sightings, 0.0, noise)
+    for step in (_SEARCH.through_lens, -_SEARCH.through_lens):
+        while best and abs(best.value + step) <= most:
+            tried = _fitted(sightings, best.value + step, noise)
+            if tried is None or tried.noise_px >= best.noise_px:
+                break
+            best = tried
+    return best
 
 
 def _fitted(sightings: Sightings, value: float, noise: float) -> _Lines | None:
@@ -88,12 +99,12 @@ def _scaled(F: FloatArray, values: FloatArray) -> FloatArray:
     return np.asarray(scale[:, :, None] * F * scale[:, None, :])
 
 
-def _focal_of(F: FloatArray, most: float) -> float | None:
-    """Logarithm of the focal length under which the larger singular values are nearest to equal; None at the ends."""
+def _focal_of(F: FloatArray, most: float) -> float:
+    """Logarithm of the focal length under which the larger singular values are nearest to equal; NaN at the ends."""
     values = np.linspace(-most, most, _SEARCH.focal_lengths)
     singular = np.linalg.svd(_scaled(F, values), compute_uv=False)
     best = int((singular[:, 1] / singular[:, 0]).argmax())
-    return None if best in (0, len(values) - 1) else float(values[best])
+    return math.nan if best in (0, len(values) - 1) else float(values[best])
 
 
 def _motion_of(E: FloatArray, seen: Sightings, weight: FloatArray) -> Motion:

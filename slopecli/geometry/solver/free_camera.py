@@ -54,7 +54,7 @@ class _Anew:
     """When a search begins where epipolar lines say, and how long it goes on."""
 
     points: int = 1500  # by which the lines are fitted: fewer miss them where mismatches are many
-    least: float = 0.05  # logarithm of a focal length below that steps find it as well
+    least: float = 0.05  # logarithm of a focal length from which on it is another; Gauss-Newton finds nearer ones
     gain: float = 0.1  # of the mean cost of a point, as by 10 % less noise: right cameras come to 0.085
     mismatch_px: float = 10.0  # reach of mismatches: a few px where others guided the search, more in the overview
     rounds: int = 8  # of choosing the points anew
@@ -109,12 +109,14 @@ def free_focal(every: Sightings, start: Settled, far: Callable[[Freed], bool] | 
     freed, given = None, _solved(every, 0.0, (start.R, start.T))
     if given is None:
         return None
-    anew = _by_lines(every, given)
+    lines = start_by_lines(thinned(every, _ANEW.points), given.solution.noise, FOCAL_STEPS[-1])
+    near = lines is not None and abs(lines[0]) < _ANEW.least
+    anew = None if lines is None or near else _begun_anew(every, given, *lines)
     last, total = anew or given, anew.value if anew else 0.0
     for number in range(_ANEW.rounds):
         first = not number and anew is None
         kept = thinned(last.left.take(last.solution.inlier), gain=every.gain)
-        freed = free_parameter(*with_planes(kept, Settled.of(last.solution)), "f", steps=first)
+        freed = free_parameter(*with_planes(kept, Settled.of(last.solution)), "f", steps=first and not near)
         if freed is None or abs(total + freed.value) > FOCAL_STEPS[-1]:  # beyond what is tried nothing holds it
             return None
         total += freed.value
@@ -156,12 +158,9 @@ def _solved(every: Sightings, value: float, start: Motion) -> _Solved | None:
     return _Solved(value, left, solution)
 
 
-def _by_lines(every: Sightings, given: _Solved) -> _Solved | None:
-    """The solution from the focal length and motion that epipolar lines tell, where it explains the points better."""
-    found = start_by_lines(thinned(every, _ANEW.points), given.solution.noise, FOCAL_STEPS[-1])
-    if found is None or abs(found[0]) < _ANEW.least:
-        return None
-    solved = _solved(every, *found)
+def _begun_anew(every: Sightings, given: _Solved, value: float, motion: Motion) -> _Solved | None:
+    """The solution from a focal length and a motion, where it explains the points clearly better."""
+    solved = _solved(every, value, motion)
     return solved if solved and solved.cost < given.cost - _ANEW.gain else None
 
 
