@@ -9,6 +9,7 @@ __getattr__, __dir__ = lazy_names(
     {
         "app": "run slopemap",
         "batch": "batch_table maps_table",
+        "opencv_wheels": "explain_opencv",
         "parameter_types": "PAIRINGS",
         "progress": "BatchProgress",
         "report_table": "classes_table result_table talk_lines",

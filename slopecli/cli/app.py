@@ -17,6 +17,7 @@ import click
 
 from slopecli import __version__
 from slopecli.cli.interruption import was_interrupted
+from slopecli.cli.opencv_wheels import explain_opencv
 from slopecli.cli.talk import Talk, drop_stdout, tell
 from slopecli.errors import SlopemapError
 
@@ -96,6 +97,8 @@ def run(command: click.Command, arguments: Sequence[str]) -> int:
             drop_stdout()  # files of -o answer for themselves, so what could not be written is stdout
             return _end(f"cannot write to stdout: {error.strerror}; free some space or write elsewhere", UNEXPECTED)
         return _unexpected(error, talk)
+    finally:
+        talk.clear()
 
 
 def _prepare_process() -> None:
@@ -126,6 +129,8 @@ def _end(message: str, exit_code: int) -> int:
 
 
 def _unexpected(error: Exception, talk: Talk) -> int:
+    if (line := explain_opencv(error)) is not None:
+        return _end(line, UNEXPECTED)
     if talk.verbose:
         import traceback
 

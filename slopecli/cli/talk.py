@@ -33,9 +33,12 @@ class Talk:
     slope_unit: str = "deg"
     command: str = ""
     notes: list[str] = field(default_factory=list)
+    _start: float = field(default_factory=time.monotonic)
+    _shown: bool = False
 
     def say(self, line: str) -> None:
         """Say one line on stderr unless -q was given."""
+        self.clear()
         if not self.quiet:
             tell(line)
 
@@ -45,9 +48,20 @@ class Talk:
         self.say(f"info: {text}")
 
     def stage(self, name: str, seconds: float) -> None:
-        """Say with -v how long a stage took."""
+        """Say with -v how long a stage took; on a terminal show the last one of a run that takes long."""
         if self.verbose:
             tell(f"{name:<12s} {seconds:8.3f} s")
+        elif not self.quiet and is_terminal(sys.stderr) and time.monotonic() - self._start > 2.0:  # s
+            self._shown = True
+            with stderr_may_be_gone():
+                click.echo(f"\r\033[Kdone: {visible(name)}", nl=False, err=True)
+
+    def clear(self) -> None:
+        """Remove what `stage` shows."""
+        if self._shown:
+            self._shown = False
+            with stderr_may_be_gone():
+                click.echo("\r\033[K", nl=False, err=True)
 
     @contextmanager
     def timed(self, name: str) -> Iterator[None]:
