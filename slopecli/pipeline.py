@@ -123,15 +123,19 @@ def sequence(frames: Iterable[Frame], runner: Sequence, *, stop_when_settled: bo
     stop_when_settled : end when every window is safe or unsafe; the probability that any of these verdicts is wrong
         is at most 1 - confidence, see `SettlingTest`.
     """
-    test = SettlingTest(len(runner.windows), runner.options.confidence)
+    test, last = SettlingTest(len(runner.windows), runner.options.confidence), None
     for frame in frames:
         # gates, tracking, one more view in the joint solution
         state = runner.take(frame)
 
         # slopes, verdicts and findings of the answer so far
-        report = runner.report_or_none() if state.status == "used" else None
+        report = runner.report_or_none() if state.status == "used" and not state.later else None
         settled = test.settled if report is None else test.look(report)
-        yield SequenceStep(state, report, dict(settled))
+        last = report or last
+        motion = None if report is None else report.motion
+        if state.later and last is not None:
+            motion = runner.motions(last)[-1].motion
+        yield SequenceStep(state, report, dict(settled), motion)
         if stop_when_settled and test.complete:
             return
 

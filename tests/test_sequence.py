@@ -115,8 +115,8 @@ def test_without_parallax_there_is_no_answer_yet() -> None:
 def test_the_answer_is_that_of_the_solver_on_the_same_points() -> None:
     """Frame by frame gives what one solution of all views gives, within its sigma."""
     sequence = run(*(frame(number) for number in range(5)))
-    estimator = sequence._estimator
-    assert estimator is not None
+    assert sequence._first is not None
+    estimator = sequence._first.estimator
     points = estimator.best.points
     x = np.where(points.weight[:, None] > 0.0, points.x, np.nan).transpose(0, 2, 1)
     whole = solve_views(points.p[:2].T, x, points.plane_of_point(), relief=True, weights=points.weight)
@@ -201,3 +201,31 @@ def test_a_motion_that_fits_badly_is_not_taken() -> None:
     sequence = run(*frames)
     normal = np.array([[np.sin(np.radians(15.0)), 0.0, np.cos(np.radians(15.0))]] * 4)
     assert np.degrees(normal_angle(sequence.solution().scaled_normals, normal)).max() < 0.5
+
+
+def test_a_flight_goes_on_when_the_windows_have_left_the_view() -> None:
+    """A later frame becomes the reference: motions go on in the unit of the first move, windows keep their answer."""
+    normal, step = np.array([0.05, 0.02, 1.0]) / 12.0, np.array([1.1, 0.15, 0.0])
+    sequence = Sequence(CAMERA, OPTIONS)
+    unit = 1.0
+    for number in range(15):
+        R = turn(0.5 * np.sin(number), 0.4 * np.sin(0.7 * number), 0.4 * number) if number else turn()
+        pair = render(R, step * max(number, 1), [normal], noise=1.0, noise_seed=number)
+        before = None if not sequence.started else sequence.solution().scaled_normals
+        state = sequence.add(pair.grey2 if number else pair.grey1)
+        if state.T is None or state.status != "used":
+            continue
+        if before is None:
+            unit = float(np.linalg.norm(step)) * number
+        np.testing.assert_allclose(state.T * unit, step * number, atol=0.01 * np.linalg.norm(step) * number)
+        assert state.R is not None
+        assert np.degrees(np.linalg.norm(state.R - R)) < 0.5
+    assert sequence.frames[-1].status == "used"
+    assert sequence.frames[-1].later
+    assert np.degrees(normal_angle(sequence.solution().scaled_normals, np.array([normal] * 4))).max() < 0.5
+    report = sequence.report()
+    motions = sequence.motions(report)
+    assert motions[-1].frame == 15
+    last_seen = [state for state in sequence.frames if state.status == "used" and not state.later][-1]
+    same = next(one for one in motions if one.frame == last_seen.frame)
+    np.testing.assert_allclose(same.motion.baseline_cam1, report.motion.baseline_cam1, atol=1e-9)

@@ -96,7 +96,7 @@ def frame_line(step: SequenceStep) -> bytes:
         "image": state.image,
         "time_s": state.time_s,
         "status": state.status,
-        "motion": None,
+        "motion": step.motion,
         "planes": [],
         "ambiguity": None,
         "settled": [{"id": number, "verdict": verdict} for number, verdict in sorted(step.settled.items())],
@@ -113,7 +113,6 @@ def frame_line(step: SequenceStep) -> bytes:
             }
         ]
     if report is not None:
-        document["motion"] = report.motion
         document["planes"] = [_short(plain(plane)) for plane in report.planes]
         document["ambiguity"] = {"status": report.ambiguity.status, "delta_chi2": report.ambiguity.delta_chi2}
         document["diagnostics"] = report.diagnostics

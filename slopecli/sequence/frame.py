@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, NamedTuple
 
-from slopecli.types import Image, Report, Verdict
+from slopecli.types import Image, Motion, Report, Verdict
 
 if TYPE_CHECKING:
     from slopecli.ground.slope_map import SlopeMap
@@ -46,8 +46,12 @@ class SequenceAnswer:
 
 
 class SequenceStep(NamedTuple):
-    """After one frame: what became of it, the report if it changed the answer, and windows by id that are settled."""
+    """After one frame: what became of it, the report if it changed the answer, and windows by id that are settled.
+
+    motion : of the frame, None if it was not used.
+    """
 
     state: FrameState
     report: Report | None
     settled: dict[int, Verdict]
+    motion: Motion | None = None

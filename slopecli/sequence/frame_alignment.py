@@ -26,13 +26,17 @@ Motion = tuple[FloatArray, FloatArray]  # R (3, 3) and T (3,)
 
 
 class Found(NamedTuple):
-    """Where a frame shows the points: uv (n, 2) px, x (2, n) rays, seen (n,); zoom: px of the frame to one of the
-    reference, so that errors in the frame are as many times those of the alignment."""
+    """Where a frame shows the points: uv (n, 2) px, x (2, n) rays, seen (n,).
+
+    zoom : px of the frame to one of the reference, so that errors there are as many times those of the alignment.
+    likeness : correlation of the frame, pulled onto the reference, with it.
+    """
 
     uv: FloatArray
     x: FloatArray
     seen: BoolArray
     zoom: float
+    likeness: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,13 +86,14 @@ class Aligner:
         """
         places = self._places(motion, normals, u, known)
         zoom, moved = self._zoom(places), self.tracks.uv.copy()
-        near = np.zeros(len(self.tracks), bool)
+        near, likeness = np.zeros(len(self.tracks), bool), 0.0
         asked = np.flatnonzero(known & _inside(_sampled(places, moved), self.camera, TRACKING.margin_px))
         if len(asked):
             part = self._part(moved[asked])
             reference = np.ascontiguousarray(_blurred(self.grey, 1.0 / zoom)[part])
             pulled = _pulled(_blurred(frame, zoom), places[:, part[0], part[1]])
-            pulled = _brightened(pulled, *_brightness(reference, pulled, places[:, part[0], part[1]], self.camera))
+            gain, offset, likeness = _brightness(reference, pulled, places[:, part[0], part[1]], self.camera)
+            pulled = _brightened(pulled, gain, offset)
             corner = np.array([part[1].start, part[0].start])
             found, near[asked] = _tracked(reference, pulled, moved[asked] - corner, levels)
             moved[asked] = found + corner
@@ -96,7 +101,7 @@ class Aligner:
         inside = _inside(uv, self.camera, TRACKING.margin_px)
         x = rays_from_pixels(self.camera, np.where(inside[:, None], uv, 0.0))
         seen = near & inside & np.isfinite(x).all(axis=1)
-        return Found(uv, np.where(seen[:, None], x, 0.0).T, seen, zoom)
+        return Found(uv, np.where(seen[:, None], x, 0.0).T, seen, zoom, likeness)
 
     def _part(self, uv: FloatArray) -> tuple[slice, slice]:
         """Rows and columns of the reference around points (k, 2), with room for windows and displacements."""
@@ -173,16 +178,20 @@ def _blurred(grey: Grey, zoom: float) -> Grey:
     return grey if sigma < 0.2 else np.asarray(cv2.GaussianBlur(grey, (0, 0), sigma), np.uint8)
 
 
-def _brightness(reference: Grey, pulled: Grey, places: NDArray[np.float32], camera: Camera) -> tuple[float, float]:
-    """Gain and offset of the grey values of a pulled frame that give those of the reference."""
+def _brightness(
+    reference: Grey, pulled: Grey, places: NDArray[np.float32], camera: Camera
+) -> tuple[float, float, float]:
+    """Gain and offset of the grey values of a pulled frame that give those of the reference, and their correlation."""
     part = (slice(None, None, 8), slice(None, None, 8))
     u, v = places[:, ::8, ::8]
     valid = (u > 0) & (u < camera.width - 1) & (v > 0) & (v < camera.height - 1)
     if np.count_nonzero(valid) < 100:
-        return 1.0, 0.0
+        return 1.0, 0.0, 0.0
     a, b = reference[part][valid].astype(float), pulled[part][valid].astype(float)
-    gain = float(np.clip(a.std() / max(b.std(), 1e-3), 0.5, 2.0))
-    return gain, float(a.mean() - gain * b.mean())
+    spread = max(float(a.std()), 1e-3), max(float(b.std()), 1e-3)
+    gain = float(np.clip(spread[0] / spread[1], 0.5, 2.0))
+    likeness = float(((a - a.mean()) * (b - b.mean())).mean()) / (spread[0] * spread[1])
+    return gain, float(a.mean() - gain * b.mean()), likeness
 
 
 def _sampled(places: NDArray[np.float32], uv: FloatArray) -> FloatArray:

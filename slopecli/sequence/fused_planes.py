@@ -72,6 +72,15 @@ def halves_ratio(points: ViewPoints, root: Root, cell: IntArray) -> float:
     return total / count
 
 
+def noise_alone(points: ViewPoints, root: Root) -> FloatArray:
+    """(m, 3, 3) covariance of the normals by independent noise of their points, motions known and without relief."""
+    V, p = root.system.V * (root.q > 0.0), points.p
+    n = points.n_on_planes
+    information = points.sum_planes((V * p)[:, None, :n] * p[None, :, :n]).transpose(2, 0, 1)
+    lift = 1e-9 * np.trace(root.system.plane, axis1=1, axis2=2) + np.finfo(float).tiny
+    return np.asarray(root.noise**2 * np.linalg.inv(information + lift[:, None, None] * np.eye(3)))
+
+
 class _Half(NamedTuple):
     """Change of a scaled normal (3,) that half of the points asks for, its information (3, 3), number of points."""
 

@@ -26,6 +26,7 @@ from slopecli.sequence.first_move import first_move
 from slopecli.sequence.frame import Frame, SequenceAnswer
 from slopecli.sequence.frame_alignment import Aligner
 from slopecli.sequence.frame_gates import FrameGates, Skipped
+from slopecli.sequence.later_reference import Follower, LaterReference
 from slopecli.sequence.sequence_report import Reported, report_of
 from slopecli.sequence.tracking_tunables import TRACKING
 from slopecli.sequence.tracks import choose_tracks
@@ -41,6 +42,7 @@ class FrameState:
     status : "reference" (the first), "used" or "skipped"; why : code and words if skipped.
     R, T : of the frame, in axes of the first, unit: the first move; None if it was not used.
     position_m : of the camera as known otherwise, m.
+    later : it was followed against a later reference: the windows have left the view, and it adds a motion only.
     """
 
     frame: int
@@ -51,6 +53,7 @@ class FrameState:
     R: FloatArray | None = None
     T: FloatArray | None = None
     position_m: tuple[float, float, float] | None = None
+    later: bool = False
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,8 +83,9 @@ class Sequence:
         self._memory = FeatureMemory(1)
         self._aligner: Aligner | None = None
         self._strangers = 0  # frames that do not go with the first one, before there is an answer
-        self._estimator: ViewEstimator | None = None
-        self._coarse: CoarseMotion | None = None
+        self._first: Follower | None = None  # what follows the reference; it has the answer
+        self._later: Follower | None = None  # what follows a later reference, which took its place
+        self._next: LaterReference | None = None
         self._depth = DepthFrames() if keep_depth else None
         self.current: Image | None = None
         self._images: tuple[Image | ImageInfo, Image | ImageInfo] = (ImageInfo("", None, None, ""),) * 2
@@ -97,9 +101,15 @@ class Sequence:
         state = FrameState(len(self.frames) + 1, "skipped", why=why) if why else self._taken_or_skipped(frame)
         if state.status != "skipped":
             self._gates.accept(frame)
-        elif self._estimator is None and state.why is not None and state.why.code in ("foreign", "blurred"):
+        elif self._first is None and state.why is not None and state.why.code in ("foreign", "blurred"):
             self._strangers += 1
-        if state.status == "used" and self._depth is not None and state.R is not None and state.T is not None:
+        if (
+            state.status == "used"
+            and not state.later
+            and self._depth is not None
+            and state.R is not None
+            and state.T is not None
+        ):
             self._depth.add(frame, state.R, state.T, self._shown())
         state = replace(state, image=image, time_s=time_s)
         self.frames.append(state)
@@ -117,14 +127,15 @@ class Sequence:
 
     def _taken_or_skipped(self, frame: Grey) -> FrameState:
         """Take in a frame; one whose numbers break a step is skipped, and the answer is as before."""
-        held = None if self._estimator is None else self._estimator.kept()
+        current = self._later or self._first
+        held = None if current is None else current.estimator.kept()
         try:
             return self._taken(frame)
         except (ArithmeticError, ValueError, LookupError, cv2.error, SlopemapError) as problem:
-            if held is None:
-                self._estimator = self._coarse = None
-            elif self._estimator is not None:
-                self._estimator.restore(held)
+            if current is None or held is None:
+                self._first = None
+            else:
+                current.estimator.restore(held)
             why = Skipped("foreign", f"cannot be followed: {' '.join(str(problem).split())}")
             return FrameState(len(self.frames) + 1, "skipped", why=why)
 
@@ -136,10 +147,11 @@ class Sequence:
                 return FrameState(number, "skipped", why=Skipped("dark", "has no texture in any window"))
             self._aligner = Aligner(frame, self.camera, self.windows, tracks)
             return FrameState(number, "reference", R=np.eye(3), T=np.zeros(3))
-        found = self._started(frame) if self._estimator is None else self._tracked(frame)
+        later = self._later is not None
+        found = self._started(frame) if self._first is None else self._followed(frame)
         if isinstance(found, Skipped):
             return FrameState(number, "skipped", why=found)
-        return FrameState(number, "used", R=found[0], T=found[1])
+        return FrameState(number, "used", R=found[0], T=found[1], later=later)
 
     def _started(self, frame: Grey) -> Placed | Skipped:
         """The first move, if this frame is far enough from the first."""
@@ -147,29 +159,29 @@ class Sequence:
         move = first_move(aligner.grey, frame, self.camera, aligner, self._memory)
         if isinstance(move, Skipped):
             return move
-        self._estimator = ViewEstimator(aligner.tracks, self.camera.focal_px)
-        self._estimator.start(move.found, move.solution)
-        self._coarse = CoarseMotion(self.camera, aligner.tracks, aligner.grey)
-        self._coarse.accept(frame, self._estimator.motion)
-        return self._estimator.motion
-
-    def _tracked(self, frame: Grey) -> Placed | Skipped:
-        """The motion of a frame of a running sequence, which is taken into the answer."""
-        aligner, estimator, coarse = self._reference(), self._estimator, self._coarse
-        if estimator is None or coarse is None:
-            raise InputError("the sequence has not started")
-        u, alive = estimator.inverse_depth, estimator.alive
-        placed = coarse.place(frame, u, alive) or coarse.place_anew(frame, estimator.normals, u, alive)
-        if placed is None:
-            return Skipped("foreign", "does not show the ground of the frames before")
-        motion: Placed = (placed.R, placed.T)
-        found = aligner.find(frame, motion, estimator.normals, u, alive)
-        share = estimator.share_of(found, motion)
-        if share < TRACKING.least_share:
-            return Skipped("foreign", f"agrees with the frames before at {100 * share:.0f} % of its points only")
-        estimator.add(found, motion)
+        estimator = ViewEstimator(aligner.tracks, self.camera.focal_px)
+        estimator.start(move.found, move.solution)
+        coarse = CoarseMotion(self.camera, aligner.tracks, aligner.grey)
         coarse.accept(frame, estimator.motion)
+        self._first = Follower(aligner, estimator, coarse, np.eye(3), np.zeros(3))
         return estimator.motion
+
+    def _followed(self, frame: Grey) -> Placed | Skipped:
+        """The motion of a frame of a running sequence, against the first; a later reference is taken where need be."""
+        current = self._later or self._first
+        if current is None:
+            raise InputError("the sequence has not started")
+        found = current.follow(frame)
+        if isinstance(found, Skipped):
+            return found
+        motion = current.in_first(found)
+        if self._next is not None:
+            begun = self._next.begun(frame, motion, self.camera)
+            if begun is not None:
+                self._later, self._next = begun, None
+        elif current.shown < TRACKING.new_reference and not current.estimator.is_open:
+            self._next = LaterReference.of(frame, self.camera, current, motion)
+        return motion
 
     def _reference(self) -> Aligner:
         if self._aligner is None:
@@ -178,18 +190,18 @@ class Sequence:
 
     def _shown(self) -> float:
         """Share of the points of the reference that the last frame used shows."""
-        return 0.0 if self._estimator is None else float((self._estimator.best.points.weight[-1] > 0.0).mean())
+        return 0.0 if self._first is None else self._first.shown
 
     @property
     def started(self) -> bool:
         """Whether there is an answer."""
-        return self._estimator is not None
+        return self._first is not None
 
     def solution(self) -> ViewsSolution:
         """Motions of the views kept and normals of all windows, with covariance and a second root if one is left."""
-        if self._estimator is None:
+        if self._first is None:
             raise InputError("there is no answer yet: no frame has moved far enough from the first")
-        return self._estimator.solution()
+        return self._first.estimator.solution()
 
     def take(self, frame: Frame) -> FrameState:
         """Take in a frame with its name and time; one that could not be read is skipped."""
@@ -201,7 +213,7 @@ class Sequence:
             return state
         state = replace(self.add(frame.image.grey, frame.name, frame.time_s), position_m=frame.position_m)
         self.frames[-1] = state
-        if state.status != "skipped":
+        if state.status != "skipped" and not state.later:
             info = ImageInfo(frame.image.path, frame.image.width, frame.image.height, frame.image.sha256)
             self._images = (frame.image if state.status == "reference" else self._images[0], info)
         return state
@@ -213,7 +225,7 @@ class Sequence:
 
     def answer_or_refuse(self, slope_map: SlopeMap | None = None) -> SequenceAnswer:
         """The answer so far; NoAnswer, with the reason for which the last frame was skipped, where there is none."""
-        if self._estimator is not None:
+        if self._first is not None:
             return self.answer(slope_map)
         why = [state.why for state in self.frames if state.why is not None]
         last = f": the last of them {why[-1].message}" if why else ""
@@ -252,12 +264,13 @@ class Sequence:
         ------
         InputError : there is no answer yet, or no frames were kept.
         """
-        if self._estimator is None or self._depth is None:
+        if self._first is None or self._depth is None:
             raise InputError(
                 "there is no depth: no frame has moved far enough, or Sequence was made without keep_depth"
             )
-        state, system = self._estimator.best.root.state, self._estimator.best.root.system
-        known = self._estimator.alive & (system.V > 0.0)
+        estimator = self._first.estimator
+        state, system = estimator.best.root.state, estimator.best.root.system
+        known = estimator.alive & (system.V > 0.0)
         aligner = self._reference()
         return self._depth.fused(aligner.grey, self.camera, aligner.tracks, state.u, known)
 
@@ -270,14 +283,17 @@ class Sequence:
         ------
         InputError : there is no answer yet.  NoAnswer : no window has a slope that is known.
         """
-        if self._estimator is None:
+        if self._first is None:
             raise InputError("there is no answer yet: no frame has moved far enough from the first")
         used = [state for state in self.frames if state.status != "skipped"]
         size = self.camera.width, self.camera.height
-        named = images or (ImageInfo(used[0].image, *size, ""), ImageInfo(used[-1].image, *size, ""))
+        named = images or (
+            ImageInfo(used[0].image, *size, ""),
+            ImageInfo([one for one in used if not one.later][-1].image, *size, ""),
+        )
         length = self._first_move_m(used)
         options = self.options if length is None else replace(self.options, baseline_m=length)
-        found = report_of(self._estimator, self.windows, named, self.camera, options, self._notes())
+        found = report_of(self._first.estimator, self.windows, named, self.camera, options, self._notes())
         if length is None:
             return found
         return found._replace(report=replace(found.report, scale=replace(found.report.scale, source="pose")))
@@ -301,7 +317,7 @@ class Sequence:
 
     def motions(self, report: Report) -> list[FrameMotion]:
         """Motions of all frames used, in the unit of the report, each as it was when its frame came in."""
-        last = next(state for state in reversed(self.frames) if state.T is not None and state.status == "used")
+        last = next(state for state in reversed(self.frames) if state.status == "used" and not state.later)
         length = float(
             np.linalg.norm(report.motion.baseline_cam1) / np.linalg.norm(np.zeros(3) if last.T is None else last.T)
         )

@@ -25,6 +25,7 @@ class TrackingTunables:
     coarse_points: int = 400  # points by which the motion between two frames is found
     least_share: float = 0.4  # of the coarse points that agree with a motion; with fewer the frame is not understood
     most_sigma_px: float = 1.0  # 1-sigma of the points under a motion: with more it is another motion, or other ground
+    least_likeness: float = 0.4  # correlation of the aligned frame with the reference: a moving shadow leaves 0.7
     misses: int = 2  # frames in turn whose track contradicts the rest, after which it is given up
     least_sigma_px: float = 0.03  # 1-sigma of a tracked point that is believed at least
     start_parallax_px: float = 3.0  # median displacement that a rotation leaves, for the first move
@@ -34,6 +35,11 @@ class TrackingTunables:
     strangers: int = 4  # frames that do not go with the first one, after which the next is the first
     most_blurred: int = 5  # blurred frames in turn; the next is taken, as the ground itself may be smoother
     least_sampling: float = 0.2  # of the variance that independent points would have; see `halves_ratio`
+    rough: float = 0.02  # relief that ground is taken to have until it is measured
+    new_reference: float = 0.25  # of the points in view, below which the last frame becomes a reference, too
+    later_points: int = (
+        64  # of each ninth of a later reference: for its motions, a quarter of those for slopes suffices
+    )
     slope_points: int = 8  # tracks that a window needs for an answer
 
 

@@ -30,16 +30,20 @@ class Tracks:
         return len(self.uv)
 
 
-def choose_tracks(grey: Grey, windows: list[Window], camera: Camera) -> Tracks:
-    """The points to track in the windows (px) of a frame, and some outside them."""
+def choose_tracks(grey: Grey, windows: list[Window], camera: Camera, wanted: int | None = None) -> Tracks:
+    """The points to track in the windows (px) of a frame, and some outside them.
+
+    wanted : in each window; None for as many as its slope needs.
+    """
     corner = np.asarray(cv2.cornerMinEigenVal(grey, 7), float)
     height, width = grey.shape
     edge = TRACKING.margin_px
     corner[:edge], corner[height - edge :], corner[:, :edge], corner[:, width - edge :] = 0.0, 0.0, 0.0, 0.0
     # a corner that grey noise alone would make: its gradients have a variance of about twice that of the noise
     least = 0.02 * float(np.median(corner[corner > 0.0])) if (corner > 0.0).any() else 0.0
-    few = min(TRACKING.in_few // len(windows), TRACKING.most_per_window)
-    wanted = max(min(TRACKING.per_window, TRACKING.in_all // len(windows)), few, 9)
+    if wanted is None:
+        few = min(TRACKING.in_few // len(windows), TRACKING.most_per_window)
+        wanted = max(min(TRACKING.per_window, TRACKING.in_all // len(windows)), few, 9)
     parts = [_best_corners(corner, window, wanted, least) for window in windows]
     covered = np.zeros(grey.shape, bool)
     for x, y, w, h in windows:

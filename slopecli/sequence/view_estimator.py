@@ -24,7 +24,7 @@ from slopecli.geometry.solver.view_roots import judged
 from slopecli.geometry.solver.views import Summed, ViewPoints, ViewState
 from slopecli.look.noise import correlation_gain
 from slopecli.sequence.frame_alignment import Found
-from slopecli.sequence.fused_planes import fused_normals, halves_ratio
+from slopecli.sequence.fused_planes import fused_normals, halves_ratio, noise_alone
 from slopecli.sequence.tracking_tunables import TRACKING
 from slopecli.sequence.tracks import Tracks
 from slopecli.types import BoolArray, FloatArray, IntArray, Solution
@@ -65,14 +65,7 @@ class ViewEstimator:
 
     def start(self, found: Found, solution: Solution) -> None:
         """Begin with the first move: where a frame shows the points, and the roots of the pair's solution."""
-        x = found.x
-        weight = (found.seen & self.alive)[None] / found.zoom**2
-        m = len(self.tracks.cells)
-        count = np.bincount(self.tracks.patch[self.tracks.patch >= 0], minlength=m)
-        first = np.cumsum(count) - count
-        order = np.arange(len(self.tracks))
-        points = ViewPoints(self.tracks.p, x[None].copy(), weight, count, first, order, Summed.nothing(len(order), m))
-        other = solution.ambiguity.alternative
+        points, other = self._first_points(found), solution.ambiguity.alternative
         self._lines = []
         for one in (solution, other):
             if one is not None:
@@ -82,6 +75,23 @@ class ViewEstimator:
                 q = information_of_relief(points, one.scaled_normals, one.relief, noise)
                 self._lines.append(self._settled(points, state, q, one.relief, noise, rounds=4, most=8))
         self._sort()
+
+    def start_from(self, found: Found, R: FloatArray, T: FloatArray, normals: FloatArray, u: FloatArray) -> None:
+        """Begin with a motion, |T| = 1, normals (m, 3) and inverse depths (n,) that are roughly known."""
+        points, m = self._first_points(found), len(normals)
+        relief = np.full(m, TRACKING.rough)
+        q = information_of_relief(points, normals, relief, self._floor)
+        state = ViewState(R[None], T[None], normals, u, np.zeros(0))
+        self._lines = [self._settled(points, state, q, relief, self._floor, rounds=4, most=8)]
+
+    def _first_points(self, found: Found) -> ViewPoints:
+        """The points, and where the first view shows them."""
+        weight = (found.seen & self.alive)[None] / found.zoom**2
+        m, n = len(self.tracks.cells), len(self.tracks)
+        count = np.bincount(self.tracks.patch[self.tracks.patch >= 0], minlength=m)
+        first = np.cumsum(count) - count
+        places, nothing = found.x[None].copy(), Summed.nothing(n, m)
+        return ViewPoints(self.tracks.p, places, weight, count, first, np.arange(n), nothing)
 
     @property
     def best(self) -> Line:
@@ -229,13 +239,16 @@ class ViewEstimator:
     def _resampled(self, found: ViewsSolution, line: Line) -> ViewsSolution:
         """A solution with the covariance that the points of every window have among themselves, as they show it.
 
-        Two halves of a window's points, alternating like the fields of a chess board, give two planes. Independent
-        points would make them differ by as much as the solution says; ground that bends smoothly makes them differ
-        less, as both halves sample it alike, and errors that neighbours share make them differ more.
+        Two halves of a window's points, alternating like the fields of a chess board, give two planes. If relief
+        differed from point to point, they would differ by as much as the solution says; ground that bends smoothly
+        makes them differ less, as both halves sample it alike. The part of the noise, which neighbours may share,
+        stays.
         """
         ratio = halves_ratio(line.points, line.root, self.tracks.cell)
-        scale = min(max(ratio, TRACKING.least_sampling), found.noise_gain**2) / found.noise_gain**2
-        return replace(found, own_covariance=scale * found.own_covariance)
+        scale = min(max(ratio, TRACKING.least_sampling), 1.0)
+        by_noise = noise_alone(line.points, line.root)
+        relief = found.own_covariance / found.noise_gain**2 - by_noise
+        return replace(found, own_covariance=found.noise_gain**2 * by_noise + scale * relief)
 
     def solution(self) -> ViewsSolution:
         """Motions of the views kept and normals, with covariance and the second root if one is left."""

@@ -1,0 +1,132 @@
+"""Frames that hardly show the windows any more: followed against a later frame, whose motion chains them to the first.
+
+The windows keep the answer of the frames that showed them. A later reference has points of its own all over it, at
+depths that those tracked so far tell; their unit of length is that of the first move.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from slopecli.geometry.solver.resection import Motion
+from slopecli.geometry.statistics import median
+from slopecli.look.features import Grey
+from slopecli.sequence.coarse_motion import CoarseMotion
+from slopecli.sequence.frame_alignment import Aligner
+from slopecli.sequence.frame_gates import Skipped
+from slopecli.sequence.tracking_tunables import TRACKING
+from slopecli.sequence.tracks import choose_tracks
+from slopecli.sequence.view_estimator import ViewEstimator
+from slopecli.types import Camera, FloatArray
+from slopecli.windows import grid_windows
+
+
+@dataclass(eq=False)
+class Follower:
+    """A reference frame with what follows it.
+
+    R (3, 3), T (3,) : of the reference, in axes of the first frame and the unit of the first move.
+    unit : length of this one's own unit, that of its first move, in that unit.
+    """
+
+    aligner: Aligner
+    estimator: ViewEstimator
+    coarse: CoarseMotion
+    R: FloatArray
+    T: FloatArray
+    unit: float = 1.0
+
+    def follow(self, frame: Grey) -> Motion | Skipped:
+        """The motion of a frame against the reference, in its own unit; the frame is taken into the answer."""
+        estimator = self.estimator
+        u, alive = estimator.inverse_depth, estimator.alive
+        placed = self.coarse.place(frame, u, alive) or self.coarse.place_anew(frame, estimator.normals, u, alive)
+        if placed is None:
+            return Skipped("foreign", "does not show the ground of the frames before")
+        motion: Motion = (placed.R, placed.T)
+        found = self.aligner.find(frame, motion, estimator.normals, u, alive)
+        if found.likeness < TRACKING.least_likeness:
+            return Skipped("foreign", "does not look like the ground where it should be")
+        share = estimator.share_of(found, motion)
+        if share < TRACKING.least_share:
+            return Skipped("foreign", f"agrees with the frames before at {100 * share:.0f} % of its points only")
+        estimator.add(found, motion)
+        self.coarse.accept(frame, estimator.motion)
+        return estimator.motion
+
+    def in_first(self, motion: Motion) -> Motion:
+        """A motion against this reference, in its unit, as one against the first frame, in that of the first move."""
+        R, T = motion
+        return R @ self.R, self.T + self.unit * self.R.T @ T
+
+    @property
+    def shown(self) -> float:
+        """Share of its points that the last frame showed."""
+        return float((self.estimator.best.points.weight[-1] > 0.0).mean())
+
+    def points_in_last(self) -> tuple[FloatArray, FloatArray]:
+        """Rays (3, k) of its points in the axes of the last frame, and inverse depths (k,), unit of the first move."""
+        state = self.estimator.best.root.state
+        known = self.estimator.alive & (self.estimator.best.root.system.V > 0.0) & (state.u > 0.0)
+        p, u = self.estimator.tracks.p[:, known], state.u[known]
+        y = state.R[-1] @ p - (state.R[-1] @ state.T[-1])[:, None] * u
+        ahead = y[2] > 1e-6
+        return y[:, ahead] / y[2, ahead], u[ahead] / y[2, ahead] / self.unit
+
+
+@dataclass(eq=False)
+class LaterReference:
+    """A frame that is to be the next reference, until another has moved far enough from it.
+
+    aligner : with points all over the frame; u (n,) their inverse depths, normals (m, 3) of its parts, both in the unit
+    of the first move; R, T : of the frame.
+    """
+
+    aligner: Aligner
+    u: FloatArray
+    normals: FloatArray
+    R: FloatArray
+    T: FloatArray
+
+    @classmethod
+    def of(cls, frame: Grey, camera: Camera, before: Follower, motion: Motion) -> LaterReference | None:
+        """The last frame as a reference; None where it has no texture. motion : of the frame, against the first."""
+        windows = grid_windows(3, 3, camera.width, camera.height)
+        tracks = choose_tracks(frame, windows, camera, TRACKING.later_points)
+        rays, u = before.points_in_last()
+        some = slice(None, None, max(len(u) // TRACKING.coarse_points, 1))
+        rays, u = rays[:, some], u[some]
+        if len(u) < 12 or np.bincount(tracks.patch[tracks.patch >= 0], minlength=9).min() < TRACKING.slope_points:
+            return None
+        plane = np.linalg.lstsq(rays.T, u, rcond=None)[0]
+        apart = ((tracks.p[:2].T[:, None] - rays[:2].T[None]) ** 2).sum(axis=2)
+        nearest = apart.argmin(axis=1)
+        near = apart[np.arange(len(nearest)), nearest] < (0.1 * camera.width / camera.focal_px) ** 2
+        depth = np.where(near, u[nearest], plane @ tracks.p)
+        normals = np.repeat(plane[None], len(windows), axis=0)
+        aligner = Aligner(frame, camera, windows, tracks)
+        return cls(aligner, np.maximum(depth, 1e-3 * median(u)), normals, *motion)
+
+    def begun(self, frame: Grey, motion: Motion, camera: Camera) -> Follower | None:
+        """What follows this reference from a frame on; None while that has not moved far enough from it.
+
+        motion : of the frame, against the first.
+        """
+        R = motion[0] @ self.R.T
+        T = self.R @ (motion[1] - self.T)
+        length = float(np.linalg.norm(T))
+        if length * median(self.u) * camera.focal_px < 2.0 * TRACKING.start_parallax_px:
+            return None
+        known = np.ones(len(self.u), bool)
+        found = self.aligner.find(frame, (R, T), self.normals, self.u, known, levels=1)
+        if found.likeness < TRACKING.least_likeness or np.count_nonzero(found.seen) < 0.5 * len(self.u):
+            return None
+        estimator = ViewEstimator(self.aligner.tracks, camera.focal_px)
+        estimator.start_from(found, R, T / length, self.normals * length, self.u * length)
+        if estimator.best.root.noise * camera.focal_px > TRACKING.most_sigma_px:
+            return None
+        coarse = CoarseMotion(camera, self.aligner.tracks, self.aligner.grey)
+        coarse.accept(frame, estimator.motion)
+        return Follower(self.aligner, estimator, coarse, self.R, self.T, length)
