@@ -90,7 +90,7 @@ FINDERS = (
         what="planes of the column patch",
         function="",
         options=(),
-        flatter="leave out rows that lie off it, or give them another patch",
+        flatter="leave out rows that lie off it, give them another patch, or have planes found by --planes found",
         found=False,
     ),
 )
