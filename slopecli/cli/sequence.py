@@ -195,7 +195,7 @@ def _line(step: SequenceStep, windows: int) -> str:
     if state.why is not None:
         return f"{state.frame:4d}  {name}: skipped, {state.why.message}"
     if state.later:
-        return f"{state.frame:4d}  {name}: followed; the windows have left the view"
+        return f"{state.frame:4d}  {name}: followed; it shows too little of the windows"
     if report is None:
         return f"{state.frame:4d}  {name}: {'the first frame' if state.status == 'reference' else 'no slope known yet'}"
     slopes = [plane.slope_deg for plane in report.planes]

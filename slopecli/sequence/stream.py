@@ -42,7 +42,7 @@ class FrameState:
     status : "reference" (the first), "used" or "skipped"; why : code and words if skipped.
     R, T : of the frame, in axes of the first, unit: the first move; None if it was not used.
     position_m : of the camera as known otherwise, m.
-    later : it was followed against a later reference: the windows have left the view, and it adds a motion only.
+    later : it was followed against a later reference, as it shows too little of the windows; it adds a motion only.
     """
 
     frame: int
