@@ -89,6 +89,7 @@ class Stated:
     notes : what was taken from there, and what was asked for and is missing, for the user.
     attitude1, attitude2 : rotations from camera axes to north, east, down, row by row; None where one is not known.
     attitude_sigma_deg : 1-sigma of an attitude, of its heading above all.
+    shown_turn_deg : by which image 1 is turned clockwise to be shown, as its file says; angles are given of it so.
     move_m : from camera 1 to camera 2, metres north, east, down; None where it is not known.  move_sigma_deg : 1-sigma
     of its direction.
     """
@@ -99,6 +100,7 @@ class Stated:
     attitude1: tuple[float, ...] | None = None
     attitude2: tuple[float, ...] | None = None
     attitude_sigma_deg: float = 0.0
+    shown_turn_deg: float = 0.0
     move_m: tuple[float, float, float] | None = None
     move_sigma_deg: float = 0.0
 

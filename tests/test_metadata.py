@@ -128,6 +128,13 @@ def test_a_mirrored_image_has_no_attitude() -> None:
     assert "mirrors" in metadata.notes[0]
 
 
+@pytest.mark.parametrize(("letter", "heading"), [("T", 123.5), ("M", None), ("", None)])
+def test_heading_of_a_telephone(letter: str, heading: float | None) -> None:
+    metadata = read(gps={**gps_tags(*PLACE), 0x10: letter, 0x11: 123.5})
+    assert metadata.heading_deg == heading
+    assert (heading is None) == ("true north" in " ".join(metadata.notes))
+
+
 # ---- place ----
 
 

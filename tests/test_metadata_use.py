@@ -152,6 +152,20 @@ def test_angles_given_are_those_of_the_gimbal(tmp_path: Path, scene: Pair) -> No
     assert (partly["up"]["sigma_deg"], result["up"]["sigma_deg"]) == (1.0, 0.0)
 
 
+def test_a_telephone_held_upright(tmp_path: Path, scene: Pair) -> None:
+    """Pixels as the sensor has them, to be shown turned clockwise; the pitch is given, the heading stated."""
+    grey = photograph(scene.grey1, {FOCAL_35: 24}, {0x10: "T", 0x11: 215.0}, {274: 6})
+    (tmp_path / "image1.jpg").write_bytes(grey)
+    one = read_metadata(tmp_path / "image1.jpg")
+    options = apply_metadata((one, one), MetadataChoice(may=("up", "north"), pitch_deg=-30.0), Options())
+    assert_allclose(options.up, (-np.cos(np.radians(30)), 0, -np.sin(np.radians(30))), atol=1e-9)  # its left is the top
+    assert options.north is not None
+    ahead = np.array([0, 0, 1]) + np.sin(np.radians(30)) * np.array(options.up)  # level part of the line of sight
+    east = np.cross(options.north, options.up)
+    assert_allclose(np.degrees(np.arctan2(ahead @ east, ahead @ options.north)) % 360, 215.0, atol=1e-6)
+    assert (options.up_sigma_deg, options.north_sigma_deg) == (0.0, 10.0)
+
+
 def test_maps_and_planes_found_use_them_too(tmp_path: Path, scene: Pair) -> None:
     images = write(tmp_path, scene)
     found = answer(tmp_path, images, "--metadata", command="segment")

@@ -82,7 +82,8 @@ def _turned(turns: tuple[float, float], stated: Stated) -> tuple[str, str]:
         message = f"{one} seems to have been turned by {by} after it was taken"
         remedy = f"give {one} as the camera wrote it"
     if turns[0] and _tells_move(stated):
-        yaw, pitch, roll = forward_angles_deg(_matrix(stated.attitude1) @ about_line_of_sight(turns[0]))
+        shown = about_line_of_sight(turns[0] - stated.shown_turn_deg)
+        yaw, pitch, roll = forward_angles_deg(_matrix(stated.attitude1) @ shown)
         remedy += f", or say how image 1 is turned: --yaw {yaw:.4g} --pitch {pitch:.4g} --roll {roll:.4g}"
     return message, remedy
 

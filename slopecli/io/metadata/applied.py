@@ -8,7 +8,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from slopecli.errors import InputError
-from slopecli.geometry.attitude import forward_angles_deg, ned_displacement
+from slopecli.geometry.attitude import about_line_of_sight, forward_angles_deg, ned_displacement
+from slopecli.io.metadata.attitudes import SIGMAS, shown_turn_deg
 from slopecli.io.metadata.image_metadata import Attitude, Metadata
 from slopecli.io.metadata.positions import FIX
 from slopecli.options import CameraChoice, MetadataChoice, Options, Stated
@@ -85,25 +86,36 @@ def displacement(pair: Pair) -> Displacement | None:
 
 
 def _attitude(image1: Metadata, choice: MetadataChoice) -> Attitude | None:
-    """The attitude of camera 1: as stated, but for the angles that the user gives."""
+    """The attitude of camera 1: as stated, but for the angles that the user gives, which are of the image as shown."""
     given = choice.yaw_deg, choice.pitch_deg, choice.roll_deg
     if given == (None, None, None):
         return image1.attitude
-    stated = image1.attitude if {"up", "north"} & {*choice.must, *choice.may} else None
-    yaw, pitch, roll = (_first(one, own) for one, own in zip(given, _angles_of(stated), strict=True))
+    turn = shown_turn_deg(image1.orientation)
+    if turn is None:
+        raise InputError(f"{image1.path}: its EXIF orientation mirrors the image; give --up X,Y,Z in place of angles")
+    asked = {*choice.must, *choice.may}
+    stated = image1.attitude if {"up", "north"} & asked else None
+    heading = image1.heading_deg if "north" in asked else None
+    yaw, pitch, roll = (_first(one, own) for one, own in zip(given, _angles_of(stated, turn, heading), strict=True))
     if pitch is None or roll is None:
         what = "states no angles of its camera; give --pitch DEG too (-90 looks straight down)"
         raise InputError(f"{image1.path}: {what}")
     sigmas = (0.0, 0.0) if stated is None else (stated.tilt_sigma_deg, stated.yaw_sigma_deg)
-    return Attitude(pitch, roll, yaw, tilt_sigma_deg=sigmas[0], yaw_sigma_deg=sigmas[1], source=GIVEN)
+    if choice.yaw_deg is None and heading is not None and yaw == heading:
+        sigmas = (sigmas[0], SIGMAS.telephone)
+    tilt, azimuth = sigmas
+    return Attitude(pitch, roll, yaw, turn_deg=turn, tilt_sigma_deg=tilt, yaw_sigma_deg=azimuth, source=GIVEN)
 
 
-def _angles_of(stated: Attitude | None) -> tuple[float | None, ...]:
-    """Yaw, pitch and roll of a camera that looks ahead; of an attitude that is not known the roll alone, upright."""
+def _angles_of(stated: Attitude | None, turn: float, heading: float | None) -> tuple[float | None, ...]:
+    """Yaw, pitch and roll of a camera that looks ahead, of the image as shown; without an attitude it is upright.
+
+    turn : by which the image is shown, degrees clockwise.  heading : where it is stated alone.
+    """
     if stated is None:
-        return None, None, 0.0
-    yaw, *others = forward_angles_deg(stated.ned_from_camera)
-    return (None if stated.yaw_deg is None else yaw, *others)
+        return heading, None, 0.0
+    yaw, *others = forward_angles_deg(stated.ned_from_camera @ about_line_of_sight(-turn))
+    return (heading if stated.yaw_deg is None else yaw, *others)
 
 
 def _first(one: float | None, other: float | None) -> float | None:

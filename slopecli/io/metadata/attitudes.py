@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 
 from slopecli.geometry.attitude import about_line_of_sight
 from slopecli.io.metadata.image_metadata import Attitude
-from slopecli.io.metadata.image_tags import ImageTags
+from slopecli.io.metadata.image_tags import GpsTag, ImageTags, number_of
 
 DJI = "http://www.dji.com/drone-dji/1.0/"
 
@@ -22,6 +22,7 @@ class AttitudeSigmas:
     gimbal: float = 1.0
     body: float = 5.0
     heading: float = 5.0
+    telephone: float = 10.0  # of its heading
 
 
 @dataclass(frozen=True)
@@ -82,6 +83,21 @@ def attitude_of(tags: ImageTags) -> tuple[Attitude | None, str]:
     return None, ""
 
 
+def shown_turn_deg(orientation: int) -> float | None:
+    """By how much an image of an EXIF orientation is turned clockwise to be shown; None where it is mirrored."""
+    return {1: 0.0, 6: 90.0, 3: 180.0, 8: 270.0}.get(orientation)
+
+
+def heading_of(tags: ImageTags) -> tuple[float | None, str]:
+    """The heading of a telephone, degrees from true north, and a note where one is stated that cannot be used."""
+    heading = number_of(tags.gps.get(GpsTag.DIRECTION))
+    if heading is None or not 0 <= heading <= 360:
+        return None, ""
+    if str(tags.gps.get(GpsTag.DIRECTION_OF) or "").strip("\0 ").upper() != "T":
+        return None, "its heading is not said to be from true north"
+    return heading, ""
+
+
 def as_stored(attitude: Attitude, orientation: int) -> tuple[Attitude | None, str]:
     """The attitude with regard to the pixels as stored, of an image with a mark of orientation, and a note about it.
 
@@ -90,10 +106,10 @@ def as_stored(attitude: Attitude, orientation: int) -> tuple[Attitude | None, st
     """
     if orientation == 1:
         return attitude, ""
-    turns = {6: 90.0, 3: 180.0, 8: 270.0}  # clockwise, that show it upright
-    if orientation not in turns:
+    turn = shown_turn_deg(orientation)
+    if turn is None:
         return None, "its EXIF orientation mirrors the image, so its angles cannot be used"
-    shown = replace(attitude, turn_deg=turns[orientation])
+    shown = replace(attitude, turn_deg=turn)
     (u, v, _), (_, top, _) = attitude.up_cam, (float(x) for x in about_line_of_sight(shown.turn_deg) @ attitude.up_cam)
     marked = f"EXIF orientation {orientation}"
     if u * u + v * v < 0.1:  # within 18 degrees of straight down

@@ -79,6 +79,7 @@ class Metadata:
     size : (width, height) px as stored.  taken_size : size of the image as taken, where EXIF states it.
     orientation : of EXIF, 1 where the pixels are to be shown as stored.
     relative_altitude_m : height above the place of take-off, which is not the height above the ground.
+    heading_deg : of the line of sight from true north, where that is stated without angles of the camera.
     notes : what is stated and could not be used, and why; one clear line each.
     """
 
@@ -92,6 +93,7 @@ class Metadata:
     position: Position | None = None
     relative_altitude_m: float | None = None
     attitude: Attitude | None = None
+    heading_deg: float | None = None
     notes: tuple[str, ...] = ()
 
 

@@ -48,6 +48,8 @@ class GpsTag(IntEnum):
     LONGITUDE = 4
     ALTITUDE_SIDE = 5
     ALTITUDE = 6
+    DIRECTION_OF = 0x10  # GPSImgDirectionRef: T or M
+    DIRECTION = 0x11
     DATUM = 0x12
     ERROR_M = 0x1F  # GPSHPositioningError
 

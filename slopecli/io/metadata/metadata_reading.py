@@ -5,7 +5,7 @@ from __future__ import annotations
 from os import PathLike
 
 from slopecli.io.images import read_image_file
-from slopecli.io.metadata.attitudes import as_stored, attitude_of
+from slopecli.io.metadata.attitudes import as_stored, attitude_of, heading_of
 from slopecli.io.metadata.image_metadata import Metadata
 from slopecli.io.metadata.image_tags import ImageTags, Tag, number_of, read_tags
 from slopecli.io.metadata.lenses import lens_of, taken_size
@@ -34,6 +34,7 @@ def decode_metadata(data: bytes, path: str | PathLike[str]) -> Metadata:
         attitude, of_turn = as_stored(attitude, orientation)
     position, of_position = position_of(tags)
     lens, of_lens = lens_of(tags)
+    heading, of_heading = heading_of(tags)
     return Metadata(
         path=str(path),
         size=tags.size,
@@ -45,7 +46,8 @@ def decode_metadata(data: bytes, path: str | PathLike[str]) -> Metadata:
         position=position,
         relative_altitude_m=relative_altitude_of(tags),
         attitude=attitude,
-        notes=(*tags.notes, *(note for note in (of_lens, of_position, of_attitude, of_turn) if note)),
+        heading_deg=heading,
+        notes=(*tags.notes, *(note for note in (of_lens, of_position, of_attitude, of_turn, of_heading) if note)),
     )
 
 

@@ -48,12 +48,7 @@ def _stated(tags: ImageTags) -> tuple[float | None, float | None, float | None, 
     """Latitude, longitude, degrees, altitude, m, and a note. XMP has more digits, and is preferred to EXIF."""
     latitude = tags.xmp_number(DJI, "GpsLatitude", "GPSLatitude", "Latitude")
     longitude = tags.xmp_number(DJI, "GpsLongitude", "GpsLongtitude", "GPSLongitude", "GPSLongtitude", "Longitude")
-    above = tags.xmp_number(DJI, "AbsoluteAltitude")
-    altitude = number_of(tags.gps.get(GpsTag.ALTITUDE))
-    if altitude is not None and tags.gps.get(GpsTag.ALTITUDE_SIDE) in (b"\x01", 1, "1"):
-        altitude = -altitude
-    above = altitude if above is None else above
-    above = above if above is not None and abs(above) < FIX.farthest else None
+    above = _altitude(tags)
     if latitude is not None and longitude is not None:
         return latitude, longitude, above, ""
     datum = re.sub("[^A-Z0-9]", "", str(tags.gps.get(GpsTag.DATUM) or "").upper())
@@ -65,6 +60,15 @@ def _stated(tags: ImageTags) -> tuple[float | None, float | None, float | None, 
         latitude is None or longitude is None
     )
     return latitude, longitude, above, "its GPS position is incomplete" if partly else ""
+
+
+def _altitude(tags: ImageTags) -> float | None:
+    """Metres up; None where it is not stated, or is no altitude."""
+    altitude = tags.xmp_number(DJI, "AbsoluteAltitude")
+    if altitude is None and (altitude := number_of(tags.gps.get(GpsTag.ALTITUDE))) is not None:
+        below = tags.gps.get(GpsTag.ALTITUDE_SIDE) in (b"\x01", 1, "1")
+        altitude = -altitude if below else altitude
+    return altitude if altitude is not None and abs(altitude) < FIX.farthest else None
 
 
 def _angle(value: Any, side: Any, sides: str) -> float | None:
