@@ -1,11 +1,11 @@
 """slopemap: slopes of planes and how certain they are, from two overlapping images.
 
->>> from slopecli import Options, estimate, load_camera, load_image
->>> camera = load_camera("camera.json")
->>> report = estimate(load_image("first.png"), load_image("second.png"), camera, camera, Options(grid=(4, 3)))
+>>> import slopecli as sm
+>>> report = sm.estimate("first.png", "second.png", camera="camera.json", grid=(4, 3))
 >>> [(plane.slope_deg, plane.slope_sigma_deg) for plane in report.planes]
 
-All public names are here, imported when they are first used. docs/conventions.md has frames and units.
+All public names are here, imported when they are first used. docs/conventions.md has frames and
+units.
 """
 
 from __future__ import annotations
@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from slopecli.errors import InputError as InputError
     from slopecli.errors import NoAnswer as NoAnswer
     from slopecli.errors import SlopemapError as SlopemapError
+    from slopecli.errors import WrongArgument as WrongArgument
     from slopecli.geometry.slope import measure_slopes as measure_slopes
     from slopecli.geometry.solver.solve import solve_planes as solve_planes
     from slopecli.ground.slope_map import SlopeMap as SlopeMap
@@ -34,6 +35,8 @@ if TYPE_CHECKING:
     from slopecli.io.outputs import write_map as write_map
     from slopecli.io.outputs import write_outputs as write_outputs
     from slopecli.io.poses import load_pose as load_pose
+    from slopecli.library.calls import estimate as estimate
+    from slopecli.library.calls import slope_map as slope_map
     from slopecli.options import CameraChoice as CameraChoice
     from slopecli.options import Lander as Lander
     from slopecli.options import MapOptions as MapOptions
@@ -41,8 +44,6 @@ if TYPE_CHECKING:
     from slopecli.options import Options as Options
     from slopecli.options import Pose as Pose
     from slopecli.patches.uncalibrated.correspondence_labels import label_planes as label_planes
-    from slopecli.pipeline import estimate as estimate
-    from slopecli.pipeline import slope_map as slope_map
     from slopecli.pipeline import solve as solve
     from slopecli.products.slopes_json import report_to_json as report_to_json
     from slopecli.types import Camera as Camera
@@ -53,15 +54,16 @@ if TYPE_CHECKING:
     from slopecli.types import Solution as Solution
 else:
     _NAMES = {
-        "errors": "DegenerateConfiguration InputError NoAnswer SlopemapError",
+        "errors": "DegenerateConfiguration InputError NoAnswer SlopemapError WrongArgument",
         "geometry": "measure_slopes solve_planes",
         "ground": "SlopeMap",
         "io": "load_image load_pose read_correspondences write_map write_outputs",
         "io.cameras": "camera_from_fov camera_from_intrinsics load_camera",
         "io.metadata": "apply_metadata read_metadata",
+        "library": "estimate slope_map",
         "options": "CameraChoice Lander MapOptions MetadataChoice Options Pose",
         "patches": "label_planes",
-        "pipeline": "estimate slope_map solve",
+        "pipeline": "solve",
         "products": "report_to_json",
         "types": "Camera Image Plane Report Slopes Solution",
     }

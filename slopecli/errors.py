@@ -21,6 +21,10 @@ class InputError(SlopemapError):
     exit_code = 1
 
 
+class WrongArgument(InputError, TypeError):
+    """An argument of a Python function is of a wrong type, missing, or unknown. The message says what is wanted."""
+
+
 class DiskFull(InputError):
     """There is no space left for what is to be written."""
 

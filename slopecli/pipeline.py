@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import time
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import replace
@@ -33,6 +34,7 @@ from slopecli.types import Camera, Image, ImageInfo, Report
 
 AGAIN = 0.02  # change of the focal length from which on images are matched again with it
 
+LOGGER = logging.getLogger("slopecli")
 OnStage = Callable[[str, float], None]  # called with the name of a stage and its processor time, s
 
 
@@ -273,7 +275,7 @@ def solve(given: Given, cameras: tuple[Camera, Camera] | None, options: Options,
 
 
 class _Clock:
-    """Processor time of every stage, reported to `on_stage`."""
+    """Processor time of every stage, reported to `on_stage` and to the logger "slopecli" at level DEBUG."""
 
     def __init__(self, on_stage: OnStage | None) -> None:
         self._on_stage = on_stage
@@ -289,7 +291,8 @@ class _Clock:
     def tick(self, name: str) -> None:
         """Add the time to a stage as `lap` does, then report every stage that has some and start from zero."""
         self.lap(name)
-        if self._on_stage is not None:
-            for stage, seconds in self._spent.items():
+        for stage, seconds in self._spent.items():
+            LOGGER.debug("%s: %.3f s", stage, seconds)
+            if self._on_stage is not None:
                 self._on_stage(stage, seconds)
         self._spent = {}

@@ -34,6 +34,7 @@ FLOORS = (
     "pipeline",
     "plan study validate",
     "io",
+    "library",
     "batch",
     "cli",
     "__main__",

@@ -7,7 +7,7 @@ __getattr__, __dir__ = lazy_names(
     {
         "correspondences": "MATCH_FORMATS read_correspondences read_label_image",
         "files": "read_file remove_temporary write_atomically",
-        "images": "MAX_PIXELS load_image",
+        "images": "MAX_PIXELS image_from_pixels load_image",
         "lock": "locked",
         "outputs": "check_directory load_schema write_map write_outputs",
         "frame_sources": "FrameSource VideoChoice open_camera open_frames read_times",

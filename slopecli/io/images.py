@@ -5,6 +5,10 @@ from __future__ import annotations
 import hashlib
 from os import PathLike
 from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
 
 from slopecli.errors import InputError
 from slopecli.io.decoding import decode_pixels
@@ -72,6 +76,34 @@ def decode_image(data: bytes, path: str | PathLike[str]) -> Image:
         raise InputError(f"{path}: {error}") from None
     notes = [header.note, _orientation_note(header.orientation), mapped]
     return Image(grey, colour, str(path), hashlib.sha256(data).hexdigest(), note="; ".join(filter(None, notes)))
+
+
+def image_from_pixels(pixels: NDArray[Any], name: str) -> Image:
+    """An image from an array as OpenCV has it, mapped to 8 bits as `load_image` maps the pixels of a file.
+
+    Parameters
+    ----------
+    pixels : (h, w) or (h, w, 1) grey, (h, w, 3) BGR or (h, w, 4) BGR and alpha.  name : for messages.
+
+    Raises
+    ------
+    InputError : another shape, values that are no numbers, an absurd size, or no finite value.
+    """
+    if pixels.ndim == 3 and pixels.shape[2] == 1:
+        pixels = pixels[:, :, 0]
+    shape, values = "x".join(map(str, pixels.shape)), pixels.dtype
+    if pixels.ndim not in (2, 3) or values.kind not in "uif":
+        wanted = "rows x columns of numbers (grey) or rows x columns x 3 (BGR, as OpenCV reads images)"
+        raise InputError(f"{name}: is an array of shape {shape or 'none'} and type {values}, needed {wanted}")
+    try:
+        _check_size(pixels.shape[1], pixels.shape[0])
+        own = np.array(
+            pixels, dtype=values.newbyteorder("="), order="C"
+        )  # later changes of the caller's have no effect
+        grey, colour, mapped = to_8_bit(own)
+    except InputError as error:
+        raise InputError(f"{name}: {error}") from None
+    return Image(grey, colour, note=mapped)
 
 
 def _refuse_raw(path: Path, header: ImageHeader) -> None:

@@ -19,7 +19,7 @@ from slopecli.options import MOST_SIGMA_DEG, Options
 from slopecli.patches.given import MOST_LEFT_OUT
 from slopecli.patches.join import Joined
 from slopecli.patches.patch import Patch
-from slopecli.report.sigma_causes import sigma_causes
+from slopecli.report.sigma_parts import sigma_causes
 from slopecli.report.units import residual_in_unit
 from slopecli.types import Camera, FloatArray, Plane, Rejected, Solution, Verdict
 

@@ -12,7 +12,7 @@ from slopecli.findings.codes import CODES
 from slopecli.findings.wording import forbidding
 from slopecli.ground.slope_map import SlopeMap
 from slopecli.report.kinds import many_windows
-from slopecli.report.sigma_causes import CAUSES
+from slopecli.report.sigma_parts import CAUSES
 from slopecli.types import AlternativePlane, Plane, Report
 
 # by cause: what it is, and what reduces it; in the order of how little that costs
