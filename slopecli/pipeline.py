@@ -32,7 +32,7 @@ from slopecli.sequence.stream import Sequence
 from slopecli.solving import Answer, solve_rows, solve_scene
 from slopecli.types import Camera, Image, ImageInfo, Report
 
-AGAIN = 0.02  # change of the focal length from which on images are matched again with it
+AGAIN = 0.002  # change of the focal length, beyond its sigma, from which on images are matched again with it
 
 LOGGER = logging.getLogger("slopecli")
 OnStage = Callable[[str, float], None]  # called with the name of a stage and its processor time, s
@@ -194,7 +194,9 @@ def _estimated(
     windows = many_windows(options, images[0].width, images[0].height) if dense else []
     solved = replace(options, windows=(), grid=Options().grid) if windows else options
     answer, changes, scene = _answer(images, cameras, cameras, solved, memory, clock)
-    if options.free_focal and abs(answer.cameras[0].focal_px / cameras[0].focal_px - 1.0) > AGAIN:
+    for _ in range(2 if options.free_focal else 0):  # far off, the second time is off by a few percent of that
+        if abs(answer.cameras[0].focal_px / scene.camera1.focal_px - 1.0) <= max(AGAIN, answer.focal_sigma):
+            break
         answer, changes, scene = _answer(images, answer.cameras, cameras, solved, memory, clock)
     scene = replace(scene, camera1=answer.cameras[0], camera2=answer.cameras[1])
     if dense:
