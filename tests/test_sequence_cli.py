@@ -152,16 +152,19 @@ def test_frames_of_one_place_have_no_answer(tmp_path: Path) -> None:
         (["{frames}", "-o", "{out}", "--glob", "*.tif"], "*.tif"),
         (["{frames}", "-o", "{out}", "--times", "{frames}/camera.json"], "time in s"),
         (["{frames}/no.mp4", "-o", "{out}"], "no such video"),
+        (["{frames}/nowhere", "-o", "{out}"], "no such folder"),
+        (["{frames}/torn.mp4", "-o", "{out}"], "no video that OpenCV can read"),
         (["{frames}", "-o", "{out}", "--every", "2", "--fps", "3"], "--every and --fps"),
     ],
     ids=lambda value: value[-1] if isinstance(value, list) and value else None,
 )
 def test_what_cannot_be_used_is_refused_in_a_line(descent: Path, tmp_path: Path, given: list[str], said: str) -> None:
     places = {"frames": str(descent), "out": str(tmp_path / "out")}
+    (descent / "torn.mp4").write_bytes(b"no video")
     done = slopemap("sequence", *(one.format(**places) for one in given), "--fov", "60")
     assert done.returncode in (1, 2)
     assert said in done.stderr
-    assert "Traceback" not in done.stderr
+    assert done.returncode == 2 or done.stderr.count("\n") == 1
 
 
 def test_a_reader_ignores_a_line_that_is_not_finished(tmp_path: Path) -> None:

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import fnmatch
 import math
+import os
 from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -87,6 +89,8 @@ def open_frames(
 
 
 def _of_files(paths: Sequence[str], times: Sequence[float] | None, positions: Sequence[Position] | None) -> FrameSource:
+    if len(paths) == 1 and not Path(paths[0]).exists():
+        raise InputError(f"{paths[0]}: no such folder, video or image; check the path")
     if len(paths) < 2:
         raise InputError(f"{paths[0]}: is one image, a sequence needs at least two; give more, a folder or a video")
     for flag, values in (("--times", times), ("--positions", positions)):
@@ -115,7 +119,8 @@ def read_frames(
 def _of_video(path: str, choice: VideoChoice) -> FrameSource:
     if not Path(path).is_file():
         raise InputError(f"{path}: no such video; check the path")
-    capture = cv2.VideoCapture(path)
+    with _decoders_silent():
+        capture = cv2.VideoCapture(path)
     if not capture.isOpened():
         raise InputError(f"{path}: is no video that OpenCV can read; make an MP4 or AVI of it, or a folder of images")
     rate = capture.get(cv2.CAP_PROP_FPS) or 30.0
@@ -130,6 +135,30 @@ def _of_video(path: str, choice: VideoChoice) -> FrameSource:
     return FrameSource(first, frames, total)
 
 
+@contextmanager
+def _decoders_silent() -> Iterator[None]:
+    """What OpenCV and the decoders below it write to stderr is dropped: that a video cannot be read is said by us."""
+    try:
+        kept = os.dup(2)
+    except OSError:  # there is no stderr
+        yield
+        return
+    nowhere = os.open(os.devnull, os.O_WRONLY)
+    try:
+        os.dup2(nowhere, 2)
+        yield
+    finally:
+        os.dup2(kept, 2)
+        os.close(nowhere)
+        os.close(kept)
+
+
+def _grabbed(capture: cv2.VideoCapture) -> bool:
+    """Whether there is a next frame."""
+    with _decoders_silent():
+        return bool(capture.grab())
+
+
 def _step(rate: float, choice: VideoChoice) -> float:
     """Frames of the video from one taken to the next."""
     return choice.every * (max(rate / choice.fps, 1.0) if choice.fps else 1.0)
@@ -138,14 +167,15 @@ def _step(rate: float, choice: VideoChoice) -> float:
 def _video_frames(capture: cv2.VideoCapture, name: str, rate: float, choice: VideoChoice) -> Iterator[Frame]:
     step, wanted, number = _step(rate, choice), rate * choice.start_s, -1
     try:
-        while capture.grab():
+        while _grabbed(capture):
             number += 1
             if choice.stop_s is not None and number > rate * choice.stop_s:
                 return
             if number < wanted - 1e-6:
                 continue
             wanted += step
-            good, pixels = capture.retrieve()
+            with _decoders_silent():
+                good, pixels = capture.retrieve()
             label = f"{name}#{number}"
             if good:
                 yield Frame(label, _image_of(pixels, label), number / rate)
@@ -159,7 +189,8 @@ def open_camera(device: str) -> FrameSource:
     """Frames of a camera of this computer, by number or by the name of its device, until it is switched off."""
     import time
 
-    capture = cv2.VideoCapture(int(device) if device.isdigit() else device)
+    with _decoders_silent():
+        capture = cv2.VideoCapture(int(device) if device.isdigit() else device)
     if not capture.isOpened():
         raise InputError(f"no camera answers as {device}; check its number or name, and that nothing else uses it")
 
