@@ -142,6 +142,30 @@ def test_image_2_looks_like_image_1_under_the_true_plane_and_not_under_another()
     assert differences[0] < 8 < 15 < differences[1]
 
 
+SAMPLE = Path(__file__).parent.parent / "sample_data" / "descent"
+
+
+@pytest.mark.parametrize("command", ["estimate", "map"])
+def test_the_command_writes_a_page_on_request_the_same_each_time(tmp_path: Path, command: str) -> None:
+    pair = []
+    for name in ("image1.png", "image2.png"):
+        small = cv2.resize(cv2.imread(str(SAMPLE / name)), (400, 400), interpolation=cv2.INTER_AREA)
+        pair.append(str(tmp_path / name))
+        cv2.imwrite(pair[-1], small)
+    arguments = (command, *pair, "--fov", "60", "-o", str(tmp_path / "out"), "--report")
+    pages = []
+    for _ in range(2):
+        done = slopemap(*arguments)
+        assert done.returncode == 0, done.stderr
+        pages.append((tmp_path / "out" / "report.html").read_bytes())
+    assert pages[0] == pages[1]
+    text = pages[0].decode()
+    assert "slopemap " + " ".join(arguments) in text
+    for part in ("flicker", "model", "planes", "why"):
+        assert f'<section id="{part}">' in text
+    assert "camera" in text[text.index('<section id="why">') :]  # a focal length that is known to 3 % only
+
+
 # ---- in a browser ----
 
 

@@ -85,6 +85,7 @@ def _rendered(report: Report, origin: Origin, *, whys: Sequence[Why], **facts: A
             origin=origin,
             report=report,
             unit=unit,
+            up=", ".join(f"{round(value, 4) + 0.0:.4f}" for value in report.up.vector_cam1),
             tolerance=float(report.options["tolerance_deg"]),
             images=[image for image in report.images if image.path],
             header=_header(report),
