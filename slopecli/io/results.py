@@ -3,21 +3,21 @@
 from __future__ import annotations
 
 import json
-from dataclasses import fields
+import math
 from os import PathLike
 from pathlib import Path
-from typing import Any
+from typing import Any, get_args
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from slopecli.errors import InputError
+from slopecli.errors import InputError, visible
 from slopecli.io.files import read_file
 from slopecli.patches import FINDERS
 from slopecli.products import RESULT
 from slopecli.products.map_tiff import BANDS, MAP_FILE, NODATA
-from slopecli.types import Camera
+from slopecli.types import Camera, CameraModel, FloatArray
 from slopecli.validate.finished_result import Result, ResultMap, ResultPlane
 
 LABELS = "labels.png"
@@ -39,7 +39,7 @@ def read_result(path: str | PathLike[str]) -> Result:
     except InputError:
         raise
     except (ValueError, KeyError, TypeError, IndexError, AttributeError, RecursionError) as error:
-        raise InputError(f"{file}: is no answer of slopemap ({type(error).__name__}: {error}); {WANTED}") from error
+        raise InputError(f"{file}: is no answer of slopemap ({visible(str(error)[:80])}); {WANTED}") from error
 
 
 def _result(document: dict[str, Any], folder: Path) -> Result:
@@ -50,20 +50,39 @@ def _result(document: dict[str, Any], folder: Path) -> Result:
     return Result(
         planes=tuple(_planes(document)),
         cameras=(cameras[0], cameras[1]),
-        up=np.array(document["up"]["vector_cam1"], float),
-        unit=document["scale"]["unit"],
-        baseline=float(np.linalg.norm(document["motion"]["baseline_cam1"])),
-        tolerance_deg=float(options["tolerance_deg"]),
-        confidence=float(options["confidence"]),
+        up=_vector(document["up"]["vector_cam1"], 3),
+        unit=str(document["scale"]["unit"])[:20],
+        baseline=float(np.linalg.norm(_vector(document["motion"]["baseline_cam1"], 3))),
+        tolerance_deg=_number(options["tolerance_deg"]),
+        confidence=_number(options["confidence"]),
         labels=_labels(folder, cameras[0]),
         cells=_cells(document["map"], folder) if "map" in document else None,
     )
 
 
 def _camera(values: dict[str, Any]) -> Camera:
-    names = {field.name for field in fields(Camera)}
-    known = {name: value for name, value in values.items() if name in names}
-    return Camera(**{**known, "distortion": tuple(known.get("distortion", ()))})
+    width, height = (int(_number(values[name] or 0)) for name in ("width", "height"))
+    lens = tuple(map(_number, values["distortion"]))
+    model = values["model"]
+    if model not in get_args(CameraModel) or not 0 <= min(width, height) <= max(width, height) < 1 << 20:
+        raise ValueError(f"a camera {width}x{height} px, {model!r}")
+    fx, fy, cx, cy = (_number(values[name]) for name in ("fx", "fy", "cx", "cy"))
+    if not min(fx, fy) > 0:
+        raise ValueError(f"a camera of the focal length {fx:g}, {fy:g}")
+    return Camera(width, height, fx, fy, cx, cy, model, lens)
+
+
+def _number(value: Any) -> float:
+    """A finite number; ValueError for anything else."""
+    if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
+        raise ValueError(f"{str(value)[:20]!r} in place of a number")
+    return float(value)
+
+
+def _vector(values: Any, length: int) -> FloatArray:
+    if not isinstance(values, list) or len(values) != length:
+        raise ValueError(f"{str(values)[:20]!r} in place of {length} numbers")
+    return np.array(list(map(_number, values)))
 
 
 def _planes(document: dict[str, Any]) -> list[ResultPlane]:
@@ -73,16 +92,16 @@ def _planes(document: dict[str, Any]) -> list[ResultPlane]:
     others = {} if other is None else {one["id"]: one["normal_cam1"] for one in other["planes"]}
     return [
         ResultPlane(
-            id=int(one["id"]),
+            id=int(_number(one["id"])),
             normals=tuple(
-                np.array(normal, float) for normal in (one["normal_cam1"], others.get(one["id"])) if normal is not None
+                _vector(normal, 3) for normal in (one["normal_cam1"], others.get(one["id"])) if normal is not None
             ),
-            distance=float(one["distance"]),
-            slope_deg=float(one["slope_deg"]),
-            sigma_deg=one["slope_sigma_deg"],
-            verdict=one["verdict"],
-            status=one["status"],
-            polygon_px=np.array(one["polygon_px"], float).reshape(-1, 2),
+            distance=_number(one["distance"]),
+            slope_deg=_number(one["slope_deg"]),
+            sigma_deg=None if one["slope_sigma_deg"] is None else _number(one["slope_sigma_deg"]),
+            verdict=None if one["verdict"] is None else str(one["verdict"])[:20],
+            status=str(one["status"])[:20],
+            polygon_px=np.stack([_vector(corner, 2) for corner in one["polygon_px"]]),
             found=one["source"] in found,
         )
         for one in document["planes"]
@@ -108,4 +127,4 @@ def _cells(info: dict[str, Any], folder: Path) -> ResultMap | None:
     bands = tifffile.imread(folder / MAP_FILE).astype(float)
     layers = {name: np.where(bands[k] == NODATA, np.nan, bands[k]) for k, name in enumerate(BANDS)}
     slope, sigma, p_safe = (layers[name] for name in ("slope_deg", "slope_sigma_deg", "p_safe"))
-    return ResultMap(slope, sigma, p_safe, int(info["spacing_px"]), float(info["footprint_px"]))
+    return ResultMap(slope, sigma, p_safe, int(_number(info["spacing_px"])), _number(info["footprint_px"]))

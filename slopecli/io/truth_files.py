@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Callable
 from os import PathLike
 from pathlib import Path
@@ -12,10 +13,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from slopecli.errors import InputError
+from slopecli.io.decoding import decode_pixels
 from slopecli.io.files import read_file
+from slopecli.io.image_headers import read_header
+from slopecli.io.images import read_image_file
+from slopecli.io.numpy_files import array_of, member_of, members_of
 from slopecli.types import FloatArray
 
-Grid = NDArray[np.floating]
+Grid = NDArray[Any]
 GRID_NAMES = ("depth", "disparity", "disp", "z")  # of the array in an NPZ with several
 
 
@@ -49,31 +54,31 @@ def read_grid(path: str | PathLike[str], key: str | None = None) -> FloatArray:
         raise InputError(
             f"{path}: has the shape {shape} of {values.dtype}; needed one number for every pixel of image 1"
         )
-    return values.astype(np.float64)
+    with np.errstate(invalid="ignore"):  # NaN of any kind stays NaN
+        return values.astype(np.float64)
 
 
 def _read_npy(path: str | PathLike[str], key: str | None) -> Grid:
-    values: Grid = np.load(path, allow_pickle=False)
-    return values
+    return array_of(read_file(path, "depth"))
 
 
 def _read_npz(path: str | PathLike[str], key: str | None) -> Grid:
-    with np.load(path, allow_pickle=False) as archive:
-        names = list(archive.files)
-        if key is None:
-            likely = names if len(names) == 1 else [name for name in GRID_NAMES if name in names]
-            key = likely[0] if likely else None
-        if key not in names:
-            raise InputError(f"{path}: holds {', '.join(names) or 'nothing'}; say which array by --key NAME")
-        values: Grid = archive[key]
-        return values
+    data = read_file(path, "depth")
+    members = members_of(data)
+    if key is None:
+        likely = [*members] if len(members) == 1 else [name for name in GRID_NAMES if name in members]
+        key = likely[0] if likely else None
+    if key not in members:
+        raise InputError(f"{path}: holds {', '.join(members) or 'nothing'}; say which array by --key NAME")
+    return member_of(data, members[key])
 
 
 def _read_image(path: str | PathLike[str], key: str | None) -> Grid:
-    values = cv2.imdecode(np.frombuffer(read_file(path, "depth"), np.uint8), cv2.IMREAD_UNCHANGED)
-    if values is None:
-        raise InputError(f"{path}: cannot be read as an image; write it as NPY, PFM or 16-bit PNG")
-    return np.asarray(values)
+    data = read_image_file(path)
+    try:
+        return decode_pixels(data, read_header(data))
+    except InputError as error:
+        raise InputError(f"{path}: {error}") from None
 
 
 def _read_exr(path: str | PathLike[str], key: str | None) -> Grid:
@@ -136,7 +141,8 @@ def read_points(path: str | PathLike[str]) -> FloatArray:
     if not Path(path).exists():
         raise InputError(f"{path}: no such file; check the path")
     try:
-        points = np.asarray(reader(path), float)
+        with np.errstate(invalid="ignore"):
+            points = np.asarray(reader(path), float)
     except ImportError as error:
         raise InputError(f"{path}: needs {error.name}; install it with: pip install 'slopemap[las]'") from error
     except Exception as error:  # of readers of other projects, which raise what they like
@@ -149,7 +155,9 @@ def read_points(path: str | PathLike[str]) -> FloatArray:
 def _read_ply(path: str | PathLike[str]) -> FloatArray:
     import trimesh
 
-    cloud: Any = trimesh.load(str(path), file_type="ply", process=False)
+    with warnings.catch_warnings(), np.errstate(all="ignore"):
+        warnings.simplefilter("ignore")
+        cloud: Any = trimesh.load(str(path), file_type="ply", process=False)
     return np.asarray(cloud.vertices)
 
 
@@ -164,5 +172,5 @@ POINT_READERS: dict[str, Callable[[str | PathLike[str]], FloatArray]] = {
     ".ply": _read_ply,
     ".las": _read_las,
     ".laz": _read_las,
-    ".npy": lambda path: np.load(path, allow_pickle=False),
+    ".npy": lambda path: array_of(read_file(path, "point cloud")),
 }

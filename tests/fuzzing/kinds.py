@@ -393,6 +393,40 @@ def _finished_batch() -> tuple[list[str], dict[str, bytes]]:
         return arguments, tree_of(Path(name, "case", "out"))
 
 
+def truth(rng: Random) -> Case:
+    """An answer and known ground, one of which was changed."""
+    answer = _finished_answer()
+    name = rng.choice(("depth.npy", "depth.npz", "depth.pfm", "depth.png", "cloud.ply", "cloud.npy"))
+    files: dict[str, Content] = {"answer/slopes.json": answer, name: samples.truths()[name]}
+    changed_name = rng.choice((name, name, "answer/slopes.json"))
+    data = files[changed_name]
+    assert isinstance(data, bytes)
+    if changed_name.endswith(".json") and rng.random() < 0.8:
+        tree = json.loads(data)
+        for _ in range(rng.choice((1, 1, 2, 4))):
+            tree = change_tree(rng, tree, tuple(tree) if isinstance(tree, dict) else ("name",))
+        data = json.dumps(tree).encode()
+    else:
+        data = changed(rng, data, change_bytes, change_bytes, change_text)
+    files[changed_name] = data
+    option = "--points" if name.startswith("cloud") else "--disparity" if rng.random() < 0.3 else "--depth"
+    baseline = (
+        ["--baseline", rng.choice(("1", "0.2", "0", "1e300", "nan", "x", "-3"))] if option == "--disparity" else []
+    )
+    return Case("truth", ["validate", "answer", option, name, *baseline, *_output(rng)], files)
+
+
+@cache
+def _finished_answer() -> bytes:
+    """slopes.json of the pair."""
+    with TemporaryDirectory() as folder:
+        files: dict[str, Content] = {**_pair(*IMAGES, "camera.json")}
+        case = Case("answer", ["estimate", *IMAGES, "--camera", "camera.json", *QUICK, "-o", "out"], files)
+        case.lay_out(Path(folder))
+        run_command(case.arguments, Path(folder))
+        return (Path(folder) / "out" / "slopes.json").read_bytes()
+
+
 KINDS: dict[str, tuple[float, Callable[[Random], Case]]] = {
     "camera": (45, camera),
     "image": (20, image),
@@ -403,4 +437,5 @@ KINDS: dict[str, tuple[float, Callable[[Random], Case]]] = {
     "list": (8, pair_list),
     "folder": (4, folder),
     "record": (3, record),
+    "truth": (6, truth),
 }

@@ -152,6 +152,29 @@ def camera_bombs() -> list[bytes]:
 ROS = camera_factory.ROS_FILE.split("distortion_coefficients")[0]
 
 
+@cache
+def truths() -> dict[str, bytes]:
+    """Known ground in the forms that `validate` reads, of the size of the pair: a slope, and points on it."""
+    v, u = np.mgrid[: view(1).shape[0], : view(1).shape[1]].astype(np.float32)
+    depth = 8.0 + 0.004 * u + 0.002 * v
+    points = np.column_stack([(u * depth / 700.0 - 4.0).ravel(), (v * depth / 700.0 - 4.0).ravel(), depth.ravel()])[
+        ::97
+    ]
+    archive, cloud = io.BytesIO(), points.astype("<f4")
+    np.savez_compressed(archive, depth=depth, mask=depth > 9)
+    header = f"ply\nformat binary_little_endian 1.0\nelement vertex {len(cloud)}\n"
+    header += "".join(f"property float {axis}\n" for axis in "xyz") + "end_header\n"
+    height, width = depth.shape
+    return {
+        "depth.npy": _numpy_array(depth),
+        "depth.npz": archive.getvalue(),
+        "depth.pfm": f"Pf\n{width} {height}\n-1.0\n".encode() + depth[::-1].astype("<f4").tobytes(),
+        "depth.png": encoded(".png", np.rint(1000.0 * depth).astype(np.uint16)),
+        "cloud.ply": header.encode() + cloud.tobytes(),
+        "cloud.npy": _numpy_array(points),
+    }
+
+
 def numpy_claim(shape: tuple[int, ...]) -> bytes:
     """A NumPy archive whose array says that it is of this shape, and is short; of one shape, all zeros and whole."""
     file = io.BytesIO()

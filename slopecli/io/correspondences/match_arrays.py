@@ -6,17 +6,14 @@ pixel centres at integers, as all of these have.
 
 from __future__ import annotations
 
-import io
-import math
-import zipfile
 from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from slopecli.errors import InputError
 from slopecli.io.correspondences.match_source import MAX_BYTES, MatchSource, Names, checked_rows, taken
+from slopecli.io.numpy_files import array_of, member_of, members_of
 from slopecli.patches.given import Given
 from slopecli.types import FloatArray, IntArray
 
@@ -48,7 +45,10 @@ Arrays = Mapping[str, NDArray[Any]]
 
 def read_array(source: MatchSource) -> Given:
     """A .npy file: a table of the columns x1 y1 x2 y2, and patch if there is a fifth."""
-    return _table(source, _array(source, source.data or b"", "it"))
+    try:
+        return _table(source, array_of(source.data or b""))
+    except ValueError as error:
+        raise source.refused(f"is {error}; save it again") from None
 
 
 def read_archive(source: MatchSource) -> Given:
@@ -165,33 +165,17 @@ def _arrays(source: MatchSource) -> dict[str, NDArray[Any]]:
     """The arrays of an archive whose names are known, and of others the first."""
     known = {*COLUMNS, *INDICES, "patch", "sigma", *(name for pair in (*MATCHED, *FOUND) for name in pair)}
     arrays: dict[str, NDArray[Any]] = {}
+    data = source.data or b""
     try:
-        with zipfile.ZipFile(io.BytesIO(source.data or b"")) as archive:
-            parts = {part.filename.removesuffix(".npy"): part for part in archive.infolist()}
-            for name, part in parts.items():
-                if name in known or len(parts) == 1:
-                    if part.file_size > MAX_BYTES:
-                        raise source.refused(f"its {name[:20]!r} is larger than {MAX_BYTES / 1e6:.0f} MB")
-                    arrays[name] = _array(source, archive.read(part), repr(name[:20]))
-                else:
-                    arrays.setdefault(name, np.empty(0))
-    except InputError:
-        raise
-    except Exception:  # zipfile raises many kinds of exceptions on damaged bytes
-        raise source.refused("is a damaged zip or NumPy archive; save it again") from None
+        parts = members_of(data)
+    except ValueError as error:
+        raise source.refused(f"is {error}; save it again") from None
+    for name, part in parts.items():
+        if name in known or len(parts) == 1:
+            try:
+                arrays[name] = member_of(data, part, MAX_BYTES)
+            except ValueError as error:
+                raise source.refused(f"its {name[:20]!r} is {error}; save it again") from None
+        else:
+            arrays.setdefault(name, np.empty(0))
     return arrays
-
-
-def _array(source: MatchSource, data: bytes, name: str) -> NDArray[Any]:
-    """The array of a .npy file that holds as many bytes as it says; pickled objects are not loaded."""
-    file = io.BytesIO(data)
-    try:
-        version = np.lib.format.read_magic(file)
-        read = np.lib.format.read_array_header_1_0 if version == (1, 0) else np.lib.format.read_array_header_2_0
-        shape, _, dtype = read(file)
-        if dtype.hasobject or math.prod(shape) * dtype.itemsize != len(data) - file.tell():
-            raise ValueError
-        file.seek(0)
-        return np.asarray(np.load(file, allow_pickle=False))
-    except Exception:  # NumPy raises many kinds of exceptions on damaged bytes
-        raise source.refused(f"{name} is no NumPy array of numbers, or is cut short; save it again") from None
