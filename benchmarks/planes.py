@@ -61,8 +61,8 @@ def segmented(path: Path) -> Segmented:
     """Return the planes of one pair compared with its truth file."""
     truth = json.loads(path.read_text(encoding="utf-8"))
     images = [load_image(path.parent / truth[f"image{k}"]) for k in (1, 2)]
-    cameras = [_camera(truth, k, image.width, image.height) for k, image in enumerate(images, 1)]
-    planes = list(_true_planes(path, truth, images[0].grey.shape))
+    cameras = [camera_of(truth, k, image.width, image.height) for k, image in enumerate(images, 1)]
+    planes = list(true_planes(path, truth, images[0].grey.shape))
     start = time.process_time()
     try:
         report = estimate(*images, *cameras, Options(planes="regions", up="dominant-plane"))
@@ -93,7 +93,8 @@ def covering(labels: NDArray[np.uint16], mask: Mask) -> int | None:
     return int(ids[counts.argmax()]) if counts.max(initial=0) >= MIN_COVERED * mask.sum() else None
 
 
-def _camera(truth: dict[str, Any], k: int, width: int, height: int) -> Camera:
+def camera_of(truth: dict[str, Any], k: int, width: int, height: int) -> Camera:
+    """Return the camera of image k of a truth file, one made up where it has none."""
     K = truth.get("K") or truth.get(f"K{k}")
     distortion = tuple(truth.get("dist") or truth.get(f"dist{k}") or ())
     if K is None:
@@ -104,9 +105,10 @@ def _camera(truth: dict[str, Any], k: int, width: int, height: int) -> Camera:
     )
 
 
-def _true_planes(
+def true_planes(
     path: Path, truth: dict[str, Any], shape: tuple[int, int]
 ) -> Iterator[tuple[Mask, NDArray[np.float64]]]:
+    """Yield the pixels (h, w) and the normal (3,) of every true plane that counts."""
     for plane in truth.get("planes", []):
         if plane.get("n") is None or not plane.get("trusted", True):
             continue
@@ -130,7 +132,7 @@ def transfer_errors_px(path: Path, planes: str = "regions") -> list[float]:
     """Return, for every true homography, the median distance, px, between its image of common pixels and ours."""
     truth = json.loads(path.read_text(encoding="utf-8"))
     images = [load_image(path.parent / truth[f"image{k}"]) for k in (1, 2)]
-    cameras = [_camera(truth, k, image.width, image.height) for k, image in enumerate(images, 1)]
+    cameras = [camera_of(truth, k, image.width, image.height) for k, image in enumerate(images, 1)]
     report = estimate(*images, *cameras, Options(planes=planes, up="dominant-plane"))  # type: ignore[arg-type]
     errors = []
     for plane in truth["planes"]:

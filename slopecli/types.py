@@ -154,13 +154,13 @@ class Slopes:
 
 @dataclass(frozen=True, eq=False)
 class Segmentation:
-    """Regions of image 1, (h, w) of a working image: gradient, grey levels per px; components, connected regions below
-    its threshold, 1 the largest, 0 for none; merged: the same after those on one plane were merged, 1..k."""
+    """Pixels (h, w) of a working image: gradient, grey levels per px; components, 1 the largest; planes."""
 
     gradient: NDArray[np.float32]
     threshold: float
     components: NDArray[np.int32]
-    merged: NDArray[np.int32]
+    merged: NDArray[np.int32]  # planes of the labels 1..k, 0 for none
+    account: tuple[str, ...] = ()  # what was proposed, labelled and given up
 
 
 @dataclass(frozen=True)

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from report_factory import make_camera, make_labels, make_plane, make_report, normal_of, rectangle
 
-from slopecli.report import plane_kinds, plane_shares
+from slopecli.report import main_planes, plane_kinds, plane_shares
 from slopecli.types import Plane, Report, Up
 
 CAMERA = make_camera()  # 640x480, looks straight down from height 1 where nothing else is said
@@ -118,3 +118,19 @@ def test_shares_are_of_the_whole_image() -> None:
     shares = plane_shares(report_of([GROUND, plane(3, RIGHT, 40.0)]))
     assert list(shares) == [1, 3]
     assert shares[1] == pytest.approx(190 * 460 / (640 * 480), rel=0.02)
+
+
+def test_trees_and_people_are_no_ceilings() -> None:
+    hanging = plane(2, MIDDLE, 130.0, 0.7)
+    small = plane(2, rectangle(300, 100, 60, 60), 130.0, 0.7)
+    assert kinds_of(GROUND, hanging) == ["ground", "ceiling"]
+    for doubtful in (small, replace(hanging, status="poor"), replace(hanging, slope_sigma_deg=9.0)):
+        assert kinds_of(GROUND, doubtful) == ["ground", None]
+
+
+def test_what_matters_is_large_or_at_least_not_poor() -> None:
+    crumb, patch = rectangle(500, 20, 30, 30), rectangle(300, 20, 60, 60)  # 0.3 and 1.2 % of the image
+    planes = [GROUND, plane(2, patch, 30.0), plane(3, crumb, 30.0)]
+    assert main_planes(report_of(planes)) == {1, 2}
+    assert main_planes(report_of([GROUND, replace(planes[1], status="poor"), planes[2]])) == {1}
+    assert main_planes(report_of([planes[2]])) == {3}

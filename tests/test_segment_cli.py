@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from collections import Counter
 from pathlib import Path
 from typing import Any
@@ -41,7 +42,7 @@ def pair(tmp_path_factory: pytest.TempPathFactory) -> tuple[str, ...]:
 def answer(pair: tuple[str, ...], tmp_path_factory: pytest.TempPathFactory) -> Run:
     """One ordinary run, with the pictures of its steps."""
     folder = tmp_path_factory.mktemp("answer") / "out"
-    done = slopemap("segment", *pair, "-o", str(folder), "--debug-images")
+    done = slopemap("segment", *pair, "-o", str(folder), "--debug-images", "--all")
     assert done.returncode == 0, done.stderr
     return done, folder
 
@@ -78,6 +79,22 @@ def test_table_has_every_plane_the_largest_first(answer: Run, result: dict[str, 
     assert shares == sorted(shares, reverse=True)
     slopes = [f"{plane['slope_deg']:.2f}" for plane in result["planes"]]
     assert [row[4].rstrip("°") for row in rows] == slopes
+
+
+def test_without_all_the_table_has_what_matters_and_counts_the_rest(answer: Run, pair: tuple[str, ...]) -> None:
+    done = slopemap("segment", *pair, "-o", str(answer[1].parent / "brief"), "--no-overlay", "--no-ply", "--no-glb")
+    every, shown = rows_of(answer[0]), rows_of(done)
+    assert 2 < len(shown) < len(every)
+    assert all(row in every for row in shown)
+    (said,) = (line for line in done.stderr.splitlines() if line.startswith("not shown: "))
+    assert sum(int(number) for number in re.findall(r"\d+", said)) == len(every) - len(shown)
+
+
+def test_verbose_prints_the_account_of_the_planes(pair: tuple[str, ...]) -> None:
+    done = slopemap("segment", *pair, "--json", "-v")
+    lines = [line for line in done.stderr.splitlines() if line.startswith("regions: ")]
+    for word in ("match", "proposed", "merging", "labelled", "given up"):
+        assert any(word in line for line in lines)
 
 
 def test_labels_hold_the_planes_of_the_answer(result: dict[str, Any], labels: np.ndarray) -> None:

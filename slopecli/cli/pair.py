@@ -35,6 +35,7 @@ if TYPE_CHECKING:
     params=[
         *shared.pair_camera_options,
         *shared.output_options,
+        shared.all_flag,
         *shared.window_options,
         *shared.finder_options,
         *shared.region_options,
@@ -65,6 +66,7 @@ def estimate(ctx: click.Context, image1: str, image2: str, **parameters: Any) ->
     params=[
         *shared.pair_camera_options,
         *shared.output_options,
+        shared.all_flag,
         *shared.region_options,
         *shared.pair_frame_options("dominant-plane"),
         *shared.place_options,
@@ -153,7 +155,8 @@ def _answer_pair(ctx: click.Context, image1: str, image2: str, parameters: dict[
         with talk.timed("write"):
             written = write_outputs(report, images[0], output, kept_choices(parameters), origin_of(talk, images[1]))
     _say_place(report, talk)
-    print_report(report, written, talk, as_json=parameters["as_json"])
+    every = parameters["every"] or talk.verbose
+    print_report(report, written, talk, as_json=parameters["as_json"], every=every)
 
 
 def _say_place(report: Report, talk: Talk) -> None:

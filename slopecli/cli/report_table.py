@@ -23,8 +23,11 @@ CLASSES_HEADER = ("slope", "windows", "median sigma", *VERDICTS)
 FOUND_HEADER = ("id", "what", "image", "slope", "95 % interval", "aspect", "verdict", "P(safe)", "points", "note")
 
 
-def print_report(report: Report, written: list[Path], talk: Talk, *, as_json: bool) -> None:
-    """Print the report on stdout, as a table or as JSON; notes and the files written on stderr."""
+def print_report(report: Report, written: list[Path], talk: Talk, *, as_json: bool, every: bool = True) -> None:
+    """Print the report on stdout, as a table or as JSON; notes and the files written on stderr.
+
+    every : whether the table has all planes that were found, not just those that matter.
+    """
     if not written:
         check_stdout()
     if as_json:
@@ -35,17 +38,22 @@ def print_report(report: Report, written: list[Path], talk: Talk, *, as_json: bo
         from slopecli.report.kinds import many_windows
 
         unit = SLOPE_UNITS[talk.slope_unit]
-        print_table(classes_table(report, unit) if many_windows(report) else result_table(report, unit))
-    for line in talk_lines(report):
+        print_table(classes_table(report, unit) if many_windows(report) else result_table(report, unit, every=every))
+    for line in talk_lines(report, every=every):
         talk.say(line)
     if talk.verbose:
+        for line in report.segmentation.account if report.segmentation else ():
+            talk.say(f"regions: {line}")
         talk.say(focal_line(report))
     if written:
         talk.say(f"wrote {', '.join(map(str, written))}")
 
 
-def result_table(report: Report, unit: SlopeUnit = SLOPE_UNITS["deg"]) -> Table:
-    """A row for each window or plane in the order of ids, those without an answer included; slopes in `unit`."""
+def result_table(report: Report, unit: SlopeUnit = SLOPE_UNITS["deg"], *, every: bool = True) -> Table:
+    """A row for each window or plane in the order of ids, those without an answer included; slopes in `unit`.
+
+    every : if not, planes that were found have a row only where they matter.
+    """
     rows = {plane.id: _plane_cells(plane, report, unit) for plane in report.planes}
     if report.found:
         from slopecli.report.kinds import plane_kinds, plane_shares
@@ -54,8 +62,12 @@ def result_table(report: Report, unit: SlopeUnit = SLOPE_UNITS["deg"]) -> Table:
         for number, cells in rows.items():
             cells |= {"what": kinds[number] or "-", "image": f"{100 * shares[number]:.1f} %"}
     rows |= {one.id: {"id": str(one.id), "note": f"no answer: {one.reason}"} for one in report.rejected}
-    header = FOUND_HEADER if report.found else HEADER
-    return Table(header, [tuple(rows[number].get(title, "-") for title in header) for number in sorted(rows)])
+    header, shown = FOUND_HEADER if report.found else HEADER, sorted(rows)
+    if report.found and not every:
+        from slopecli.report.kinds import main_planes
+
+        shown = sorted(main_planes(report))
+    return Table(header, [tuple(rows[number].get(title, "-") for title in header) for number in shown])
 
 
 def classes_table(report: Report, unit: SlopeUnit = SLOPE_UNITS["deg"]) -> Table:
@@ -119,14 +131,26 @@ def _number(value: float, decimals: int) -> str:
     return f"{value:.{decimals}f}" if math.isfinite(value) else "-"
 
 
-def talk_lines(report: Report) -> Iterator[str]:
-    """Lines for stderr: the vertical, the second root, windows without an answer, diagnostics."""
+def talk_lines(report: Report, *, every: bool = True) -> Iterator[str]:
+    """Lines for stderr: planes that the table leaves out, the vertical, the second root, windows without an answer,
+    diagnostics."""
+    brief = report.found and not every
+    if brief and (line := _left_out_line(report)):
+        yield line
     yield _up_line(report)
     if report.ambiguity.status != "none":
         yield _ambiguity_line(report)
-    for one in report.rejected:
+    for one in () if brief else report.rejected:
         yield f"{report.noun} {one.id}: no answer: {one.reason}: {one.message}"
     yield from map(diagnostic_line, report.diagnostics)
+
+
+def _left_out_line(report: Report) -> str:
+    from slopecli.report.kinds import main_planes
+
+    small, refused = len(report.planes) - len(main_planes(report)), len(report.rejected)
+    counts = [f"{small} small or poor ones" * (small > 0), f"{refused} without an answer" * (refused > 0)]
+    return f"not shown: {', '.join(filter(None, counts))} (--all shows them)" if small or refused else ""
 
 
 def focal_line(report: Report) -> str:

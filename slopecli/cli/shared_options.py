@@ -124,6 +124,7 @@ def _set_talk(ctx: click.Context, parameter: click.Parameter, value: bool | str)
         raise click.UsageError("-v and -q contradict each other; give one.", ctx)
 
 
+all_flag = Flag(OUTPUT, "--all every", "Also list small, poor and refused planes")
 json_flag = Flag(OUTPUT, "--json as_json", "Print slopes.json instead of the table")
 
 

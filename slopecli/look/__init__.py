@@ -7,7 +7,7 @@ __getattr__, __dir__ = lazy_names(
     {
         "changes": "Change find_changes",
         "dense": "Cells dense_cells flow match_exposure overview_cells sparse_transfer spread",
-        "dense_depth": "DenseDepth measure_depth",
+        "dense_depth": "DenseDepth depth_cells measure_depth",
         "depth_transfer": "DepthTransfer",
         "features": "EFFORTS FeatureEffort FeatureMemory Grey Images match_descriptors match_sift shrink to_full",
         "foerstner": "SEARCH_PX correlate_windows foerstner_corners match_foerstner",
@@ -18,7 +18,7 @@ __getattr__, __dir__ = lazy_names(
         "noise": "DIFFERENCE_GREY LEAST_MATCH_PX MAX_GAIN NOISE_GREY OVERVIEW_CELL_PX ROUNDING_GREY SYSTEMATIC_PX "
         "WORST_MATCH_PX correlation_gain",
         "photometric": "PlaneFit View align_plane cell_shifts correlation detrend gain_between normalise sweep_planes",
-        "scene": "Scene epipolar_axes",
+        "scene": "Scene epipolar_axes whole_grid",
         "segments": "Segments find_segments",
         "scene_from_images": "COARSE FINE build_scene feature_matchers find_scene is_decided may_suffice "
         "overview_effort",

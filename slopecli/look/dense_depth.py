@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from slopecli.geometry.statistics import robust_sigma
-from slopecli.look.dense import flow, match_exposure, spread
+from slopecli.look.dense import Cells, dense_cells, flow, match_exposure, spread
 from slopecli.look.depth_transfer import DepthTransfer
 from slopecli.look.noise import LEAST_MATCH_PX, NOISE_GREY
 from slopecli.look.scene import Scene, whole_grid
@@ -144,6 +144,12 @@ def measure_depth(scene: Scene, windows: Sequence[Window] = (), max_pixels: floa
     side = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * DEPTH.beside_px + 1, 2 * DEPTH.beside_px + 1))
     sure = known & ~bare & (cv2.dilate(step.astype(np.uint8), side) == 0)
     return DenseDepth(grid, w, known, sure, step, bare, transfer.rays, uv2, shifts, left)
+
+
+def depth_cells(scene: Scene, grid: Grid, cell: int) -> Cells:
+    """Match every cell of `cell` px of a grid over all of image 1, image 2 resampled by the depth of the overview."""
+    mapping = DepthTransfer(scene, grid).pixels2(spread_table(_start(scene, grid), grid.shape))
+    return dense_cells(grid, mapping, scene.pyramid2, scene.shape2, cell, finest=0, thorough=True)
 
 
 def _grid_around(scene: Scene, windows: Sequence[Window], max_pixels: float) -> Grid:

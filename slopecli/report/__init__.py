@@ -7,7 +7,7 @@ __getattr__, __dir__ = lazy_names(
     {
         "build": "build_report",
         "camera_summary": "CameraFacts camera_facts camera_lines",
-        "kinds": "plane_kinds plane_shares",
+        "kinds": "main_planes plane_kinds plane_shares",
         "sigma_parts": "CAUSES sigma_causes",
         "second_root": "deciding_sigma margin what_decides",
         "withheld": "withhold_safe",

@@ -18,6 +18,9 @@ LEVEL_DEG = 15.0  # streets and squares are flatter than this; flat roofs are hi
 KNOWN_DEG = 5.0  # 1-sigma of a slope beyond which a plane does not count as level
 LARGE = 0.1  # of the area of the largest level plane: a smaller one below it may be a mistake, or a pit
 AT_GROUND = 0.02  # height over the distance to the camera up to which a plane counts as lying on the ground
+LEAST_CEILING = 0.02  # share of image 1: what is smaller and faces down is part of a tree, or of a person
+SHOWN = 0.005  # share of image 1 from which on a plane matters
+POOR_COUNTS = 0.25  # what a share counts of a plane that is poor, or that nothing tells the slope of
 
 
 def many_windows(report: Report) -> bool:
@@ -32,11 +35,22 @@ def plane_shares(report: Report) -> dict[int, float]:
     return {plane.id: float(counts[plane.id]) / report.labels.size for plane in report.planes}
 
 
+def main_planes(report: Report) -> set[int]:
+    """Return the ids of the planes that matter by their evidence and area; the largest one in any case."""
+    weight = {
+        plane.id: share * (1.0 if plane.status == "ok" and plane.slope_known else POOR_COUNTS)
+        for plane, share in zip(report.planes, plane_shares(report).values(), strict=True)
+    }
+    least = min(SHOWN, max(weight.values(), default=0.0))
+    return {number for number, one in weight.items() if one >= least}
+
+
 def plane_kinds(report: Report) -> dict[int, Kind | None]:
     """Kind of every plane of the report by id; it is only as good as the report's up direction.
 
-    A plane steeper than 60 degrees is a wall, one that faces down as far beyond the vertical a ceiling. The others are
-    ground if their low end is on the ground or below it, roof if it is above: any surface that stands on something.
+    A plane steeper than 60 degrees is a wall, one that faces down as far beyond the vertical a ceiling; but None where
+    it is poor, small or in doubt, as facets of trees and people are. The others are ground if their low end is on the
+    ground or below it, roof if it is above: any surface that stands on something.
     The ground is the lowest of the large level planes, extended. Without a level plane there is no height that tells
     ground from roof, and the kind is None; of all planes where what is level is in doubt.
     """
@@ -44,12 +58,16 @@ def plane_kinds(report: Report) -> dict[int, Kind | None]:
         return dict.fromkeys((plane.id for plane in report.planes), None)
     outlines = {plane.id: _outline(plane, report) for plane in report.planes}
     ground = _ground(report, outlines)
-    return {plane.id: _kind(plane, outlines[plane.id], ground) for plane in report.planes}
+    shares = plane_shares(report)
+    return {plane.id: _kind(plane, outlines[plane.id], ground, shares[plane.id]) for plane in report.planes}
 
 
-def _kind(plane: Plane, outline: FloatArray, ground: Plane | None) -> Kind | None:
+def _kind(plane: Plane, outline: FloatArray, ground: Plane | None, share: float) -> Kind | None:
+    if plane.slope_deg > 180.0 - WALL_DEG:
+        surely = plane.status == "ok" and (plane.slope_sigma_deg or 0.0) < KNOWN_DEG and share >= LEAST_CEILING
+        return "ceiling" if surely else None
     if plane.slope_deg > WALL_DEG:
-        return "ceiling" if plane.slope_deg > 180.0 - WALL_DEG else "wall"
+        return "wall"
     if ground is None:
         return None
     # height of its lower end (10 % of its outline) above the ground, over its distance to the camera

@@ -6,10 +6,11 @@ __getattr__, __dir__ = lazy_names(
     __name__,
     {
         "block_labels": "BorderCost cheapest_labels enlarged",
-        "cell_planes": "RegionCells region_cells",
-        "merging": "Labelled merged refitted",
+        "cell_lattice": "CellLattice lattice_of",
+        "merging": "merged",
+        "plane_pieces": "Piece fewest_pieces grown_pieces",
+        "region_finder": "RegionStages region_stages",
         "region_match": "match_labelled match_regions",
         "region_tunables": "REGION",
-        "review": "reviewed",
     },
 )

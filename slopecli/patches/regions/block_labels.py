@@ -1,4 +1,4 @@
-"""Blocks of pixels labelled by plane: transfer error plus the cost of borders, low along edges of the image."""
+"""Cells labelled by plane: depth and transfer error, plus the cost of borders, low along edges of the image."""
 
 from __future__ import annotations
 
@@ -7,12 +7,15 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 
-from slopecli.look.gradient_components import Labels
+from slopecli.look.gradient_components import Labels, grown
 from slopecli.look.transfer_error import OUTSIDE, Box, Comparison
 from slopecli.look.warp import NODE_STEP, FloatImage
+from slopecli.patches.regions.cell_lattice import CellLattice
+from slopecli.patches.regions.plane_pieces import Piece, around
 from slopecli.patches.regions.region_tunables import REGION
-from slopecli.types import FloatArray
+from slopecli.types import BoolArray, FloatArray
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,47 +42,86 @@ class BorderCost:
         return BorderCost(left.min(3).sum(1), above.min(1).sum(2))
 
 
-def label_blocks(
-    comparison: Comparison,
-    planes: Sequence[FloatArray],
-    borders: BorderCost,
-    side: int,
-    step: int = 1,
-    boxes: Sequence[Box] | None = None,
+def label_cells(
+    comparison: Comparison, lattice: CellLattice, pieces: Sequence[Piece], borders: BorderCost, components: Labels
 ) -> Labels:
-    """Return the (h // side, w // side) number of the plane each block of `side` px lies on, 1..k, 0 for none.
+    """Return the (h, w) number of the piece on whose plane each cell lies, 1..k, 0 for none.
 
-    planes : scaled normals (3,).
-    step : every so many of a block's rows and columns are compared; it divides `side`.
-    boxes : the rectangle each plane may lie in, see `surroundings`; the image when None.
+    A cell costs by its depth, where it has one, and by the transfer error of its pixels. Cells without a match count
+    to a piece only where its matched cells are around them, or near in the same component.
+
+    components : (h, w) working px, 1..k: the insides of surfaces.
     """
-    height, width = (n // side * side for n in comparison.shape)
-    cost = np.full((height // side, width // side, len(planes) + 1), OUTSIDE * side**2, np.float32)
-    cost[..., 0] = REGION.unexplained * side**2
-    for number, normal in enumerate(planes, 1):
-        rows, columns = boxes[number - 1] if boxes else comparison.everywhere
-        inside = slice(rows.start, min(rows.stop, height)), slice(columns.start, min(columns.stop, width))
-        compared = comparison.cost(normal, step, inside)
-        size = (compared.shape[1] * step // side, compared.shape[0] * step // side)
-        blocks = cv2.resize(compared, size, interpolation=cv2.INTER_AREA)
-        top, left = rows.start // side, columns.start // side
-        cost[top : top + size[1], left : left + size[0], number] = blocks * np.float32(side**2)
-    return cheapest_labels(cost, borders.of_blocks(side))
+    none = REGION.unexplained * REGION.pixels
+    cost = np.full((*lattice.shape, len(pieces) + 1), OUTSIDE * REGION.pixels + lattice.unexplained, np.float32)
+    cost[..., 0] = np.where(lattice.known, lattice.unexplained, 0.0) + none
+    for number, piece in enumerate(pieces, 1):
+        near = grown(piece.cells.astype(np.int32), REGION.beside_cells) > 0
+        box = _box(near)
+        depth = np.where(lattice.known, lattice.cost(lattice.off(piece.plane), piece.tolerance), 0.0)[box]
+        pixels = _transfer_cost(comparison, piece.plane, box)
+        if piece.tolerance > 1.0:  # relief displaces the pixels of the surface, too
+            pixels = np.minimum(pixels, REGION.unexplained)
+        layer = cost[(*box, number)]
+        layer[near[box]] = (depth + REGION.pixels * pixels)[near[box]]
+    labels = cheapest_labels(cost, borders.of_blocks(REGION.cell_px))
+    inside = _inside(components, lattice.shape)
+    for number, piece in enumerate(pieces, 1):
+        own = labels == number
+        matched = own & lattice.on_plane(piece.plane, piece.tolerance)
+        matched &= around(matched) >= REGION.dense_cells
+        count, total = (np.bincount(inside[mask], minlength=components.max() + 1) for mask in (matched, inside > 0))
+        held = (count >= REGION.held * np.maximum(total, 1))[inside] & (inside > 0)
+        labels[own & ~_among(matched) & ~_reached(matched & held, held)] = 0
+    return labels
 
 
-def surroundings(labels: Labels, count: int) -> list[Box]:
-    """Return the rectangle in which each of the planes 1..count is sought next, around its pixels in labels (h, w)."""
-    boxes = []
-    for number in range(1, count + 1):
-        x, y, w, h = cv2.boundingRect((labels == number).astype(np.uint8))
-        boxes.append((_widened(y, y + h, labels.shape[0]), _widened(x, x + w, labels.shape[1])))
-    return boxes
+def _box(mask: BoolArray) -> Box:
+    """Return the rows and columns of the cells of a mask."""
+    x, y, w, h = cv2.boundingRect(mask.astype(np.uint8))
+    return slice(y, y + h), slice(x, x + w)
 
 
-def _widened(start: int, stop: int, end: int) -> slice:
-    """Return rows or columns widened by `beside_px` and to nodes of the map, at most to the end of the image."""
-    first, last = max(0, start - REGION.beside_px), stop + REGION.beside_px
-    return slice(first // NODE_STEP * NODE_STEP, min(end, -(-last // NODE_STEP) * NODE_STEP))
+def _transfer_cost(comparison: Comparison, plane: FloatArray, box: Box) -> FloatImage:
+    """Return the mean photometric cost (h, w) of the pixels of the cells of a box."""
+    side = REGION.cell_px
+    inner = [slice(part.start * side, part.stop * side) for part in box]
+    wide = [
+        slice(part.start // NODE_STEP * NODE_STEP, min(end, -(-part.stop // NODE_STEP) * NODE_STEP))
+        for part, end in zip(inner, comparison.shape, strict=True)
+    ]
+    compared = comparison.cost(plane, (wide[0], wide[1]))
+    rows, columns = (slice(a.start - b.start, a.stop - b.start) for a, b in zip(inner, wide, strict=True))
+    size = (box[1].stop - box[1].start, box[0].stop - box[0].start)
+    return np.asarray(cv2.resize(compared[rows, columns], size, interpolation=cv2.INTER_AREA), np.float32)
+
+
+def _among(matched: BoolArray) -> BoolArray:
+    """Return (h, w) cells between matched cells or next to one, gaps between them closed up to `hole_cells`."""
+    margin = REGION.hole_cells + 2  # so that closing does not see the border
+    mask = np.pad(matched.astype(np.uint8), margin)
+    closed = cv2.morphologyEx(mask, cv2.MORPH_CLOSE, _disk(REGION.hole_cells))
+    return np.asarray(cv2.dilate(closed, _disk(1))[margin:-margin, margin:-margin] > 0)
+
+
+def _inside(components: Labels, shape: tuple[int, int]) -> Labels:
+    """Return the component (h, w) that a cell lies wholly in, 0 for none."""
+    side = REGION.cell_px
+    blocks = components[: shape[0] * side, : shape[1] * side].reshape(shape[0], side, shape[1], side)
+    return np.where(blocks.min((1, 3)) == blocks.max((1, 3)), blocks[:, 0, :, 0], 0)
+
+
+def _reached(start: BoolArray, inside: BoolArray) -> BoolArray:
+    """Return the cells (h, w) at most `inside_cells` from the start through cells that are inside components."""
+    cross = np.asarray(cv2.getStructuringElement(cv2.MORPH_CROSS, (3, 3)), np.uint8)
+    for _ in range(REGION.inside_cells):
+        start = (cv2.dilate(start.astype(np.uint8), cross) > 0) & inside
+    return np.asarray(start)
+
+
+def _disk(radius: int) -> NDArray[np.uint8]:
+    side = 2 * radius + 1
+    return np.asarray(cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (side, side)), np.uint8)
 
 
 def cheapest_labels(cost: FloatImage, borders: BorderCost) -> Labels:

@@ -1,37 +1,57 @@
 """The finder `regions`: planes of a scene, each with the pixels of image 1 that lie on it.
 
 Source: Cheng, experiment 3, steps 1-7. Departs from the paper: components of low gradient only propose planes, as do
-neighbourhoods of dense matches, since a textured facade is all gradient and forms no component. Pixels are assigned to
-all planes at once, by how well each plane transfers them into image 2.
+squares of dense matches, since a textured facade is all gradient and forms no component. Planes grow to pieces, and
+pixels are assigned to all planes at once, by their depth and by how well each plane transfers them into image 2.
 """
 
 from __future__ import annotations
 
-import cv2
+from dataclasses import dataclass
+
 import numpy as np
 
 from slopecli.errors import NoAnswer
+from slopecli.look.dense_depth import depth_cells
 from slopecli.look.gradient_components import (
     Labels,
     adaptive_threshold,
     connected_components,
-    resized,
+    renumbered_by_size,
     smooth_gradient,
     without_small_pieces,
 )
 from slopecli.look.scene import Scene, whole_grid
 from slopecli.look.threads import single_threaded
 from slopecli.look.transfer_error import Comparison
-from slopecli.look.warp import FloatImage, Grid
+from slopecli.look.warp import Grid
 from slopecli.options import Options
 from slopecli.patches.patch import Found, Patch, region_footprints
-from slopecli.patches.regions.block_labels import BorderCost, enlarged, label_blocks, surroundings
-from slopecli.patches.regions.cell_planes import component_planes, fewest_planes, neighbourhood_planes, region_cells
-from slopecli.patches.regions.merging import Labelled, merged, refitted
+from slopecli.patches.regions.block_labels import BorderCost, enlarged, label_cells
+from slopecli.patches.regions.cell_lattice import CellLattice, lattice_of
+from slopecli.patches.regions.merging import merged
+from slopecli.patches.regions.plane_pieces import Piece, fewest_pieces, grown_pieces
 from slopecli.patches.regions.region_match import match_labelled, match_regions
 from slopecli.patches.regions.region_tunables import REGION
-from slopecli.patches.regions.review import reviewed
-from slopecli.types import FloatArray, Segmentation
+from slopecli.types import Segmentation
+
+
+@dataclass(frozen=True, eq=False)
+class RegionStages:
+    """What each stage of the finder made of a scene.
+
+    lattice : cells with their depth.  proposed : pieces grown from proposed planes.  chosen : those that explain the
+    cells.  merged : those left after merging.  kept : planes of the labels 1, 2, ... of the pixels (h, w).
+    patches : the regions of these labels with their matches.
+    """
+
+    lattice: CellLattice
+    proposed: list[Piece]
+    chosen: list[Piece]
+    merged: list[Piece]
+    labels: Labels
+    patches: list[Patch]
+    segmentation: Segmentation
 
 
 def find_regions(scene: Scene, options: Options) -> Found:
@@ -41,92 +61,69 @@ def find_regions(scene: Scene, options: Options) -> Found:
     ------
     NoAnswer : no plane has `min_region_percent` of the pixels of image 1.
     """
-    rng = np.random.default_rng(options.seed)
+    stages = region_stages(scene, options)
+    return Found(stages.patches, stages.segmentation)
+
+
+def region_stages(scene: Scene, options: Options) -> RegionStages:
+    """Return the stages of the finder; see `find_regions`."""
     grid = whole_grid(scene, REGION.working_pixels)
     # steps 1-3: gradient, threshold, components
     gradient = smooth_gradient(grid.grey)
     threshold = options.gradient_threshold or adaptive_threshold(gradient)
     components = connected_components(gradient, threshold, REGION.least_share * gradient.size)
-    # steps 4-7: planes of components and of neighbouring matches proposed, merged where one fits two, given pixels
+    # steps 4-7: planes of components and of neighbouring matches proposed and grown, merged where one fits two
     with single_threaded():
-        proposals = _proposed_planes(scene, components, grid, rng)
-        found = _label_pixels(scene, grid, proposals, gradient, threshold, options, rng)
-        _check_any(found.labels, options)
-        labels, cells = match_labelled(found.labels, found.planes, scene)
-    evidence, which = region_cells(cells, scene)
-    # row and column of the label map's pixel in the middle of each cell
-    middle = cells.index[which] * REGION.cell_px + REGION.cell_px // 2
-    labels = reviewed(labels, evidence, middle, _least_px(labels, options), rng)
-    _check_any(labels, options)
+        lattice = lattice_of(depth_cells(scene, grid, REGION.cell_px), grid.shape, scene)
+        proposed = grown_pieces(lattice, components)
+        chosen = fewest_pieces(lattice, proposed)
+        pieces = merged(lattice, chosen, options.merge_px)
+        borders = BorderCost.along_edges(gradient, threshold)
+        cells = _label_cells(scene, grid, lattice, pieces, borders, components)
+        labels, kept = _label_pixels(cells, grid, pieces, options)
+        matches = match_labelled(labels, [piece.plane for piece in kept], scene)
     patches = [Patch(k, "region", footprint) for k, footprint in enumerate(region_footprints(labels, scene.shape1), 1)]
-    segmentation = Segmentation(gradient, threshold, components, resized(labels, grid.shape))
-    return Found(match_regions(labels, cells, patches, scene), segmentation)
+    patches = match_regions(labels, matches, patches, scene)
+    account = _account(lattice, (proposed, chosen, pieces, kept), cells, options)
+    segmentation = Segmentation(gradient, threshold, components, labels, account)
+    return RegionStages(lattice, proposed, chosen, pieces, labels, patches, segmentation)
 
 
-def _least_px(labels: Labels, options: Options) -> float:
-    """Return the least number of pixels of a region."""
-    return options.min_region_percent / 100 * labels.size
+def _account(lattice: CellLattice, stages: tuple[list[Piece], ...], cells: Labels, options: Options) -> tuple[str, ...]:
+    """Return sentences on what was proposed, labelled and given up, and why.
+
+    stages : pieces proposed, chosen, merged and kept.  cells : the labels by the number of the merged piece.
+    """
+    proposed, chosen, merging, kept = (len(pieces) for pieces in stages)
+    held = np.count_nonzero(np.bincount(cells.ravel(), minlength=merging + 1)[1:])
+    return (
+        f"{100 * lattice.known.mean():.0f} % of the cells of image 1 have a match, 1-sigma {lattice.sigma_px:.2f} px; "
+        f"{lattice.sharing:.0f} cells share an error",
+        f"{proposed} planes proposed, {chosen} explain the matches, {merging} after merging, {kept} labelled",
+        f"given up: {proposed - chosen} planes save too little beside the others, {chosen - merging} are one with "
+        f"another, {merging - held} hold no pixel, {held - kept} less than {options.min_region_percent:g} % of image 1",
+    )
 
 
-def _check_any(labels: Labels, options: Options) -> None:
-    """Raise NoAnswer if no pixel is labelled."""
+def _label_cells(
+    scene: Scene, grid: Grid, lattice: CellLattice, pieces: list[Piece], borders: BorderCost, components: Labels
+) -> Labels:
+    """Return the label (h, w) of every cell, 1..k by piece, 0 for none."""
+    if not pieces:
+        return np.zeros(lattice.shape, np.int32)
+    comparison = Comparison(scene.view(grid), (scene.camera1.focal_px, scene.camera2.focal_px))
+    cells = label_cells(comparison, lattice, pieces, borders, components)
+    return without_small_pieces(cells, REGION.least_piece * cells.size)
+
+
+def _label_pixels(cells: Labels, grid: Grid, pieces: list[Piece], options: Options) -> tuple[Labels, list[Piece]]:
+    """Return the labels (h, w) of the grid's pixels, largest first from 1, and the piece of each."""
+    labels = enlarged(cells, REGION.cell_px, grid.shape)
+    labels, order = renumbered_by_size(labels, options.min_region_percent / 100 * labels.size)
     if not labels.any():
         raise NoAnswer(
             "low-texture",
             f"no plane explains {options.min_region_percent:g} % of image 1",
             "give images with more texture or more overlap, or a smaller --min-region",
         )
-
-
-def _comparison(scene: Scene, grid: Grid) -> Comparison:
-    """Return what compares image 1 on a working grid with image 2 through planes."""
-    return Comparison(scene.view(grid), (scene.camera1.focal_px, scene.camera2.focal_px))
-
-
-def _proposed_planes(scene: Scene, components: Labels, grid: Grid, rng: np.random.Generator) -> list[FloatArray]:
-    """Return scaled normals (3,) of planes through neighbouring cells of the overview, and through components."""
-    cells, _ = region_cells(scene.cells, scene)
-    nearby = neighbourhood_planes(cells, REGION.proposals, rng)
-    return [*fewest_planes(cells, nearby), *component_planes(cells, components, grid, nearby)]
-
-
-def _label_pixels(
-    scene: Scene,
-    grid: Grid,
-    planes: list[FloatArray],
-    gradient: FloatImage,
-    threshold: float,
-    options: Options,
-    rng: np.random.Generator,
-) -> Labelled:
-    """Return the planes left after rounds of fitting, merging and labelling, and the labels of the grid's pixels."""
-    comparison = _comparison(scene, grid)
-    labels = _initial_labels(scene, planes, gradient, threshold, grid)
-    found = Labelled(planes, labels).by_size(REGION.least_sketched * labels.size)
-    borders = BorderCost.along_edges(gradient, threshold)
-    # each round: step between compared pixels, grid px; least size of a region kept, as a share of the final one
-    for step, share in ((2, 0.4), (2, 1.0), (1, 1.0)):
-        found = merged(comparison, refitted(comparison, found, rng), options.merge_px, rng)
-        boxes = surroundings(found.labels, len(found.planes))
-        blocks = label_blocks(comparison, found.planes, borders, REGION.block_px, step, boxes)
-        blocks = without_small_pieces(blocks, REGION.least_piece * blocks.size)
-        # the pixels of planes dropped here go to other planes in the next round
-        labels = enlarged(blocks, REGION.block_px, grid.shape)
-        found = Labelled(found.planes, labels).by_size(share * _least_px(labels, options))
-    return merged(comparison, found, options.merge_px, rng)
-
-
-def _initial_labels(
-    scene: Scene, planes: list[FloatArray], gradient: FloatImage, threshold: float, working: Grid
-) -> Labels:
-    """Return first labels (h, w) of the working grid's pixels: k for planes[k - 1].
-
-    They are found on a grid of a quarter of the pixels, as all proposals are compared.
-    """
-    small = whole_grid(scene, REGION.working_pixels / 4)
-    size = (small.shape[1], small.shape[0])
-    coarse = np.asarray(cv2.resize(gradient, size, interpolation=cv2.INTER_AREA), np.float32)
-    borders = BorderCost.along_edges(coarse, threshold)
-    side = REGION.block_px - 1  # px a side of a block: smaller, as a pixel of this grid covers more
-    labels = enlarged(label_blocks(_comparison(scene, small), planes, borders, side), side, small.shape)
-    return resized(labels, working.shape)
+    return labels, [pieces[k - 1] for k in order]

@@ -9,29 +9,29 @@ import numpy as np
 from slopecli.geometry.epipolar import homogeneous, normal_angle
 from slopecli.geometry.motion import inverse_depth
 from slopecli.look.dense import Cells, dense_cells
-from slopecli.look.gradient_components import Labels, grown, resized
+from slopecli.look.depth_transfer import DepthTransfer
+from slopecli.look.gradient_components import Labels, grown
 from slopecli.look.matches import Matches
 from slopecli.look.scene import Scene, whole_grid
-from slopecli.look.warp import NOWHERE, FloatImage, Grid, plane_transfer
+from slopecli.look.warp import FloatImage, Grid
 from slopecli.patches.patch import Patch
 from slopecli.patches.regions.region_tunables import REGION
 from slopecli.patches.windows.window_finder import with_cells
 from slopecli.types import FloatArray
 
 
-def match_labelled(labels: Labels, planes: list[FloatArray], scene: Scene) -> tuple[Labels, Cells]:
-    """Return the labels on the grid on which matches are measured, and the dense matches of all its cells.
+def match_labelled(labels: Labels, planes: list[FloatArray], scene: Scene) -> Cells:
+    """Return the dense matches of all cells of the working grid, image 2 resampled by the plane of every region.
 
     Parameters
     ----------
-    labels : (h, w) 1..k, 0 for none, of image 1 or of a smaller copy of it.
+    labels : (h, w) 1..k, 0 for none, of the pixels of the working grid.
     planes : scaled normals (3,) of the k planes.
     """
-    grid = whole_grid(scene, REGION.matched_pixels)
-    labels = resized(labels, grid.shape)
+    grid = whole_grid(scene, REGION.working_pixels)
     # flow needs to see past a region's border, and over the holes in it
     mapping = _mapping(grid, grown(labels, REGION.reach_px), planes, scene)
-    return labels, dense_cells(grid, mapping, scene.pyramid2, scene.shape2, REGION.cell_px, finest=0)
+    return dense_cells(grid, mapping, scene.pyramid2, scene.shape2, REGION.cell_px, finest=0)
 
 
 def match_regions(labels: Labels, cells: Cells, patches: list[Patch], scene: Scene) -> list[Patch]:
@@ -45,13 +45,11 @@ def match_regions(labels: Labels, cells: Cells, patches: list[Patch], scene: Sce
 
 def _mapping(grid: Grid, labels: Labels, planes: list[FloatArray], scene: Scene) -> FloatImage:
     """Return (h, w, 2) px of image 2 to which its own plane sends every pixel; NOWHERE where there is none."""
-    rows, columns = np.nonzero(labels)
-    uv1 = grid.full(np.column_stack([columns, rows]).astype(float))
-    rays = homogeneous(scene.rays1(uv1))
-    w = np.einsum("ni,ni->n", rays, np.array(planes)[labels[rows, columns] - 1])
-    mapping = np.full((*grid.shape, 2), NOWHERE, np.float32)
-    mapping[rows, columns] = plane_transfer(rays @ scene.R.T, w, scene.R @ scene.T, scene.pixels2)
-    return mapping
+    transfer = DepthTransfer(scene, grid)
+    plane = np.vstack([np.zeros(3), *planes]).astype(np.float32)[labels]
+    return transfer.pixels2(
+        transfer.rays[..., 0] * plane[..., 0] + transfer.rays[..., 1] * plane[..., 1] + plane[..., 2]
+    )
 
 
 def _own_label(labels: Labels, cell: int) -> Labels:
@@ -72,7 +70,9 @@ def _matched(patch: Patch, cells: Cells, scene: Scene) -> Patch:
         return patch.unmatched("its matches lie on a line, so they leave its tilt open")
     if matched.share < REGION.scarce_share and matched.score < REGION.faint_score:
         return patch.unmatched("too little texture: few of its pixels can be matched, and those agree poorly")
-    return replace(matched, tilt_sigma_rad=matched.tilt_sigma_rad + _repeated_rad(matched.matches, scene))
+    reason = "faint: its matches agree poorly" if matched.score < REGION.faint_score else ""
+    sigma = matched.tilt_sigma_rad + _repeated_rad(matched.matches, scene)
+    return replace(matched, tilt_sigma_rad=sigma, reason=reason)
 
 
 def _repeated_rad(matches: Matches, scene: Scene) -> float:

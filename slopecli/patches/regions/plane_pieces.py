@@ -1,0 +1,135 @@
+"""Compact pieces of planes, grown from the planes proposed, and the fewest of them that explain the cells."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+
+from slopecli.geometry.statistics import geman_mcclure
+from slopecli.look.gradient_components import Labels
+from slopecli.patches.labelling.depth_planes import solve_regular
+from slopecli.patches.labelling.energy import cover
+from slopecli.patches.regions.cell_lattice import CellLattice
+from slopecli.patches.regions.plane_seeds import plane_seeds
+from slopecli.patches.regions.region_tunables import REGION
+from slopecli.types import BoolArray, FloatArray, IntArray
+
+
+@dataclass(frozen=True, eq=False)
+class Piece:
+    """A plane (3,), scaled normal; the tolerance of its surface, sigmas; its cells (h, w)."""
+
+    plane: FloatArray
+    tolerance: float
+    cells: BoolArray
+
+
+def grown_pieces(lattice: CellLattice, components: Labels) -> list[Piece]:
+    """Return compact pieces, each grown from a proposed plane; they overlap.
+
+    The proposals that may save most, beside the pieces grown so far, come first. Each grows at several tolerances.
+    components : (h, w) working px.
+    """
+    seeds, density = plane_seeds(lattice, components), around(lattice.known)
+    none = np.where(lattice.known, lattice.unexplained, 0.0)
+    current, waiting = none, np.ones(len(seeds), bool)
+    pieces: list[Piece] = []
+    while waiting.any() and len(pieces) < REGION.most_pieces:
+        saving = np.where(waiting, seeds.saving(current), -np.inf)
+        k = int(saving.argmax())
+        if saving[k] < lattice.price:
+            break
+        waiting[k] = False
+        part = seeds.part(k)
+        costs = []
+        for tolerance in REGION.tolerances:
+            piece = _grown(lattice, seeds.planes[k], tolerance, part, density)
+            if piece is not None:
+                cost = _cost_with(lattice, piece, none)
+                if (none - cost).sum() >= lattice.price:
+                    pieces.append(piece)
+                    costs.append(np.minimum(current, cost))
+        if costs:
+            current = min(costs, key=np.sum)
+    return pieces
+
+
+def fewest_pieces(lattice: CellLattice, pieces: list[Piece]) -> list[Piece]:
+    """Return the pieces that together explain the cells, each with the cells that it explains best.
+
+    Each saves more than the price of a plane beside the others.
+    """
+    if not pieces:
+        return []
+    none = np.where(lattice.known, lattice.unexplained, 0.0)
+    cost = np.stack([_cost_with(lattice, piece, none)[lattice.known] for piece in pieces], -1)
+    chosen = _worth_their_price(cost, cover(cost, none[lattice.known], lattice.price), lattice)
+    if not len(chosen):
+        return []
+    own = np.full(lattice.shape, -1)
+    own[lattice.known] = np.where(cost[:, chosen].min(1) < lattice.unexplained, cost[:, chosen].argmin(1), -1)
+    found = [Piece(pieces[k].plane, pieces[k].tolerance, own == at) for at, k in enumerate(chosen)]
+    return [piece for piece in found if np.count_nonzero(piece.cells) >= REGION.least_cells]
+
+
+def _worth_their_price(cost: FloatArray, chosen: IntArray, lattice: CellLattice) -> IntArray:
+    """Return the chosen columns of the costs (n, c) without those that the others came to replace."""
+    while len(chosen) > 1:
+        with_none = np.column_stack([cost[:, chosen], np.full(len(cost), lattice.unexplained)])
+        first, second = np.partition(with_none, 1, axis=1)[:, :2].T
+        loss = np.bincount(with_none.argmin(1), second - first, len(chosen) + 1)[:-1]
+        if loss.min() >= lattice.price:
+            break
+        chosen = np.delete(chosen, loss.argmin())
+    return chosen
+
+
+def weighted_system(
+    lattice: CellLattice, plane: FloatArray, tolerance: float, cells: BoolArray
+) -> tuple[FloatArray, FloatArray]:
+    """Return the normal equations (3, 3), (3,) of a plane through cells (h, w), those far off it weighted down."""
+    own = cells & lattice.known
+    rows, target = lattice.rows[own].astype(float), lattice.target[own].astype(float)
+    weighted = rows.T * (geman_mcclure(rows @ plane - target, REGION.gate * tolerance) / tolerance**2)
+    return weighted @ rows, weighted @ target
+
+
+def _grown(
+    lattice: CellLattice, plane: FloatArray, tolerance: float, part: BoolArray, density: FloatArray
+) -> Piece | None:
+    """Return the compact piece on a plane that shares most with a part (h, w), fitted twice; None if there is none.
+
+    density : (h, w) number of known cells around each.
+    """
+    fitted, cells = plane, part
+    for _ in range(3):
+        grown = _compact(lattice.on_plane(plane, tolerance), part, density)
+        if grown is None or np.count_nonzero(grown & lattice.known) < REGION.least_cells:
+            return None
+        fitted, cells, plane = plane, grown, solve_regular(*weighted_system(lattice, plane, tolerance, grown))
+    return Piece(fitted, tolerance, cells)
+
+
+def _compact(on_plane: BoolArray, part: BoolArray, density: FloatArray) -> BoolArray | None:
+    """Return the connected cells (h, w) amid cells on the plane that share most with a part; None if none do."""
+    amid = (around(on_plane) >= REGION.compact * density) & (density >= REGION.least_cells)
+    count, pieces = cv2.connectedComponents(amid.astype(np.uint8), connectivity=4)
+    shared = np.bincount(pieces[part], minlength=count)
+    shared[0] = 0
+    return np.asarray(pieces == shared.argmax()) if shared.any() else None
+
+
+def around(mask: BoolArray) -> FloatArray:
+    """Return the number (h, w) of cells of a mask in the square around each."""
+    side = REGION.near_cells
+    return np.asarray(
+        cv2.boxFilter(mask.astype(np.float32), -1, (side, side), normalize=False, borderType=cv2.BORDER_CONSTANT)
+    )
+
+
+def _cost_with(lattice: CellLattice, piece: Piece, none: FloatArray) -> FloatArray:
+    """Return the costs (h, w) of cells with a piece alone; `none` are those without any."""
+    cost = lattice.cost(lattice.off(piece.plane), piece.tolerance)
+    return np.where(piece.cells & lattice.known, cost, none)
