@@ -11,19 +11,17 @@ import numpy as np
 
 from slopecli.ground.slope_map import SlopeMap
 from slopecli.products.glb import model_from_camera1
+from slopecli.products.page.page_tunables import PAGE
 from slopecli.products.region_mesh import Surface, lay_on_plane, region_surfaces, window_surface
 from slopecli.report.kinds import many_windows
 from slopecli.types import Camera, FloatArray, Image, IntArray, Plane, Report
-
-MODEL_TRIANGLES = 12_000  # of the page: half a megabyte with the viewer; patches.glb has more
-TEXTURE_PX = 1024  # long side of image 1 on the model
 
 Part = tuple[FloatArray, FloatArray, IntArray]  # points (n, 3) in camera-1 axes, uv (n, 2) px of image 1, triangles
 
 
 def viewer_of_report(report: Report, image: Image) -> str:
     """Return the viewer of the planes of a report as a page of HTML of its own; "" where there is nothing to show."""
-    surfaces = region_surfaces(report, MODEL_TRIANGLES) if report.found else []
+    surfaces = region_surfaces(report, PAGE.model_triangles) if report.found else []
     given, camera = [plane for plane in report.planes if not plane.found], report.cameras[0]
     lay = _corners_alone if many_windows(report) else window_surface
     windows = (lay(plane, camera) for plane in given)
@@ -41,7 +39,7 @@ def _corners_alone(plane: Plane, camera: Camera) -> Surface | None:
 def viewer_of_map(slope_map: SlopeMap, image: Image) -> str:
     """Return the viewer of the ground of a map; "" where none is known."""
     rows, columns = slope_map.slope_deg.shape
-    step = max(1, int(np.ceil(np.sqrt(2.0 * rows * columns / MODEL_TRIANGLES))))
+    step = max(1, int(np.ceil(np.sqrt(2.0 * rows * columns / PAGE.model_triangles))))
     points = slope_map.points[::step, ::step]
     i, j = np.indices(points.shape[:2])
     uv = (np.stack([j, i], -1) * step + 0.5) * slope_map.spacing_px - 0.5
@@ -102,8 +100,8 @@ def _texture(image: Image) -> Any:
     from PIL.JpegImagePlugin import JpegImageFile
 
     pixels = cv2.cvtColor(image.grey, cv2.COLOR_GRAY2BGR) if image.colour is None else image.colour
-    scale = TEXTURE_PX / max(pixels.shape)
+    scale = PAGE.texture_px / max(pixels.shape)
     if scale < 1.0:
         pixels = np.asarray(cv2.resize(pixels, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA), np.uint8)
-    encoded = cv2.imencode(".jpg", pixels, [cv2.IMWRITE_JPEG_QUALITY, 88])[1].tobytes()
+    encoded = cv2.imencode(".jpg", pixels, [cv2.IMWRITE_JPEG_QUALITY, PAGE.jpeg_quality])[1].tobytes()
     return JpegImageFile(io.BytesIO(encoded))

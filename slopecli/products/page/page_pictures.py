@@ -30,11 +30,9 @@ from slopecli.products.drawing.outlines import footprints_of
 from slopecli.products.drawing.placement import place_numbers
 from slopecli.products.map_picture import painted
 from slopecli.products.overlay import draw_labels
+from slopecli.products.page.page_tunables import PAGE
 from slopecli.report.kinds import many_windows
 from slopecli.types import FloatArray, Image, Plane, Report
-
-JPEG_QUALITY = [cv2.IMWRITE_JPEG_QUALITY, 88]
-RAY_EVERY = 8  # px of the picture: between these, rays are interpolated
 
 
 class Sheet(NamedTuple):
@@ -46,7 +44,9 @@ class Sheet(NamedTuple):
 
 def data_uri(picture: Picture) -> str:
     """Return an RGB picture as the address of a JPEG image in itself."""
-    encoded = cv2.imencode(".jpg", cv2.cvtColor(picture, cv2.COLOR_RGB2BGR), JPEG_QUALITY)[1]
+    encoded = cv2.imencode(
+        ".jpg", cv2.cvtColor(picture, cv2.COLOR_RGB2BGR), [cv2.IMWRITE_JPEG_QUALITY, PAGE.jpeg_quality]
+    )[1]
     return "data:image/jpeg;base64," + base64.b64encode(encoded.tobytes()).decode("ascii")
 
 
@@ -149,7 +149,7 @@ def map_seen_from_1(slope_map: SlopeMap, image: Image, image2: Image) -> tuple[s
 def _rays(report: Report, frame: Frame) -> FloatArray:
     """(h, w, 3) rays (x, y, 1) of the pixels of a picture of image 1; interpolated between every eighth."""
     size = frame.width, frame.height
-    counts = [max(2, -(-n // RAY_EVERY) + 1) for n in size]
+    counts = [max(2, -(-n // PAGE.ray_every_px) + 1) for n in size]
     u, v = np.meshgrid(*(np.linspace(0.0, n - 1.0, count) for n, count in zip(size, counts, strict=True)))
     uv1 = (np.stack([u, v], -1) + 0.5) / frame.scale - 0.5
     coarse = rays_from_pixels(report.cameras[0], uv1.reshape(-1, 2)).reshape(*u.shape, 2).astype(np.float32)

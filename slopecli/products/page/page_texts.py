@@ -11,6 +11,7 @@ from typing import NamedTuple
 from slopecli.findings.codes import CODES
 from slopecli.findings.wording import forbidding
 from slopecli.ground.slope_map import SlopeMap
+from slopecli.products.page.page_tunables import PAGE
 from slopecli.report.kinds import many_windows
 from slopecli.report.sigma_parts import CAUSES
 from slopecli.types import AlternativePlane, Plane, Report
@@ -27,7 +28,6 @@ MEANING = {
     "motion": ("the motion between the images", "give what a sensor knows of it: --rotation-prior, --direction-prior"),
     "matches": ("noise of the matches", "take the images farther apart, or sharper and larger ones"),
 }
-MATTERS = 0.5  # of the largest part: a cause smaller than that is no remedy's aim
 LIMITS = (
     "A slope is that of the plane of a whole window, region or disc. What is smaller than that does not show in it.",
     "Slopes are measured against what is called up. If up is assumed, as for a camera that is taken to look straight "
@@ -150,7 +150,7 @@ def why(label: str, sigma_deg: float, causes: dict[str, float]) -> Why:
 def cheapest_remedy(causes: dict[str, float]) -> str:
     """Return the cause to reduce first: of those that are at least half as large as the largest, the cheapest."""
     largest = max(causes.values())
-    return next(name for name in MEANING if causes[name] >= MATTERS * largest)
+    return next(name for name in MEANING if causes[name] >= PAGE.matters * largest)
 
 
 def whys_of(report: Report, most: int) -> list[Why]:

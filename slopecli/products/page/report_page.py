@@ -19,14 +19,13 @@ from slopecli.ground.slope_map import SlopeMap
 from slopecli.products.origin import Origin
 from slopecli.products.page import page_texts
 from slopecli.products.page.page_texts import Why, degrees
+from slopecli.products.page.page_tunables import PAGE
 from slopecli.products.slopes_json import rounded
 from slopecli.types import AlternativePlane, Camera, Diagnostic, Image, Plane, Report
 
 if TYPE_CHECKING:
     from jinja2 import Environment
 
-MOST_ROWS = 250  # of a table on the page; slopes.json has them all
-MOST_WHYS = 60
 JOINED = " x "
 
 
@@ -46,7 +45,7 @@ def encode(report: Report, image: Image, origin: Origin | None = None) -> bytes:
         if origin.image2 is not None:
             facts["pair"] = page_pictures.seen_from_1(report, image, origin.image2)
         facts["viewer"] = _packed(model_viewer.viewer_of_report(report, image))
-    whys = page_texts.whys_of(report, MOST_WHYS)
+    whys = page_texts.whys_of(report, PAGE.most_whys)
     return _rendered(report, origin, verdicts=page_texts.verdict_of(report), whys=whys, **facts)
 
 
@@ -55,7 +54,7 @@ def encode_map(slope_map: SlopeMap, image: Image, origin: Origin | None = None) 
     from slopecli.products.page import model_viewer, page_pictures
 
     origin, report, facts = origin or Origin(), slope_map.report, dict[str, Any]()
-    whys = page_texts.whys_of(report, MOST_WHYS)
+    whys = page_texts.whys_of(report, PAGE.most_whys)
     if slope_map.sigma_causes_deg and slope_map.median_sigma_deg:
         whys.insert(0, page_texts.why("map, median", slope_map.median_sigma_deg, slope_map.sigma_causes_deg))
     if origin.image2 is not None:
@@ -89,8 +88,8 @@ def _rendered(report: Report, origin: Origin, *, whys: Sequence[Why], **facts: A
             tolerance=float(report.options["tolerance_deg"]),
             images=[image for image in report.images if image.path],
             header=_header(report),
-            rows=[_row(plane, report) for plane in report.planes[:MOST_ROWS]],
-            left_out=max(len(report.planes) - MOST_ROWS, 0),
+            rows=[_row(plane, report) for plane in report.planes[: PAGE.most_rows]],
+            left_out=max(len(report.planes) - PAGE.most_rows, 0),
             whys=whys,
             meanings=page_texts.MEANING,
             causes={name: n for n, name in enumerate(page_texts.CAUSES)},

@@ -1,0 +1,21 @@
+"""Sizes of what is on the page."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class PageTunables:
+    """How much a page shows, so that it stays small and is opened at once."""
+
+    most_rows: int = 250  # of a table; slopes.json has them all
+    most_whys: int = 60  # planes whose sigma is explained
+    matters: float = 0.5  # of the largest cause of a sigma: a cause smaller than that is no remedy's aim
+    model_triangles: int = 12_000  # half a megabyte with the viewer; patches.glb has more
+    texture_px: int = 1024  # long side of image 1 on the model
+    jpeg_quality: int = 88
+    ray_every_px: int = 8  # of a picture: between these, rays are interpolated
+
+
+PAGE = PageTunables()
