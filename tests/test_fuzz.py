@@ -32,6 +32,7 @@ HOW_MANY = {
     "folder": 5,
     "image": 18,
     "record": 2,
+    "truth": 20,
     "drawn": 30,
 }
 PARTS = [(kind, k) for kind in HOW_MANY for k in seeds(10, 1)]

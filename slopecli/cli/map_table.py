@@ -25,6 +25,7 @@ def print_map(answer: SlopeMap, written: list[Path], talk: Talk, *, as_json: boo
         from slopecli.products.slopes_json import map_to_json
 
         print_result(map_to_json(answer))
+        say_ground(answer, talk)
     else:
         print_sites(answer, talk)
     for line in talk_lines(answer.report):
@@ -41,6 +42,11 @@ def print_sites(answer: SlopeMap, talk: Talk) -> None:
         print_table(sites_table(answer, SLOPE_UNITS[talk.slope_unit]))
     else:
         print_result("no landing site")
+    say_ground(answer, talk)
+
+
+def say_ground(answer: SlopeMap, talk: Talk) -> None:
+    """Say what the ground is like, and why there is no landing site where there is none."""
     talk.say(ground_line(answer))
     if answer.no_site:
         talk.say(f"no landing site: {answer.no_site}")

@@ -38,7 +38,7 @@ def read_result(path: str | PathLike[str]) -> Result:
         return _result(document, file.parent)
     except InputError:
         raise
-    except (ValueError, KeyError, TypeError, IndexError, AttributeError, RecursionError) as error:
+    except (ValueError, KeyError, TypeError, IndexError, AttributeError, RecursionError, OverflowError) as error:
         raise InputError(f"{file}: is no answer of slopemap ({visible(str(error)[:80])}); {WANTED}") from error
 
 
