@@ -18,6 +18,7 @@ import runpy
 import sys
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from itertools import islice
 from pathlib import Path
 from typing import Any
 
@@ -32,13 +33,14 @@ from slopecli.types import Camera, Image, Report
 
 HERE = Path(__file__).resolve().parent
 sys.path.insert(0, str(HERE.parent / "sample_data"))
-from random_terrain import GROUNDS, SIDE_PX, random_pair  # noqa: E402
+from random_terrain import GROUNDS, SIDE_PX, TerrainPair, random_pair  # noqa: E402
 
 FloatArray = NDArray[np.float64]
 Window = tuple[int, int, int, int]
 
 PAIRS = 7  # of each kind of ground
 SIDES_PX = 60, 130  # of windows
+MOST_DRAWN, MOST_STEEP = 600, 60  # windows drawn in a pair, and those asked for among them, where only steep ones count
 MOSTLY_SEEN = 0.9  # of a window, in image 2; the rest counts as partly seen
 LIMIT_DEG = Options().tolerance_deg
 TERRAIN, STEPS = ("rendered/A",), ("rendered/B", "rendered/C", "rendered/D09")  # pairs by the beginnings of their names
@@ -84,7 +86,7 @@ def ask(
     memory: FeatureMemory | None = None,
 ) -> list[Asked]:
     """Ask for the windows of one pair. normals: true ones, towards camera 1; memory: of the pair's features."""
-    true = [angle_deg(normal, np.array([0.0, 0.0, -1.0])) for normal in normals]
+    true = [slope_deg(normal) for normal in normals]
     try:
         report = estimate(*images, camera, camera, Options(windows=tuple(windows)), memory=memory)
     except NoAnswer:
@@ -121,15 +123,37 @@ def angle_deg(a: FloatArray, b: FloatArray) -> float:
 def terrain_windows(kind: str, seed: int) -> list[Asked]:
     """Nine windows of one random pair."""
     pair, rng = random_pair(GROUNDS[kind], seed), np.random.default_rng(seed + 10_000)
-    windows = []
-    for _ in range(9):
-        side = int(rng.integers(*SIDES_PX))
-        windows.append((*(int(c) for c in rng.integers(0, SIDE_PX - side, 2)), side, side))
+    return ask_terrain(kind, pair, [random_window(rng) for _ in range(9)], f"{kind}/{seed}")
+
+
+def steep_windows(kind: str, seed: int) -> list[Asked]:
+    """Windows of one random pair, up to MOST_STEEP, that image 2 shows and whose ground is steeper than is safe."""
+    pair, rng = random_pair(GROUNDS[kind], seed), np.random.default_rng(seed + 20_000)
+    drawn = (random_window(rng) for _ in range(MOST_DRAWN))
+    steep = (w for w in drawn if slope_deg(pair.normal(w)) > LIMIT_DEG and pair.visible_share(w) >= MOSTLY_SEEN)
+    windows = list(islice(steep, MOST_STEEP))
+    return ask_terrain(kind, pair, windows, f"{kind}/{seed}") if windows else []
+
+
+def random_window(rng: np.random.Generator) -> Window:
+    """A square of random side and place."""
+    side = int(rng.integers(*SIDES_PX))
+    x, y = (int(c) for c in rng.integers(0, SIDE_PX - side, 2))
+    return x, y, side, side
+
+
+def ask_terrain(kind: str, pair: TerrainPair, windows: list[Window], where: str) -> list[Asked]:
+    """Ask for windows of a random pair."""
     kinds = [kind if pair.visible_share(window) >= MOSTLY_SEEN else "partly seen" for window in windows]
     c = pair.camera
     camera = Camera(SIDE_PX, SIDE_PX, *(float(c[name]) for name in ("fx", "fy", "cx", "cy")))  # type: ignore[arg-type]
     images = [Image(grey) for grey in pair.images]
-    return ask(kinds, windows, [pair.normal(window) for window in windows], images, camera, f"{kind}/{seed}")
+    return ask(kinds, windows, [pair.normal(window) for window in windows], images, camera, where)
+
+
+def slope_deg(normal: FloatArray) -> float:
+    """Of a plane by its normal, for a camera that looks down."""
+    return angle_deg(normal, np.array([0.0, 0.0, -1.0]))
 
 
 def data_windows(folder: Path, sets: Sequence[str] = TERRAIN) -> Iterator[Asked]:

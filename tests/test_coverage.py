@@ -17,6 +17,7 @@ import pytest
 
 COVERAGE = runpy.run_path(str(Path(__file__).resolve().parent.parent / "benchmarks" / "coverage.py"))
 SEEDS = range(100, 107)
+MOST_STEEP_PAIRS = 40  # of a kind of ground: some have hardly a steep window, most have sixty
 
 pytestmark = pytest.mark.slow
 
@@ -72,6 +73,18 @@ def test_errors_are_as_large_as_sigmas_say(windows: Any) -> None:
 def test_no_steep_window_is_called_safe(windows: Any) -> None:
     steep = [asked for asked in windows() if asked.true_deg > COVERAGE["LIMIT_DEG"]]
     assert len(steep) >= 20
+    assert not [asked.where for asked in steep if asked.verdict == "safe"]
+
+
+@pytest.mark.parametrize("kind", COVERAGE["GROUNDS"])
+def test_none_of_three_thousand_steep_windows_is_called_safe(kind: str) -> None:
+    """Six hundred of each kind of ground, most of them of 15 to 20 degrees, where a safe one is 15."""
+    steep: list[Any] = []
+    for seed in range(300, 300 + MOST_STEEP_PAIRS):
+        steep += COVERAGE["steep_windows"](kind, seed)
+        if len(steep) >= 600:
+            break
+    assert len(steep) >= 600
     assert not [asked.where for asked in steep if asked.verdict == "safe"]
 
 
