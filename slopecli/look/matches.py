@@ -20,6 +20,7 @@ TOLERANCE_PX = 1.5  # largest epipolar residual of a consistent match
 ON_PLANE_PX = 1.0  # largest distance in image 2 between a match on a plane and the plane's prediction
 MIN_ON_PLANE = 6  # matches that determine a plane: three, and as many to check it
 TRIES = 400  # triples of neighbours drawn per plane, and points that these are compared by
+BEST = 20  # of these triples, compared by all points
 
 
 @dataclass(frozen=True, eq=False)
@@ -167,7 +168,9 @@ def _largest_plane(
     normals = np.linalg.solve(matrix[wide], evidence.w[triple[wide]][..., None])[..., 0]
     rays, w, px = rays[left], evidence.w[left], evidence.leverage[left] * evidence.focal_px
     some = rng.permutation(len(left))[:TRIES]
-    best = normals[(np.abs(w[some] - normals @ rays[some].T) * px[some] < ON_PLANE_PX).sum(1).argmax()]
+    on_some = (np.abs(w[some] - normals @ rays[some].T) * px[some] < ON_PLANE_PX).sum(1)
+    likely = normals[np.argsort(-on_some, kind="stable")[:BEST]]  # some of the points do not tell the best of these
+    best = likely[(np.abs(w - likely @ rays.T) * px < ON_PLANE_PX).sum(1).argmax()]
     inlier = np.zeros(len(left), bool)
     for _ in range(3):
         inlier = np.abs(w - rays @ best) * px < ON_PLANE_PX

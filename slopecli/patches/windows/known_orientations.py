@@ -97,9 +97,12 @@ def with_known_orientations(patches: list[Patch], scene: Scene, rematch: Rematch
 
 
 def _is_mute(patch: Patch, scene: Scene) -> bool:
-    """Whether a window that image 2 shows has no matches of its own, or such as agree by chance or tell no tilt."""
+    """Whether a window that image 2 shows has no matches of its own, or such as agree by chance or tell no tilt.
+
+    Textured ground without any match is not what image 2 shows there, and grey values that agree do so by chance.
+    """
     if patch.origin != "own":
-        return patch.code != "no-overlap"
+        return patch.code == "low-texture"
     by_chance = patch.score < KNOWN.faint_score and patch.tilt_sigma_rad > KNOWN.doubt_rad
     return by_chance or _noise_rad(patch, scene) > KNOWN.vague_rad
 
@@ -234,7 +237,7 @@ def _settled(patch: Patch, known: list[KnownPlane], exposure: Exposure, scene: S
     mass = (np.exp(-((apart / KNOWN.parallel_rad) ** 2)) @ chance)[:n]
     group = np.flatnonzero(apart[int(np.argmax(mass)), :n] < KNOWN.parallel_rad)
     sigma = np.array([known[k].sigma_rad for k in group])
-    best = int(group[np.argmax(chance[group] / found.prior[group] / sigma)])
+    best = int(group[np.argmax(chance[group] / sigma)])
     if patch.origin == "own":
         as_well = found.misfit[best] < (1.0 + KNOWN.alike) * found.misfit[-1]
         if mass.max() < (0.25 if as_well else 0.5):
