@@ -1,4 +1,4 @@
-"""Public names of a package, imported when they are first used, so that importing the package stays cheap."""
+"""Public names of a package, and of a report, imported when they are first used, so that importing stays cheap."""
 
 from __future__ import annotations
 
@@ -6,6 +6,23 @@ import importlib
 import sys
 from collections.abc import Callable, Mapping
 from typing import Any
+
+
+class ReportForms:
+    """Forms of a report for other programs; what makes them (`products`) is imported when one is asked for."""
+
+    def to_json(self) -> str:
+        """The text of slopes.json, without a final newline; the same report gives the same bytes."""
+        text: str = _late("slopecli.products.slopes_json", "report_to_json")(self)
+        return text
+
+    def to_dataframe(self) -> Any:
+        """The planes as a `pandas.DataFrame`, a row a plane; raises InputError where pandas is not installed."""
+        return _late("slopecli.products.planes_frame", "report_to_dataframe")(self)
+
+
+def _late(module: str, name: str) -> Any:
+    return getattr(importlib.import_module(module), name)
 
 
 def lazy_names(package: str, names: Mapping[str, str]) -> tuple[Callable[[str], Any], Callable[[], list[str]]]:

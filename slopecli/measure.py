@@ -11,7 +11,7 @@ import numpy as np
 
 from slopecli.errors import InputError
 from slopecli.geometry.epipolar import checked_direction, homogeneous
-from slopecli.geometry.slope import ASPECT_SIGMAS, CAMERA_UP, measure_slopes, surface_normals
+from slopecli.geometry.slope import ASPECT_SIGMAS, CAMERA_UP, measure_slopes, normal_covariances, surface_normals
 from slopecli.geometry.statistics import median
 from slopecli.geometry.tilt_distribution import probability_below, slope_interval
 from slopecli.options import Options
@@ -116,6 +116,16 @@ def _with_tilt_variance(slopes: Slopes, joined: Joined, level: int | None = None
     undefined = slopes.slope_rad < ASPECT_SIGMAS * sigma
     aspect, spread = (np.where(undefined, np.nan, values) for values in (slopes.aspect_rad, slopes.aspect_sigma_rad))
     return Slopes(slopes.slope_rad, sigma, aspect, spread, covariance)
+
+
+def normal_covariances_deg2(solution: Solution, joined: Joined) -> list[FloatArray | None]:
+    """(3, 3) covariances of the unit normals of all planes, deg^2, those of borrowed patches and of patches matched in
+    part with the tilt variance that residuals do not show; None for one that is not finite. Up has no part in them."""
+    normals = surface_normals(solution)
+    extra = [borrowed_sigma_rad(patch) ** 2 + patch.tilt_sigma_rad**2 for patch in joined.patches]
+    across = np.eye(3) - normals[:, :, None] * normals[:, None]
+    covariance = np.degrees(np.degrees(normal_covariances(solution) + np.array(extra)[:, None, None] * across))
+    return [one if np.isfinite(one).all() else None for one in 0.5 * (covariance + covariance.swapaxes(1, 2))]
 
 
 def borrowed_sigma_rad(patch: Patch) -> float:

@@ -12,6 +12,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from slopecli.face import ReportForms
 from slopecli.options import Place
 
 FloatArray = NDArray[np.float64]
@@ -290,6 +291,7 @@ class Plane:
     slope_known: bool = True  # its sigma is at most `max_sigma_deg`; not in JSON, which has both numbers
     rms_mrad: float | None = None
     slope_sigma_causes_deg: dict[str, float] | None = None  # parts of the sigma; their squares add up to its square
+    normal_covariance_cam1: FloatArray | None = None  # (3, 3) of normal_cam1, deg^2, whatever up is; None: not known
     noun: str = "window"  # what messages call it; this and `found` follow from its source and are not in JSON
     found: bool = False  # it was found in the image (any shape), not given as a window or as correspondences
 
@@ -317,11 +319,9 @@ class Diagnostic:
 
 
 @dataclass(frozen=True, eq=False)
-class Report:
-    """Everything the files and the table are made from. `labels` (h, w): plane id per pixel, 0 for none.
-
-    A window is the rectangle `polygon_px`; a plane that was found is the pixels of its id, perhaps in several pieces.
-    """
+class Report(ReportForms):
+    """Everything the files and the table are made from. `labels` (h, w): plane id per pixel, 0 for none. A window is
+    the rectangle `polygon_px`; a plane that was found is the pixels of its id, perhaps in several pieces."""
 
     images: tuple[ImageInfo, ImageInfo]
     cameras: tuple[Camera, Camera]

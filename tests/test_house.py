@@ -44,6 +44,7 @@ FILE_CALLS = {"open", "imread", "imwrite", "imreadmulti", "read_text", "read_byt
 SLOW_TO_IMPORT = {"scipy", "skimage", "tifffile", "matplotlib", "trimesh", "rich", "distributed", "threadpoolctl"} | {
     "h5py",
     "laspy",
+    "pandas",
     "OpenEXR",
     "pyproj",
 }
@@ -165,6 +166,7 @@ def test_dependencies_are_those_imported() -> None:
     project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
     extras = project["optional-dependencies"]
     requirements = project["dependencies"] + extras["cluster"] + extras["h5"] + extras["las"] + extras["exr"]
+    requirements += extras["pandas"]
     declared = {re.split(r"[<>=!~ ;\[]", requirement)[0].lower() for requirement in requirements}
     used = set().union(*(third_party(parse(path)) for path in MODULES))
     assert {DISTRIBUTION_OF.get(name, name).lower() for name in used} == declared

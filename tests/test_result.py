@@ -20,13 +20,14 @@ from slopecli.types import Report
 
 OLD = Path(__file__).parent / "slopes-1.0.json"
 TOP_LEVEL = (
-    "schema_version slopemap_version images cameras options up scale motion fit ambiguity planes rejected diagnostics"
+    "schema_version slopemap_version images cameras options up scale motion fit ambiguity planes rejected diagnostics "
+    "place"
 )
 CAMERA = "width height fx fy cx cy model distortion source"
 PLANE = (
     "id source polygon_px normal_cam1 distance slope_deg slope_sigma_deg slope_ci95_deg aspect_deg dip_direction_deg "
     "n_correspondences n_inliers rms_px roughness homography_px verdict p_safe status reason "
-    "slope_sigma_causes_deg"
+    "slope_sigma_causes_deg normal_covariance_cam1"
 )
 
 

@@ -29,7 +29,7 @@ __getattr__, __dir__ = lazy_names(
         "inverse_depth refine_motion",
         "orientation": "kept_orientation",
         "plane_fit": "RobustPlane lever robust_plane",
-        "slope": "CAMERA_UP surface_normals tilt_growth",
+        "slope": "CAMERA_UP normal_covariances surface_normals tilt_growth",
         "solver.many_views": "ViewsSolution",
         "solver.multiview": "cramer_rao_bound_of_views solve_views",
         "solver.uncertainty": "cramer_rao_bound",

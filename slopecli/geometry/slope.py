@@ -200,6 +200,15 @@ def aspects(normals: FloatArray, up: FloatArray, north: FloatArray) -> FloatArra
     return np.asarray(np.arctan2(normals @ east, normals @ north) % (2.0 * np.pi))
 
 
+def normal_covariances(solution: Solution) -> FloatArray:
+    """(m, 3, 3) covariances of the unit normals, rad^2, each 0 along its normal; larger where normals are poorly known
+    (`tilt_growth`)."""
+    normals = surface_normals(solution)
+    turn = (np.eye(3) - normals[:, :, None] * normals[:, None]) / _lengths(solution)
+    growth = tilt_growth(solution.scaled_normals, solution.normal_covariance)
+    return np.asarray(turn @ solution.normal_covariance @ turn * growth[:, None, None] ** 2)
+
+
 def tilt_growth(normals: FloatArray, covariance: FloatArray) -> FloatArray:
     """Ratio (m,) of the RMS tilt error of each plane to its first-order value; exactly 1 where that is good to 5 %.
 

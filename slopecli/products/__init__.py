@@ -197,6 +197,7 @@ __getattr__, __dir__ = lazy_names(
         "map_geotiff": "map_to_geotiff orthographic",
         "map_style": "map_to_qml",
         "plane_measures": "measures_of",
+        "planes_frame": "report_to_dataframe",
         "planes_csv": "COLUMNS report_to_csv",
         "glb": "LARGEST_TEXTURE_PX model_from_camera1 report_to_glb",
         "map_picture": "draw_map draw_sigma",

@@ -14,7 +14,7 @@ from slopecli.findings.wording import beside
 from slopecli.geometry.epipolar import homogeneous
 from slopecli.geometry.homography import homography_in_pixels, homography_of_plane
 from slopecli.geometry.slope import surface_normals
-from slopecli.measure import Measured, judge, signed_distance, tells_tilt
+from slopecli.measure import Measured, judge, normal_covariances_deg2, signed_distance, tells_tilt
 from slopecli.options import MOST_SIGMA_DEG, Options
 from slopecli.patches.given import MOST_LEFT_OUT
 from slopecli.patches.join import Joined
@@ -37,9 +37,13 @@ def planes_of(
     """
     possible = second if root.solution.ambiguity.status == "unresolved" else None
     seen = _seen(root.solution, joined)
-    causes = sigma_causes(root, joined)
+    causes, spread = sigma_causes(root, joined), normal_covariances_deg2(root.solution, joined)
     return [
-        replace(_plane(k, root, possible, joined, cameras, options, one), slope_sigma_causes_deg=causes[k])
+        replace(
+            _plane(k, root, possible, joined, cameras, options, one),
+            slope_sigma_causes_deg=causes[k],
+            normal_covariance_cam1=spread[k],
+        )
         for k, one in enumerate(seen)
     ]
 
