@@ -33,7 +33,7 @@ def test_nothing_is_cut_off_at_the_sides(trajectories: tuple[float, ...], solver
 
 
 def test_without_noise_a_figure_says_why_it_is_empty(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("slopecli.study.figures.LETTERING", {"svg.fonttype": "none"})  # letters as letters
+    monkeypatch.setattr("slopecli.products.drawing.plots.LETTERING", {"svg.fonttype": "none"})  # letters as letters
     figures = drawn(StudyOptions((45.0,), (0.0,), 1))
     for name in DRAWN:
         svg = figures[f"{name}.svg"].decode()

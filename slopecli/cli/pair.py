@@ -81,9 +81,8 @@ def estimate(ctx: click.Context, image1: str, image2: str, **parameters: Any) ->
 def segment(ctx: click.Context, image1: str, image2: str, **parameters: Any) -> None:
     """Ground, walls and roofs, found in IMAGE1 itself.
 
-    Prints a table, the largest plane first; -o DIR also writes slopes.json, overlay.png, the planes as coloured and as
-    textured meshes (patches.ply, patches.glb) and labels.png. The largest plane is taken as level; if it is a wall,
-    give --up X,Y,Z.
+    Prints a table; -o DIR also writes slopes.json, pictures and textured models. The largest plane is taken as level;
+    if it is a wall, give --up X,Y,Z.
 
     \b
     Example:
