@@ -106,12 +106,17 @@ def test_several_cameras_are_listed(tmp_path: Path) -> None:
 
 def test_files_without_a_size_take_that_of_the_image_or_the_option(tmp_path: Path) -> None:
     path = str(write(tmp_path, PIX4D))
-    assert "no image size" in slopemap("camera", "show", path).stderr
+    refused = slopemap("camera", "show", path).stderr
+    assert "no image size" in refused
+    assert "--size WxH -o DIR" in refused
     by_size = slopemap("camera", "show", path, "--size", "1024x768")
     assert "1024x768 px, which the file does not say" in by_size.stdout
     cv2.imwrite(str(tmp_path / "a.png"), np.zeros((768, 1024), np.uint8))
     by_image = slopemap("camera", "show", path, "--image", str(tmp_path / "a.png"))
     assert by_image.stdout.startswith(by_size.stdout)
+    converted = slopemap("camera", "show", path, "--size", "1024x768", "-o", str(tmp_path / "out"))
+    assert converted.returncode == 0
+    assert load_camera(str(tmp_path / "out" / "camera.json")).width == 1024
     assert "lens stated no focal length" in " ".join(by_image.stdout.split())
 
 

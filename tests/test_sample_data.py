@@ -249,3 +249,17 @@ def test_matches_are_what_their_script_makes() -> None:
     shown, now = (np.genfromtxt(text.splitlines()[1:], delimiter=",") for text in
                   ((FOLDER / "matches.csv").read_text(encoding="utf-8"), made))  # fmt: skip
     assert now == pytest.approx(shown, abs=2e-3)
+
+
+@pytest.mark.slow
+def test_depth_of_the_descent_has_the_true_planes_of_its_windows(scenes: dict[str, Scene], tmp_path: Path) -> None:
+    subprocess.run([sys.executable, str(FOLDER / "make_depth.py"), str(tmp_path / "depth.npy")], check=True)
+    depth, scene = np.load(tmp_path / "depth.npy"), scenes["descent"]
+    assert depth.shape == scene.images[0].shape
+    for window in scene.truth["windows"]:
+        x, y, w, h = (window[key] for key in "xywh")
+        u, v = (grid.ravel() for grid in np.meshgrid(np.arange(x, x + w), np.arange(y, y + h)))
+        points = scene.rays(np.column_stack([u, v])) * depth[v, u, None]
+        _, axes = np.linalg.eigh(np.cov(points.T.astype(float)))
+        slope_deg = np.degrees(np.arccos(abs(axes[:, 0] @ scene.up)))
+        assert slope_deg == pytest.approx(window["slope_deg"], abs=0.02)

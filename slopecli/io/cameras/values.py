@@ -129,7 +129,9 @@ def size_of(width: Any, height: Any) -> Size | None:
 def known_size(size: Size | None) -> Size:
     """The size, or InputError when neither the file nor the caller knows it."""
     if size is None:
-        raise InputError("gives no image size; add the width and height in pixels")
+        raise InputError(
+            "gives no image size; add width and height, or convert it: slopemap camera show FILE --size WxH -o DIR"
+        )
     return size
 
 
