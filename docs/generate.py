@@ -26,6 +26,7 @@ from slopecli.io.metadata import ATTITUDE_SOURCES, LENS_SOURCES
 ROOT = Path(__file__).resolve().parent.parent
 README = ROOT / "README.md"
 PACKAGE_PAGE = ROOT / "docs" / "package_page.md"
+API = ROOT / "docs" / "api.md"
 REFERENCE = ROOT / "docs" / "cli.md"
 DIAGNOSTICS = ROOT / "docs" / "diagnostics.md"
 SEGMENT = ROOT / "docs" / "segment.md"
@@ -171,6 +172,9 @@ def write_tables() -> None:
     rewrite_table(DRONE, lenses_table())
     rewrite_table(DRONE, attitudes_table())
     PACKAGE_PAGE.write_text(package_page(), encoding="utf-8")
+    from api_page import api_reference  # beside this script, as below
+
+    API.write_text(api_reference(), encoding="utf-8")
     REFERENCE.write_text(cli_reference(), encoding="utf-8")
     rewrite_table(DIAGNOSTICS, codes_table())
     rewrite_table(DIAGNOSTICS, rejections_table())

@@ -5,7 +5,7 @@
 >>> [(plane.slope_deg, plane.slope_sigma_deg) for plane in report.planes]
 
 All public names are here, imported when they are first used. docs/conventions.md has frames and
-units.
+units, docs/api.md every name.
 """
 
 from __future__ import annotations

@@ -5,7 +5,10 @@ from __future__ import annotations
 import importlib
 import sys
 from collections.abc import Callable, Mapping
-from typing import Any
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from pandas import DataFrame
 
 
 class ReportForms:
@@ -16,9 +19,10 @@ class ReportForms:
         text: str = _late("slopecli.products.slopes_json", "report_to_json")(self)
         return text
 
-    def to_dataframe(self) -> Any:
+    def to_dataframe(self) -> DataFrame:
         """The planes as a `pandas.DataFrame`, a row a plane; raises InputError where pandas is not installed."""
-        return _late("slopecli.products.planes_frame", "report_to_dataframe")(self)
+        frame: DataFrame = _late("slopecli.products.planes_frame", "report_to_dataframe")(self)
+        return frame
 
 
 def _late(module: str, name: str) -> Any:

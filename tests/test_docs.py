@@ -10,16 +10,18 @@ import re
 import runpy
 from dataclasses import fields
 from pathlib import Path
+from typing import Any
 
 import pytest
 
+import slopecli
 from slopecli.batch import COLUMNS, TRANSIENT, Outcome, run
 from slopecli.cli import PAIRINGS
 from slopecli.findings import CODES
 from slopecli.ground import cell_grid, footprint_planes, lander, map_task, safety, sites, tilt_uncertainty
 from slopecli.look import dense_depth
 from slopecli.look import gradient_components as segmentation
-from slopecli.options import MapOptions
+from slopecli.options import MapOptions, Options
 from slopecli.patches.regions import REGION
 from slopecli.plan import Plan, PlannedWindow, baseline, prediction
 from slopecli.products import BANDS, MAP_PRODUCTS
@@ -73,6 +75,37 @@ def test_readme_commands_are_make_targets() -> None:
     asked = set(re.findall(r"^make ([a-z-]+)", (ROOT / "README.md").read_text(encoding="utf-8"), re.MULTILINE))
     assert asked
     assert asked <= targets
+
+
+# ---- docs/api.md and docs/library.ipynb ----
+
+
+def test_python_reference_is_current() -> None:
+    made = runpy.run_path(str(ROOT / "docs" / "api_page.py"))["api_reference"]()
+    assert (ROOT / "docs" / "api.md").read_text(encoding="utf-8") == made, "run `make docs`"
+
+
+def test_python_reference_has_every_name_and_every_option() -> None:
+    text = (ROOT / "docs" / "api.md").read_text(encoding="utf-8")
+    assert sorted(re.findall(r"^### (\w+)$", text, re.MULTILINE)) == slopecli.__all__
+    missing = [one.name for one in (*fields(Options), *fields(MapOptions)) if f"\n{one.name}: " not in text]
+    assert missing == []
+    assert "\n- `to_json()`: " in text
+
+
+def test_notebook_of_the_library_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Its code cells one after the other, beside the sample data, as a reader runs them."""
+    cells = json.loads((ROOT / "docs" / "library.ipynb").read_text(encoding="utf-8"))["cells"]
+    (tmp_path / "sample_data").symlink_to(ROOT / "sample_data")
+    monkeypatch.chdir(tmp_path)
+    values: dict[str, Any] = {}
+    for cell in cells:
+        if cell["cell_type"] == "code":
+            exec("".join(cell["source"]), values)
+    truth = json.loads((ROOT / "sample_data" / "descent" / "truth.json").read_text(encoding="utf-8"))
+    slopes = [plane.slope_deg for plane in values["report"].planes]
+    assert slopes == pytest.approx([one["slope_deg"] for one in truth["windows"]], abs=0.5)
+    assert (tmp_path / "answer" / "slopes.json").exists()
 
 
 def test_page_on_metadata_has_its_tables() -> None:
