@@ -195,6 +195,7 @@ def open_camera(device: str) -> FrameSource:
         raise InputError(f"no camera answers as {device}; check its number or name, and that nothing else uses it")
 
     def frames() -> Iterator[Frame]:
+        """One frame after the other, until the camera gives no more."""
         start, number = time.monotonic(), 0
         try:
             while True:

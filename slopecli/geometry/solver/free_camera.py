@@ -109,9 +109,7 @@ def free_focal(every: Sightings, start: Settled, far: Callable[[Freed], bool] | 
     freed, given = None, _solved(every, 0.0, (start.R, start.T))
     if given is None:
         return None
-    lines = start_by_lines(thinned(every, _ANEW.points), given.solution.noise, FOCAL_STEPS[-1])
-    near = lines is not None and abs(lines[0]) < _ANEW.least
-    anew = None if lines is None or near else _begun_anew(every, given, *lines)
+    anew, near = _by_lines(every, given)
     last, total = anew or given, anew.value if anew else 0.0
     for number in range(_ANEW.rounds):
         first = not number and anew is None
@@ -127,6 +125,15 @@ def free_focal(every: Sightings, start: Settled, far: Callable[[Freed], bool] | 
             break
         last = again
     return freed and freed._replace(value=total, less_noise=given.noise_px / max(last.noise_px, FINEST_RESIDUAL))
+
+
+def _by_lines(every: Sightings, given: _Solved) -> tuple[_Solved | None, bool]:
+    """The solution from the focal length by epipolar lines, if it is better, and whether they agree with that given."""
+    lines = start_by_lines(thinned(every, _ANEW.points), given.solution.noise, FOCAL_STEPS[-1])
+    if lines is None:
+        return None, False
+    near = abs(lines[0]) < _ANEW.least
+    return (None if near else _begun_anew(every, given, *lines)), near
 
 
 class _Solved(NamedTuple):

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -20,7 +20,16 @@ from slopecli.geometry.solver.views import (
 )
 from slopecli.types import FloatArray, IntArray
 
-MOST_PLANES, MOST_POINTS = 12, 40  # of a sample of planes, and of points on each, that subspaces are compared on
+
+@dataclass(frozen=True)
+class SampleSizes:
+    """Of a sample of planes, and of points on each, that subspaces are compared on: more change nothing."""
+
+    planes: int = 12
+    points: int = 40
+
+
+SAMPLE = SampleSizes()
 
 
 def judged(points: ViewPoints, roots: list[Root], unit: float, gain: float) -> ViewsSolution:
@@ -61,9 +70,10 @@ def separate_freedom_of_views(points: ViewPoints, first: Root, second: Root) -> 
 def _sample(points: ViewPoints) -> tuple[IntArray, float]:
     """Indices of points on a sample of planes, and planes in all over those of the sample."""
     m = points.n_planes
-    planes = np.unique(np.linspace(0, m - 1, min(m, MOST_PLANES)).astype(np.int64))
+    planes = np.unique(np.linspace(0, m - 1, min(m, SAMPLE.planes)).astype(np.int64))
     chosen = [
-        points.first[i] + np.unique(np.linspace(0, points.count[i] - 1, min(points.count[i], MOST_POINTS)).astype(int))
+        points.first[i]
+        + np.unique(np.linspace(0, points.count[i] - 1, min(points.count[i], SAMPLE.points)).astype(int))
         for i in planes
     ]
     return np.concatenate(chosen), m / len(planes)

@@ -19,8 +19,7 @@ from numpy.typing import NDArray
 from slopecli.errors import InputError
 from slopecli.io.correspondences.match_arrays import indices_of
 from slopecli.io.correspondences.match_source import (
-    MAX_BYTES,
-    SHOWN,
+    LIMITS,
     MatchSource,
     Names,
     checked_rows,
@@ -54,7 +53,7 @@ def read(source: MatchSource) -> Given:
     for name, array in ((first, all1), (second, all2)):
         if array.ndim != 2 or array.shape[1] < 2 or array.dtype.kind != "f":
             raise features.refused(
-                f"the keypoints of {name[:SHOWN]} have the shape {array.shape}, needed (n, 2) numbers"
+                f"the keypoints of {name[: LIMITS.shown]} have the shape {array.shape}, needed (n, 2) numbers"
             )
     index1, index2 = indices_of(source, found, "its matches", len(all1))
     xy1 = taken(source, all1[:, :2].astype(np.float64), index1, first)
@@ -145,6 +144,8 @@ def _of_group(key: str, group: Any, by_key: Mapping[str, str]) -> Iterator[tuple
 
 def _loaded(source: MatchSource, array: Any, whose: str) -> NDArray[Any]:
     """The numbers of an array that lie in the file itself."""
-    if array.external or array.is_virtual or math.prod(array.shape) * array.dtype.itemsize > MAX_BYTES:
-        raise source.refused(f"{whose[:SHOWN]} lies in other files, or is larger than {MAX_BYTES / 1e6:.0f} MB")
+    if array.external or array.is_virtual or math.prod(array.shape) * array.dtype.itemsize > LIMITS.max_bytes:
+        raise source.refused(
+            f"{whose[: LIMITS.shown]} lies in other files, or is larger than {LIMITS.max_bytes / 1e6:.0f} MB"
+        )
     return np.asarray(array[()])

@@ -16,10 +16,18 @@ from slopecli.io.files import readable
 from slopecli.patches.given import Given
 from slopecli.types import Camera, FloatArray, IntArray
 
-MAX_BYTES = 500_000_000
-SHOWN = 40  # characters of a bad cell or name in a message
-LARGEST = 1e9  # coordinate: wider than any image, px or mrad
-SIGMAS = 1e-6, 1e6  # px or mrad
+
+@dataclass(frozen=True)
+class MatchLimits:
+    """Limits of files of correspondences."""
+
+    max_bytes: int = 500_000_000
+    shown: int = 40  # characters of a bad cell or name in a message
+    largest: float = 1e9  # coordinate: wider than any image, px or mrad
+    sigmas: tuple[float, float] = (1e-6, 1e6)  # px or mrad
+
+
+LIMITS = MatchLimits()
 
 Names = tuple[str, str]
 Found = TypeVar("Found")
@@ -69,19 +77,19 @@ def checked_rows(
 
     Raises
     ------
-    InputError : there is none, a number is not finite or beyond `LARGEST`, or a sigma is not a sigma.
+    InputError : there is none, a number is not finite or beyond `LIMITS.largest`, or a sigma is not a sigma.
     """
     if not len(xy1):
         raise source.refused("has no correspondences in it; needed at least five")
     table = np.column_stack([xy1, xy2])
-    bad = np.flatnonzero(~(np.abs(table) <= LARGEST).all(axis=1))
+    bad = np.flatnonzero(~(np.abs(table) <= LIMITS.largest).all(axis=1))
     if len(bad):
         values = ", ".join(f"{value:g}" for value in table[bad[0]])
         raise source.refused(
-            f"correspondence {bad[0] + 1} is ({values}), needed finite numbers up to {LARGEST:g}; leave it out"
+            f"correspondence {bad[0] + 1} is ({values}), needed finite numbers up to {LIMITS.largest:g}; leave it out"
         )
-    if sigma is not None and not ((sigma >= SIGMAS[0]) & (sigma <= SIGMAS[1])).all():
-        raise source.refused(f"a sigma is not from {SIGMAS[0]:g} to {SIGMAS[1]:g}; correct it")
+    if sigma is not None and not ((sigma >= LIMITS.sigmas[0]) & (sigma <= LIMITS.sigmas[1])).all():
+        raise source.refused(f"a sigma is not from {LIMITS.sigmas[0]:g} to {LIMITS.sigmas[1]:g}; correct it")
     return Given(
         np.ascontiguousarray(table[:, :2]),
         np.ascontiguousarray(table[:, 2:]),
@@ -117,7 +125,7 @@ def chosen_pair(source: MatchSource, pairs: Mapping[Names, Found], count: Callab
     for names, turned in (((first, second), False), ((second, first), True)):
         if names in pairs:
             return names, turned
-    wanted = " and ".join(repr(name[:SHOWN]) for name in source.names)
+    wanted = " and ".join(repr(name[: LIMITS.shown]) for name in source.names)
     raise source.refused(f"has no matches of {wanted}{_listed(pairs, count)}; --pair takes the names that it has")
 
 
@@ -142,7 +150,7 @@ def taken(source: MatchSource, points: FloatArray, which: IntArray, whose: str) 
     """(n, 2) the points of these indices. InputError where there are no such points: they belong to other matches."""
     if len(which) and not 0 <= which.min() <= which.max() < len(points):
         raise source.refused(
-            f"a match names keypoint {which.max()} of {whose[:SHOWN]}, which has {len(points)}; "
+            f"a match names keypoint {which.max()} of {whose[: LIMITS.shown]}, which has {len(points)}; "
             "the keypoints are of another run than the matches"
         )
     return points[which]

@@ -10,7 +10,7 @@ from itertools import chain
 import numpy as np
 
 from slopecli.errors import InputError
-from slopecli.io.correspondences.match_source import LARGEST, SHOWN, SIGMAS, MatchSource
+from slopecli.io.correspondences.match_source import LIMITS, MatchSource
 from slopecli.io.files import csv_rows
 from slopecli.patches.given import Given
 
@@ -71,7 +71,7 @@ def _layout(
         return _columns(path, cells), rows
     names = (*COORDINATES, "patch")
     if len(cells) not in (4, 5):
-        found = f"has {len(cells)} columns and no header (its first line is: {', '.join(cells)[:SHOWN]})"
+        found = f"has {len(cells)} columns and no header (its first line is: {', '.join(cells)[: LIMITS.shown]})"
         raise InputError(f"{path}: {found}; {WANTED}")
     return {name: names.index(name) for name in names[: len(cells)]}, chain([first], rows)
 
@@ -89,7 +89,7 @@ def _columns(path: str, header: list[str]) -> Mapping[str, int]:
     names = [cell.lower() for cell in header]
     missing = [name for name in COORDINATES if name not in names]
     if missing:
-        found = ", ".join(names)[:SHOWN] or "nothing"
+        found = ", ".join(names)[: LIMITS.shown] or "nothing"
         raise InputError(f"{path}: has no column {', '.join(missing)} (its first line is: {found}); {WANTED}")
     twice = [name for name in (*COORDINATES, "patch", "sigma") if names.count(name) > 1]
     if twice:
@@ -115,14 +115,16 @@ def _number(text: str, name: str) -> float:
     except ValueError:
         number = math.nan
     if not math.isfinite(number):
-        raise ValueError(f"{name} is {text[:SHOWN]!r}, needed a finite number; correct the row or leave it out")
+        raise ValueError(f"{name} is {text[: LIMITS.shown]!r}, needed a finite number; correct the row or leave it out")
     return number
 
 
 def _coordinate(text: str, name: str) -> float:
     number = _number(text, name)
-    if abs(number) > LARGEST:
-        raise ValueError(f"{name} is {text[:SHOWN]!r}, needed one up to {LARGEST:g}; correct the row or leave it out")
+    if abs(number) > LIMITS.largest:
+        raise ValueError(
+            f"{name} is {text[: LIMITS.shown]!r}, needed one up to {LIMITS.largest:g}; correct the row or leave it out"
+        )
     return number
 
 
@@ -131,14 +133,14 @@ def _patch(text: str) -> float:
         return -1
     number = _number(text, "patch")
     if number != int(number) or not -1 <= number < 2**31:
-        raise ValueError(f"patch is {text[:SHOWN]!r}, needed the number of a plane, 0 or more, or -1 for none")
+        raise ValueError(f"patch is {text[: LIMITS.shown]!r}, needed the number of a plane, 0 or more, or -1 for none")
     return number
 
 
 def _sigma(text: str) -> float:
     number = _number(text, "sigma")
-    least, most = SIGMAS
+    least, most = LIMITS.sigmas
     if not least <= number <= most:
         wanted = f"needed the 1-sigma of the match in image 2, {least:g} to {most:g}"
-        raise ValueError(f"sigma is {text[:SHOWN]!r}, {wanted}")
+        raise ValueError(f"sigma is {text[: LIMITS.shown]!r}, {wanted}")
     return number

@@ -41,6 +41,7 @@ def _parser(values: dict[Name, str]) -> expat.XMLParserType:
     element, texts = ("", ""), list[str]()
 
     def start(tag: str, attributes: dict[str, str]) -> None:
+        """Note the element that begins, and take its attributes."""
         nonlocal element
         element = _name(tag)
         texts.clear()
@@ -48,6 +49,7 @@ def _parser(values: dict[Name, str]) -> expat.XMLParserType:
             values.setdefault(_name(key), value.strip())
 
     def end(tag: str) -> None:
+        """Take the text of the element that ends."""
         nonlocal element
         text = "".join(texts).strip()
         if text and _name(tag) == element:

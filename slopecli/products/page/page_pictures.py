@@ -60,6 +60,7 @@ def sheets_of(report: Report, image: Image) -> tuple[Sheet, Sheet]:
     )
 
     def shown(classes: Classes, value: Callable[[Plane], float | None]) -> NDArray[np.int16]:
+        """The class (h, w) of every pixel, by a value of its plane."""
         table = np.full(int(report.labels.max(initial=0)) + 1, UNKNOWN, np.int16)
         values = [(plane.id, value(plane)) for plane in known if plane.id < len(table)]
         told = [(number, angle) for number, angle in values if angle is not None]
