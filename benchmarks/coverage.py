@@ -32,7 +32,7 @@ from slopecli.pipeline import estimate
 from slopecli.types import Camera, Image, Report
 
 HERE = Path(__file__).resolve().parent
-sys.path.insert(0, str(HERE.parent / "sample_data"))
+sys.path[:0] = [str(HERE.parent / name) for name in ("sample_data", "tests")]
 from random_terrain import GROUNDS, SIDE_PX, TerrainPair, random_pair  # noqa: E402
 
 FloatArray = NDArray[np.float64]

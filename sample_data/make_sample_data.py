@@ -44,7 +44,7 @@ def make_urban(folder: Path) -> None:
     write_image(folder / "labels.png", labels)
 
 
-def make_demo(folder: Path) -> None:
+def make_packaged(folder: Path) -> None:
     """The descent as JPEG, a third of the size, which the package carries."""
     images, camera, _ = render_descent()
     folder.mkdir(parents=True, exist_ok=True)
@@ -62,18 +62,25 @@ def write_pair(folder: Path, images: list[Any], camera: dict[str, Any], truth: d
     write_json(folder / "truth.json", truth)
 
 
-SCENES = {"descent": make_descent, "urban": make_urban, "demo": make_demo}
+SCENES = {"descent": make_descent, "urban": make_urban}
+PACKAGED = {"sample": make_packaged}  # belongs into slopecli/: make_sample_data.py sample --output slopecli
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("scenes", nargs="*", metavar="SCENE", help=f"any of {', '.join(SCENES)}; all by default")
+    parser.add_argument(
+        "scenes",
+        nargs="*",
+        metavar="SCENE",
+        help=f"any of {', '.join(SCENES | PACKAGED)}; {' and '.join(SCENES)} by default",
+    )
     parser.add_argument("--output", type=Path, default=Path(__file__).parent, help="folder that takes the scenes")
     arguments = parser.parse_args()
     for scene in arguments.scenes or SCENES:
-        if scene not in SCENES:
-            parser.error(f"no scene named {scene!r}; there are {', '.join(SCENES)}")
-        SCENES[scene](arguments.output / scene)
+        every = SCENES | PACKAGED
+        if scene not in every:
+            parser.error(f"no scene named {scene!r}; there are {', '.join(every)}")
+        every[scene](arguments.output / scene)
 
 
 if __name__ == "__main__":
