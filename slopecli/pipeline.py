@@ -6,6 +6,7 @@ import logging
 import time
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import replace
+from typing import TYPE_CHECKING
 
 from slopecli.findings.checks import check_pair
 from slopecli.findings.facts import PairFacts
@@ -21,7 +22,7 @@ from slopecli.measure import up_sigma_rad
 from slopecli.options import MapOptions, Options
 from slopecli.patches import PLANE_FINDERS
 from slopecli.patches.given import RAYS, Given, join_rows
-from slopecli.patches.join import join_patches
+from slopecli.patches.join import Joined, join_patches
 from slopecli.patches.windows.dense_planes import with_dense_planes
 from slopecli.patches.windows.many_windows import answer_together, many_windows
 from slopecli.patches.windows.window_finder import wanted_windows
@@ -30,7 +31,10 @@ from slopecli.sequence.frame import Frame, SequenceStep
 from slopecli.sequence.settling_test import SettlingTest
 from slopecli.sequence.stream import Sequence
 from slopecli.solving import Answer, solve_rows, solve_scene
-from slopecli.types import Camera, Image, ImageInfo, Report
+from slopecli.types import Camera, Image, ImageInfo, Report, Solution
+
+if TYPE_CHECKING:
+    from slopecli.ground.map_task import MapTask
 
 AGAIN = 0.002  # change of the focal length, beyond its sigma, from which on images are matched again with it
 
@@ -87,26 +91,14 @@ def slope_map(
     InputError : a window is not inside image 1, or the pixels cannot serve the footprint or the limit of height.
     NoAnswer : the pair has no solution, with reason and remedy.
     """
-    from slopecli.ground.map_task import MapTask, build_map, sizes_of
-    from slopecli.ground.tilt_uncertainty import Root
+    from slopecli.ground.map_task import build_map, sizes_of
     from slopecli.look.dense_depth import DEPTH, measure_depth
 
     clock = _Clock(on_stage)
     options, images, cameras = _with_largest_plane(options), (image1, image2), (camera1, camera2)
     report, answer, scene = _estimated(images, cameras, options, memory, clock, dense=False)
-    solution = answer.solution
-    scene = replace(scene, R=solution.R, T=solution.T)
-    other = solution.ambiguity.alternative if solution.ambiguity.status == "unresolved" else None
-    roots = [Root.of(root, answer.focal_sigma) for root in (solution, other) if root is not None]
-    task = MapTask(
-        scene=scene,
-        report=report,
-        roots=roots,
-        up_sigma_rad=up_sigma_rad(report, answer.joined, solution),
-        forbidden=forbidding(report.diagnostics),
-        options=options,
-        wanted=wanted or MapOptions(),
-    )
+    scene = replace(scene, R=answer.solution.R, T=answer.solution.T)
+    task = _map_task(scene, report, answer.joined, answer.solution, answer.focal_sigma, options, wanted)
     cells = sizes_of(task, min(1.0, DEPTH.most_pixels / image1.grey.size) ** 0.5)
     depth = measure_depth(scene)
     clock.tick("dense")
@@ -153,22 +145,37 @@ def sequence_map(runner: Sequence, wanted: MapOptions | None = None) -> SlopeMap
     ------
     InputError, NoAnswer : there is no answer, or the pixels cannot serve what is wanted.
     """
-    from slopecli.ground.map_task import MapTask, build_map, sizes_of
-    from slopecli.ground.tilt_uncertainty import Root
+    from slopecli.ground.map_task import build_map, sizes_of
 
     report, joined, solution = runner.reported(runner.images)
     fused = runner.fused()
+    task = _map_task(fused.scene, report, joined, solution, 0.0, runner.options, wanted)
+    return build_map(fused.depth, sizes_of(task, fused.depth.grid.mean_scale), task)
+
+
+def _map_task(
+    scene: Scene,
+    report: Report,
+    joined: Joined,
+    solution: Solution,
+    focal_sigma: float,
+    options: Options,
+    wanted: MapOptions | None,
+) -> MapTask:
+    """What a map is made of, under the motion of a solution, and under the second one if it is not ruled out."""
+    from slopecli.ground.map_task import MapTask
+    from slopecli.ground.tilt_uncertainty import Root
+
     other = solution.ambiguity.alternative if solution.ambiguity.status == "unresolved" else None
-    task = MapTask(
-        scene=fused.scene,
+    return MapTask(
+        scene=scene,
         report=report,
-        roots=[Root.of(root, 0.0) for root in (solution, other) if root is not None],
+        roots=[Root.of(root, focal_sigma) for root in (solution, other) if root is not None],
         up_sigma_rad=up_sigma_rad(report, joined, solution),
         forbidden=forbidding(report.diagnostics),
-        options=runner.options,
+        options=options,
         wanted=wanted or MapOptions(),
     )
-    return build_map(fused.depth, sizes_of(task, fused.depth.grid.mean_scale), task)
 
 
 def _with_largest_plane(options: Options) -> Options:

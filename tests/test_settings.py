@@ -3,33 +3,14 @@
 from __future__ import annotations
 
 import json
-from contextlib import redirect_stderr, redirect_stdout
-from io import StringIO
 from pathlib import Path
-from typing import NamedTuple
 
 import cv2
 import numpy as np
 import pytest
-
-from slopecli import cli
+from command import slopemap
 
 PLAN = ("plan", "--json")
-
-
-class Done(NamedTuple):
-    """Exit status, stdout and stderr of a command."""
-
-    status: int
-    out: str
-    err: str
-
-
-def slopemap(*arguments: str) -> Done:
-    out, err = StringIO(), StringIO()
-    with redirect_stdout(out), redirect_stderr(err):
-        status = cli.run(cli.slopemap, arguments)
-    return Done(status, out.getvalue(), err.getvalue())
 
 
 def settings(folder: Path, text: str) -> str:
@@ -49,15 +30,15 @@ def test_settings_are_as_good_as_the_command_line(tmp_path: Path) -> None:
         *PLAN, "--fov", "60", "--size", "640x480", "--noise", "0.2", "--direction", "1,0,0", "--height", "80",
         "--baseline", "16", "--ground-slope", "5",
     )  # fmt: skip
-    assert by_file.status == 0, by_file.err
-    assert by_file.out == by_hand.out
+    assert by_file.returncode == 0, by_file.stderr
+    assert by_file.stdout == by_hand.stdout
 
 
 def test_the_command_line_comes_first_then_the_table_then_what_is_for_all(tmp_path: Path) -> None:
     path = settings(tmp_path, "fov = 40\nheight = 80\nbaseline = 1\n[plan]\nfov = 60\nbaseline = 8\n")
     given = ("--size", "640x480", "--direction", "1,0,0", "--baseline", "16")
-    found = json.loads(slopemap(*PLAN, *given, "--config", path).out)
-    wanted = json.loads(slopemap(*PLAN, *given, "--fov", "60", "--height", "80").out)
+    found = json.loads(slopemap(*PLAN, *given, "--config", path).stdout)
+    wanted = json.loads(slopemap(*PLAN, *given, "--fov", "60", "--height", "80").stdout)
     assert found == wanted
 
 
@@ -68,8 +49,8 @@ def test_flags_and_several_values(tmp_path: Path) -> None:
         'window = ["10,10,100,100", "200,200,100,100"]\n',
     )
     done = slopemap("plan", "--config", path)
-    assert done.status == 0, done.err
-    assert len(json.loads(done.out)["windows"]) == 2
+    assert done.returncode == 0, done.stderr
+    assert len(json.loads(done.stdout)["windows"]) == 2
 
 
 @pytest.mark.parametrize(
@@ -86,25 +67,25 @@ def test_flags_and_several_values(tmp_path: Path) -> None:
 )
 def test_what_is_no_setting_is_refused_in_one_line(tmp_path: Path, text: str, said: str) -> None:
     done = slopemap(*PLAN, "--config", settings(tmp_path, text))
-    assert (done.status, len(done.err.splitlines())) == (1, 1), done.err
-    assert said in done.err
-    assert "fault of slopemap" not in done.err
+    assert (done.returncode, len(done.stderr.splitlines())) == (1, 1), done.stderr
+    assert said in done.stderr
+    assert "fault of slopemap" not in done.stderr
 
 
 def test_a_value_out_of_range_is_refused_as_on_the_command_line(tmp_path: Path) -> None:
     done = slopemap(*PLAN, "--config", settings(tmp_path, "fov = 400\n"))
-    assert done.status == 2
-    assert "--fov" in done.err
+    assert done.returncode == 2
+    assert "--fov" in done.stderr
 
 
 def test_a_settings_file_that_is_not_there(tmp_path: Path) -> None:
     done = slopemap(*PLAN, "--config", str(tmp_path / "no.toml"))
-    assert (done.status, len(done.err.splitlines())) == (1, 1)
+    assert (done.returncode, len(done.stderr.splitlines())) == (1, 1)
 
 
 def test_demo_answers_from_what_the_package_carries(tmp_path: Path) -> None:
     done = slopemap("demo", "-o", str(tmp_path / "out"))
-    assert done.status == 0, done.err
+    assert done.returncode == 0, done.stderr
     assert {"image1.jpg", "image2.jpg", "camera.json", "map.png", "slopes.json"} <= {
         path.name for path in (tmp_path / "out").iterdir()
     }
@@ -112,7 +93,7 @@ def test_demo_answers_from_what_the_package_carries(tmp_path: Path) -> None:
     assert answer["scale"]["unit"] == "m"
     assert len(answer["sites"]) >= 3
     assert cv2.imread(str(tmp_path / "out" / "map.png")).std() > 20
-    assert "next: look at" in done.err
+    assert "next: look at" in done.stderr
 
 
 def test_the_pair_of_the_demo_is_that_of_the_sample() -> None:

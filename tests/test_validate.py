@@ -4,38 +4,21 @@ from __future__ import annotations
 
 import csv
 import json
-from contextlib import redirect_stderr, redirect_stdout
 from functools import lru_cache
-from io import StringIO
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import cv2
 import numpy as np
 import pytest
 import trimesh
+from command import slopemap
 from scenery import Pair, Surface, make_camera, pixel_grid, render, tilted, turn, unit
 
-from slopecli import Image, Options, cli, estimate
+from slopecli import Image, Options, estimate
 from slopecli.geometry import homogeneous, rays_from_pixels
 from slopecli.io import write_outputs
 from slopecli.types import FloatArray
-
-
-class Done(NamedTuple):
-    """Exit status, stdout and stderr of a command."""
-
-    status: int
-    out: str
-    err: str
-
-
-def slopemap(*arguments: str) -> Done:
-    out, err = StringIO(), StringIO()
-    with redirect_stdout(out), redirect_stderr(err):
-        status = cli.run(cli.slopemap, arguments)
-    return Done(status, out.getvalue(), err.getvalue())
-
 
 LEFT, RIGHT = tilted(0.2, 0.1), tilted(-0.1, 0.05)
 BASELINE_M = 2.5
@@ -67,8 +50,8 @@ def answer(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def compared(answer: Path, *options: str, status: int = 0) -> dict[str, Any]:
     done = slopemap("validate", str(answer), *options, "--json")
-    assert done.status == status, done.err
-    result: dict[str, Any] = json.loads(done.out)
+    assert done.returncode == status, done.stderr
+    result: dict[str, Any] = json.loads(done.stdout)
     return result
 
 
@@ -180,7 +163,7 @@ def test_whole_surfaces_by_their_labels(answer: Path, tmp_path: Path) -> None:
     labels[:] = 0
     cv2.imwrite(str(tmp_path / "none.png"), labels)
     done = slopemap("validate", str(answer), *options[:-1], str(tmp_path / "none.png"))
-    assert done.status == 1
+    assert done.returncode == 1
 
 
 def test_a_slope_that_is_wrong_is_told(answer: Path, tmp_path: Path) -> None:
@@ -198,9 +181,9 @@ def test_files_and_table(answer: Path, tmp_path: Path) -> None:
     out = tmp_path / "out"
     truth = as_npy(tmp_path / "d.npy", depth())
     first = slopemap("validate", str(answer), "--depth", truth, "-o", str(out))
-    assert first.status == 0
-    assert [line.split()[0] for line in first.out.splitlines()] == ["id", "1", "2"]
-    assert "scale: 1 baseline of the answer is" in first.err
+    assert first.returncode == 0
+    assert [line.split()[0] for line in first.stdout.splitlines()] == ["id", "1", "2"]
+    assert "scale: 1 baseline of the answer is" in first.stderr
     assert {path.name for path in out.iterdir()} == {"validation.csv", "validation.png", "validation.json"}
     rows = list(csv.DictReader((out / "validation.csv").open(encoding="utf-8")))
     numbers = json.loads((out / "validation.json").read_text())
@@ -218,8 +201,8 @@ def test_a_region_needs_its_labels(answer: Path, tmp_path: Path) -> None:
     (tmp_path / "slopes.json").write_text(json.dumps(document))
     truth = as_npy(tmp_path / "d.npy", depth())
     done = slopemap("validate", str(tmp_path), "--depth", truth)
-    assert (done.status, len(done.err.splitlines())) == (1, 1)
-    assert "labels.png" in done.err
+    assert (done.returncode, len(done.stderr.splitlines())) == (1, 1)
+    assert "labels.png" in done.stderr
     (tmp_path / "labels.png").write_bytes((answer / "labels.png").read_bytes())
     found, windows = (compared(one, "--depth", truth)["planes"] for one in (tmp_path, answer))
     for one, other in zip(found, windows, strict=True):
@@ -274,9 +257,9 @@ def bad_truths(folder: Path) -> dict[str, tuple[list[str], str]]:
 def test_what_is_no_truth_is_refused_in_one_line(answer: Path, tmp_path: Path, kind: str) -> None:
     options, said = bad_truths(tmp_path)[kind]
     done = slopemap("validate", str(answer), *options, "-o", str(tmp_path / "out"))
-    assert (done.status, len(done.err.splitlines())) == (1, 1), done.err
-    assert said in done.err
-    assert "fault of slopemap" not in done.err
+    assert (done.returncode, len(done.stderr.splitlines())) == (1, 1), done.stderr
+    assert said in done.stderr
+    assert "fault of slopemap" not in done.stderr
     assert not (tmp_path / "out").exists()
 
 
@@ -284,8 +267,8 @@ def test_what_is_no_truth_is_refused_in_one_line(answer: Path, tmp_path: Path, k
 def test_what_is_no_answer_is_refused_in_one_line(tmp_path: Path, text: str) -> None:
     (tmp_path / "slopes.json").write_text(text)
     done = slopemap("validate", str(tmp_path), "--depth", as_npy(tmp_path / "d.npy", depth()))
-    assert (done.status, len(done.err.splitlines())) == (1, 1)
-    assert "fault of slopemap" not in done.err
+    assert (done.returncode, len(done.stderr.splitlines())) == (1, 1)
+    assert "fault of slopemap" not in done.stderr
 
 
 @pytest.mark.parametrize(
@@ -299,7 +282,7 @@ def test_what_is_no_answer_is_refused_in_one_line(tmp_path: Path, text: str) -> 
     ],
 )
 def test_options_that_do_not_belong_together(answer: Path, options: list[str]) -> None:
-    assert slopemap("validate", str(answer), *options).status == 2
+    assert slopemap("validate", str(answer), *options).returncode == 2
 
 
 def test_lens_distortion_is_no_rectified_pair(answer: Path, tmp_path: Path) -> None:
@@ -308,5 +291,5 @@ def test_lens_distortion_is_no_rectified_pair(answer: Path, tmp_path: Path) -> N
     (tmp_path / "slopes.json").write_text(json.dumps(document))
     truth = as_npy(tmp_path / "d.npy", depth())
     done = slopemap("validate", str(tmp_path), "--disparity", truth, "--baseline", "1")
-    assert done.status == 1
-    assert "distortion" in done.err
+    assert done.returncode == 1
+    assert "distortion" in done.stderr

@@ -25,9 +25,9 @@ def print_map(answer: SlopeMap, written: list[Path], talk: Talk, *, as_json: boo
         from slopecli.products.slopes_json import map_to_json
 
         print_result(map_to_json(answer))
-        say_ground(answer, talk)
     else:
         print_sites(answer, talk)
+    say_ground(answer, talk)
     for line in talk_lines(answer.report):
         talk.say(line)
     if talk.verbose:
@@ -37,12 +37,11 @@ def print_map(answer: SlopeMap, written: list[Path], talk: Talk, *, as_json: boo
 
 
 def print_sites(answer: SlopeMap, talk: Talk) -> None:
-    """Print the landing sites on stdout; on stderr what the ground is like."""
+    """Print the landing sites on stdout."""
     if answer.sites:
         print_table(sites_table(answer, SLOPE_UNITS[talk.slope_unit]))
     else:
         print_result("no landing site")
-    say_ground(answer, talk)
 
 
 def say_ground(answer: SlopeMap, talk: Talk) -> None:

@@ -6,7 +6,7 @@ import math
 from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
-from slopecli.cli.slope_units import SLOPE_UNITS, SlopeUnit
+from slopecli.cli.slope_units import SLOPE_UNITS, SlopeUnit, number_text
 from slopecli.cli.table import Table, print_table
 from slopecli.cli.talk import Talk, check_stdout, print_result
 from slopecli.options import MapOptions
@@ -96,7 +96,7 @@ def _plane_cells(plane: Plane, report: Report, unit: SlopeUnit) -> dict[str, str
     low, high = plane.slope_ci95_deg or (math.nan, math.nan)
     known = {
         "95 % interval": "-" if plane.taken_as_level else unit.interval(low, high),
-        "aspect": "-" if plane.aspect_deg is None else f"{_number(plane.aspect_deg, 0)}°",
+        "aspect": "-" if plane.aspect_deg is None else f"{number_text(plane.aspect_deg, 0)}°",
     }
     is_level = plane.taken_as_level
     in_metres = report.scale.unit == "m" and math.isfinite(plane.roughness)
@@ -105,8 +105,8 @@ def _plane_cells(plane: Plane, report: Report, unit: SlopeUnit) -> dict[str, str
         "slope": " or ".join(_slope(one, unit) for one in (plane, other) if one is plane or (one and not is_level)),
         **(known if plane.slope_known else {}),
         "verdict": plane.verdict or "-",
-        "P(safe)": "-" if plane.p_safe is None else _number(plane.p_safe, 3),
-        "roughness": _number(plane.roughness, 4) + (" m" if in_metres else ""),
+        "P(safe)": "-" if plane.p_safe is None else number_text(plane.p_safe, 3),
+        "roughness": number_text(plane.roughness, 4) + (" m" if in_metres else ""),
         "points": f"{plane.n_inliers}/{plane.n_correspondences}",
         "note": _note(plane),
     }
@@ -123,12 +123,8 @@ def _note(plane: Plane) -> str:
 def _slope(plane: Plane | AlternativePlane, unit: SlopeUnit) -> str:
     sigma_deg = plane.slope_sigma_deg
     if sigma_deg is not None and not plane.slope_known:  # whole degrees, but two figures of what is below ten
-        return f"unknown (± {f'{sigma_deg:.2g}' if sigma_deg < 10 else _number(sigma_deg, 0)}°)"
+        return f"unknown (± {f'{sigma_deg:.2g}' if sigma_deg < 10 else number_text(sigma_deg, 0)}°)"
     return unit.text(plane.slope_deg, sigma_deg)
-
-
-def _number(value: float, decimals: int) -> str:
-    return f"{value:.{decimals}f}" if math.isfinite(value) else "-"
 
 
 def talk_lines(report: Report, *, every: bool = True) -> Iterator[str]:

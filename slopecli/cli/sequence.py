@@ -21,7 +21,7 @@ from slopecli.cli.checks import (
     options_from,
     refuse,
 )
-from slopecli.cli.map_table import print_sites
+from slopecli.cli.map_table import print_sites, say_ground
 from slopecli.cli.parameter_types import PATH, POSITIVE
 from slopecli.cli.report_table import print_report
 from slopecli.cli.shared_options import INPUT, OUTPUT, Flag, Option
@@ -236,6 +236,7 @@ def _print(answer: SequenceAnswer, written: list[Path], talk: Talk, as_json: boo
     print_report(answer.report, written, talk, as_json=False)
     if answer.map is not None:
         print_sites(answer.map, talk)
+        say_ground(answer.map, talk)
 
 
 def _written(answer: SequenceAnswer, runner: Sequence, parameters: dict[str, Any], talk: Talk) -> list[Path]:

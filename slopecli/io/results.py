@@ -8,16 +8,15 @@ from os import PathLike
 from pathlib import Path
 from typing import Any, get_args
 
-import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from slopecli.errors import InputError, visible
+from slopecli.io.correspondences.label_image import read_label_image
 from slopecli.io.files import read_file
 from slopecli.patches import FINDERS
 from slopecli.products import RESULT
 from slopecli.products.map_tiff import BANDS, MAP_FILE, NODATA
-from slopecli.types import Camera, CameraModel, FloatArray
+from slopecli.types import Camera, CameraModel, FloatArray, IntArray
 from slopecli.validate.finished_result import Result, ResultMap, ResultPlane
 
 LABELS = "labels.png"
@@ -108,14 +107,11 @@ def _planes(document: dict[str, Any]) -> list[ResultPlane]:
     ]
 
 
-def _labels(folder: Path, camera: Camera) -> NDArray[np.uint16] | None:
+def _labels(folder: Path, camera: Camera) -> IntArray | None:
     """labels.png of image 1's size; None where there is none."""
     if not (folder / LABELS).exists():
         return None
-    labels = cv2.imdecode(np.frombuffer(read_file(folder / LABELS, "image file"), np.uint8), cv2.IMREAD_UNCHANGED)
-    if labels is None or labels.shape != (camera.height, camera.width):
-        raise InputError(f"{folder / LABELS}: is not the labels of this answer; write the answer again")
-    return np.asarray(labels, np.uint16)
+    return read_label_image(folder / LABELS, (camera.width, camera.height))
 
 
 def _cells(info: dict[str, Any], folder: Path) -> ResultMap | None:

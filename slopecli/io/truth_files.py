@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from os import PathLike
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import cv2
 import numpy as np
@@ -21,6 +21,7 @@ from slopecli.io.numpy_files import array_of, member_of, members_of
 from slopecli.types import FloatArray
 
 Grid = NDArray[Any]
+Reader = TypeVar("Reader")
 GRID_NAMES = ("depth", "disparity", "disp", "z")  # of the array in an NPZ with several
 
 
@@ -30,12 +31,7 @@ def read_grid(path: str | PathLike[str], key: str | None = None) -> FloatArray:
     key : name of the array in an NPZ, or of the channel of an EXR; None: the only one, or depth, disparity, disp or z.
     InputError : the file cannot be read, or is not one number a pixel.
     """
-    kind = Path(path).suffix.lower()
-    reader = GRID_READERS.get(kind)
-    if reader is None:
-        raise InputError(f"{path}: is no kind of depth that is known; needed one of {', '.join(GRID_READERS)}")
-    if not Path(path).is_file():
-        raise InputError(f"{path}: no such file; check the path")
+    kind, reader = _reader_for(path, GRID_READERS, "depth")
     try:
         values = np.asarray(reader(path, key))
     except InputError:
@@ -43,7 +39,7 @@ def read_grid(path: str | PathLike[str], key: str | None = None) -> FloatArray:
     except ImportError as error:
         raise InputError(f"{path}: needs {error.name}; install it with: pip install 'slopemap[exr]'") from error
     except (ValueError, OSError, KeyError, EOFError, RuntimeError, cv2.error) as error:
-        raise InputError(f"{path}: cannot be read as {kind[1:]} ({error}); write the file again") from error
+        raise InputError(f"{path}: cannot be read as {kind} ({error}); write the file again") from error
     if values.ndim == 3 and values.shape[2] in (3, 4) and (values == values[..., :1]).all():
         values = values[..., :1]  # a grey image stored as colours
     if values.dtype == np.uint8:
@@ -56,6 +52,16 @@ def read_grid(path: str | PathLike[str], key: str | None = None) -> FloatArray:
         )
     with np.errstate(invalid="ignore"):  # NaN of any kind stays NaN
         return values.astype(np.float64)
+
+
+def _reader_for(path: str | PathLike[str], readers: Mapping[str, Reader], what: str) -> tuple[str, Reader]:
+    """The kind of a file, by its name, and its reader; InputError if there is none, or no such file."""
+    kind = Path(path).suffix.lower()
+    if kind not in readers:
+        raise InputError(f"{path}: is no kind of {what} that is known; needed one of {', '.join(readers)}")
+    if not Path(path).is_file():
+        raise InputError(f"{path}: no such file; check the path")
+    return kind[1:], readers[kind]
 
 
 def _read_npy(path: str | PathLike[str], key: str | None) -> Grid:
@@ -134,19 +140,14 @@ def read_points(path: str | PathLike[str]) -> FloatArray:
 
     InputError : the file cannot be read, or holds no points.
     """
-    kind = Path(path).suffix.lower()
-    reader = POINT_READERS.get(kind)
-    if reader is None:
-        raise InputError(f"{path}: is no kind of point cloud that is known; needed one of {', '.join(POINT_READERS)}")
-    if not Path(path).exists():
-        raise InputError(f"{path}: no such file; check the path")
+    kind, reader = _reader_for(path, POINT_READERS, "point cloud")
     try:
         with np.errstate(invalid="ignore"):
             points = np.asarray(reader(path), float)
     except ImportError as error:
         raise InputError(f"{path}: needs {error.name}; install it with: pip install 'slopemap[las]'") from error
     except Exception as error:  # of readers of other projects, which raise what they like
-        raise InputError(f"{path}: cannot be read as {kind[1:]} ({error}); write the file again") from error
+        raise InputError(f"{path}: cannot be read as {kind} ({error}); write the file again") from error
     if points.ndim != 2 or points.shape[1] != 3 or not len(points):
         raise InputError(f"{path}: has no points of three coordinates; needed x, y and z of each")
     return points

@@ -16,10 +16,14 @@ def model_rotation(report: Report) -> FloatArray:
     """
     if report.options.get("ply_frame") == "camera":
         return np.eye(3)
-    up = np.array(report.up.vector_cam1, float)
-    up /= np.linalg.norm(up)
     north = report.options.get("north")
-    ahead = north_direction(up, None if north is None else np.array(north, float))
+    return level_axes(np.array(report.up.vector_cam1, float), None if north is None else np.array(north, float))
+
+
+def level_axes(up: FloatArray, north: FloatArray | None = None) -> FloatArray:
+    """Return axes (3, 3), a row each, in camera-1 axes: right, ahead (see `north_direction`), and up (3,)."""
+    up = up / np.linalg.norm(up)
+    ahead = north_direction(up, north)
     return np.array([np.cross(ahead, up), ahead, up])
 
 

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from slopecli.errors import InputError
+from slopecli.geometry.epipolar import direction_angle, normal_angle
 from slopecli.geometry.statistics import MAD_FACTOR, median
 from slopecli.ground.footprint_planes import fit_footprints
 from slopecli.ground.footprints import Cells
@@ -204,20 +205,15 @@ def _fit(truth: Truth) -> TruePlane:
     return TruePlane(normal, middle, rms, len(points))
 
 
-def _angle_deg(one: FloatArray, other: FloatArray) -> float:
-    """Angle between unit vectors, also where it is small."""
-    return float(np.degrees(2.0 * np.arctan2(np.linalg.norm(one - other), np.linalg.norm(one + other))))
-
-
 def _compared(plane: ResultPlane, fit: TruePlane, ratio: float, up: FloatArray) -> PatchCompared:
-    true_slope = _angle_deg(fit.normal, up)
+    true_slope = float(np.degrees(direction_angle(fit.normal, up)))
     return PatchCompared(
         id=plane.id,
         slope_deg=plane.slope_deg,
         true_slope_deg=true_slope,
         difference_deg=plane.slope_deg - true_slope,
         sigma_deg=plane.sigma_deg,
-        normal_error_deg=min(_angle_deg(normal, fit.normal) for normal in plane.normals),
+        normal_error_deg=float(np.degrees(normal_angle(np.stack(plane.normals), fit.normal).min())),
         distance_ratio=ratio,
         n_points=fit.n,
         true_rms=fit.rms,

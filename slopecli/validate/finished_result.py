@@ -4,10 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import numpy as np
-from numpy.typing import NDArray
-
-from slopecli.types import Camera, FloatArray
+from slopecli.types import Camera, FloatArray, IntArray
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,5 +52,5 @@ class Result:
     baseline: float
     tolerance_deg: float
     confidence: float
-    labels: NDArray[np.uint16] | None
+    labels: IntArray | None
     cells: ResultMap | None = None

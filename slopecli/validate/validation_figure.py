@@ -10,6 +10,7 @@ import numpy as np
 from slopecli.geometry.camera import rays_from_pixels
 from slopecli.geometry.epipolar import homogeneous
 from slopecli.products.drawing.plots import plot_settings
+from slopecli.products.model_frame import level_axes
 from slopecli.types import FloatArray
 from slopecli.validate.comparison import Comparison
 from slopecli.validate.finished_result import Result, ResultPlane
@@ -54,7 +55,7 @@ def _draw_differences(axes: Axes, comparison: Comparison) -> None:
 
 def _draw_space(axes: Any, result: Result, truth: Truth, comparison: Comparison) -> None:
     """The paper's Figure 8: the patches over the points of the truth, in the unit of the truth, seen from the side."""
-    axes_of = _level_axes(result.up)  # more than some thousand points only take time
+    axes_of = level_axes(result.up)  # more than some thousand points only take time
     some = truth.points[:: max(1, len(truth.points) // 6000)] @ axes_of.T
     axes.scatter(*some.T, s=1.0, color=GROUND, linewidths=0.0)
     planes = {plane.id: plane for plane in result.planes}
@@ -82,12 +83,3 @@ def _outline(plane: ResultPlane, result: Result, scale: float) -> FloatArray:
     away = -plane.distance * scale / (rays @ normal)
     points = rays * away[:, None]
     return points[np.isfinite(points).all(axis=1) & (away > 0)]
-
-
-def _level_axes(up: FloatArray) -> FloatArray:
-    """(3, 3) rows: to the right, level; forward, level; up; in camera-1 axes."""
-    right = np.array([1.0, 0.0, 0.0]) - up[0] * up
-    if np.linalg.norm(right) < 0.1:
-        right = np.array([0.0, 0.0, 1.0]) - up[2] * up
-    right /= np.linalg.norm(right)
-    return np.stack([right, np.cross(up, right), up])

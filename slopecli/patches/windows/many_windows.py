@@ -13,6 +13,7 @@ from itertools import starmap
 import numpy as np
 
 from slopecli.errors import NoAnswer
+from slopecli.geometry.epipolar import normal_angle
 from slopecli.geometry.statistics import robust_sigma
 from slopecli.ground.footprint_planes import FootprintPlanes
 from slopecli.ground.tilt_uncertainty import Root, focal_shift, motion_gain, normal_covariance, normals_under
@@ -194,7 +195,7 @@ def _differs(places: FloatArray, units: FloatArray, away: FloatArray) -> FloatAr
     i, j = rng.integers(0, len(places), (2, MANY.pairs))
     i, j = i[i != j], j[i != j]
     apart = np.linalg.norm(places[i] - places[j], axis=1)
-    angle2 = (2.0 * np.arcsin(np.minimum(np.linalg.norm(units[i] - units[j], axis=1) / 2.0, 1.0))) ** 2
+    angle2 = normal_angle(units[i], units[j]) ** 2
     order = np.argsort(apart)
     groups = np.array_split(order, max(1, min(len(order) // MANY.neighbours, MANY.groups)))
     distance = np.array([apart[group].mean() for group in groups])
