@@ -123,7 +123,8 @@ def sequence(frames: Iterable[Frame], runner: Sequence, *, stop_when_settled: bo
         state = runner.take(frame)
 
         # slopes, verdicts and findings of the answer so far
-        report = runner.report_or_none() if state.status == "used" and not state.later else None
+        told = state.status == "used" and (not state.later or runner.carries)
+        report = runner.report_or_none() if told else None
         settled = test.settled if report is None else test.look(report)
         last = report or last
         motion = None if report is None else report.motion

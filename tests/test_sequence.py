@@ -11,8 +11,9 @@ from scenery import render, to_grey, turn
 from slopecli.geometry import normal_angle, solve_views
 from slopecli.geometry.solver import ViewsSolution
 from slopecli.options import Options
-from slopecli.sequence import Sequence, SettlingTest
-from slopecli.types import FloatArray
+from slopecli.pipeline import sequence as run_sequence
+from slopecli.sequence import Frame, Sequence, SettlingTest
+from slopecli.types import FloatArray, Image
 
 OPTIONS = Options(grid=(2, 2))
 
@@ -201,6 +202,35 @@ def test_a_motion_that_fits_badly_is_not_taken() -> None:
     sequence = run(*frames)
     normal = np.array([[np.sin(np.radians(15.0)), 0.0, np.cos(np.radians(15.0))]] * 4)
     assert np.degrees(normal_angle(sequence.solution().scaled_normals, normal)).max() < 0.5
+
+
+def test_windows_are_carried_over_to_a_later_reference_with_their_ids() -> None:
+    """Near the ground the first frame lacks detail: a later one takes its place, and its views sharpen the window."""
+    normal = np.array([0.12, -0.08, 1.0]) / 12.0
+    heights = [0.0, 1.5, 3.0, 4.5, 6.0, 7.5, 8.5, 9.3]
+    images = []
+    for number, down in enumerate(heights):
+        place = np.array([0.3 * np.sin(down) + 0.1 * down, 0.25 * np.cos(0.7 * down) - 0.25, down or 1.0])
+        R = turn(0.5 * np.sin(number), 0.4 * np.sin(0.7 * number), number) if number else turn()
+        pair = render(R, place, [normal], noise=1.0, noise_seed=number)
+        images.append(Image(pair.grey2 if number else pair.grey1, path=f"{number}.png"))
+    sequence = Sequence(CAMERA, Options(windows=((130, 90, 60, 60),)))
+    errors, sigmas, steps = [], [], []
+    for step in run_sequence([Frame(image.path, image) for image in images], sequence):
+        steps.append(step)
+        if step.report is not None:
+            found = sequence.solution()
+            errors.append(float(np.degrees(normal_angle(found.scaled_normals, normal[None]))[0]))
+            sigmas.append(float(sigmas_deg(found)[0]))
+    first = next(k for k, step in enumerate(steps) if step.state.later)
+    assert first < len(steps) - 1
+    assert all(step.report is not None and step.report.planes[0].id == 1 for step in steps[first:])
+    assert max(errors[-2:]) < 0.2
+    assert errors[-1] < 3.0 * sigmas[-1]
+    assert sigmas[-1] < sigmas[first - 2]  # answers begin with the second frame, and this is of the one before
+    answer = sequence.answer()
+    assert [one.frame for one in answer.motions] == [1, *(k + 1 for k, step in enumerate(steps) if k and step.motion)]
+    assert answer.report.images[1].path == f"{first - 1}.png"  # the later reference, the last that shows its points
 
 
 def test_a_flight_goes_on_when_the_windows_have_left_the_view() -> None:

@@ -36,7 +36,7 @@ class Film:
             return
         why = step.state.why
         note = f"{step.state.frame}" if why is None else f"{step.state.frame}: skipped, {why.message}"
-        picture = draw_frame(image, step.report, runner.camera, note)
+        picture = draw_frame(image, step.report, step.motion, runner.camera, note)
         if self._writer is None:
             size = (picture.shape[1], picture.shape[0])
             self._writer = cv2.VideoWriter(str(self._path), cv2.VideoWriter.fourcc(*"mp4v"), RATE, size)

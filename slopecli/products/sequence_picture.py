@@ -13,21 +13,23 @@ from slopecli.products.drawing.canvas import converted, text_size
 from slopecli.products.drawing.colours import slope_colours
 from slopecli.products.drawing.lettering import Text, write
 from slopecli.products.drawing.marks import INK, Picture
-from slopecli.types import Camera, FloatArray, Image, Plane, Report
+from slopecli.types import Camera, FloatArray, Image, Motion, Plane, Report
 
 
-def draw_frame(image: Image, report: Report | None, camera: Camera, note: str) -> NDArray[np.uint8]:
+def draw_frame(
+    image: Image, report: Report | None, motion: Motion | None, camera: Camera, note: str
+) -> NDArray[np.uint8]:
     """Draw the answer over a frame, (h, w, 3) uint8 BGR.
 
-    report : its second image is the frame; None while there is no answer, or where the frame was skipped.
+    report, motion : of the frame; None while there is no answer, or where the frame was skipped.
     note : one line, written at the top.
     """
     colour = image.grey if image.colour is None else image.colour
     picture = converted(colour, cv2.COLOR_GRAY2RGB if image.colour is None else cv2.COLOR_BGR2RGB)
     size = text_size(picture)
     texts = [Text((0.5 * size, 0.8 * size), note, size)]
-    for plane in report.planes if report is not None else ():
-        outline = _outline(plane, report, camera) if report is not None else None
+    for plane in report.planes if report is not None and motion is not None else ():
+        outline = None if motion is None else _outline(plane, motion, camera)
         if outline is None:
             continue
         _stroke(picture, outline, plane, max(2, size // 6))
@@ -35,14 +37,13 @@ def draw_frame(image: Image, report: Report | None, camera: Camera, note: str) -
     return converted(write(picture, texts), cv2.COLOR_RGB2BGR)
 
 
-def _outline(plane: Plane, report: Report, camera: Camera) -> FloatArray | None:
+def _outline(plane: Plane, motion: Motion, camera: Camera) -> FloatArray | None:
     """(k, 2) px of a window's outline in the frame, lens included; None where it is behind or far outside it."""
     corners = plane.polygon_px
     steps = np.linspace(0.0, 1.0, 8, endpoint=False)[:, None]
     following = np.roll(corners, -1, axis=0)
     border = np.concatenate([a + steps * (b - a) for a, b in zip(corners, following, strict=True)])
     rays = homogeneous(rays_from_pixels(camera, border))
-    motion = report.motion
     normal = -plane.normal_cam1 / plane.distance
     H = motion.rotation_cam2_from_cam1 @ (np.eye(3) - np.outer(motion.baseline_cam1, normal))
     if not np.isfinite(rays).all() or ((rays @ H.T)[:, 2] <= 0.0).any():

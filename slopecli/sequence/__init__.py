@@ -11,10 +11,10 @@ from slopecli.face import lazy_names
 __getattr__, __dir__ = lazy_names(
     __name__,
     {
-        "frame": "Frame SequenceAnswer SequenceStep",
+        "frame": "Frame FrameMotion FrameState SequenceAnswer SequenceStep",
         "frame_gates": "FrameGates",
         "settling_test": "SettlingTest",
-        "stream": "FrameMotion FrameState Sequence",
+        "stream": "Sequence",
         "tracking_tunables": "TRACKING",
     },
 )

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Literal, NamedTuple
 
-from slopecli.types import Image, Motion, Report, Verdict
+from slopecli.sequence.frame_gates import Skipped
+from slopecli.types import FloatArray, Image, Motion, Report, Verdict
 
 if TYPE_CHECKING:
     from slopecli.ground.slope_map import SlopeMap
-    from slopecli.sequence.stream import FrameMotion, FrameState
 
 
 class Frame(NamedTuple):
@@ -23,6 +23,38 @@ class Frame(NamedTuple):
     time_s: float | None = None
     problem: str = ""
     position_m: tuple[float, float, float] | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class FrameState:
+    """What became of a frame.
+
+    frame : its number, from 1.  image : what it is called.  time_s : when it was taken, None where that is not known.
+    status : "reference" (the first), "used" or "skipped"; why : code and words if skipped.
+    R, T : of the frame, in axes of the first, unit: the first move; None if it was not used.
+    position_m : of the camera as known otherwise, m.
+    later : it was followed against a later reference, as it shows too little of the windows; it adds a motion only.
+    """
+
+    frame: int
+    status: Literal["reference", "used", "skipped"]
+    image: str = ""
+    time_s: float | None = None
+    why: Skipped | None = None
+    R: FloatArray | None = None
+    T: FloatArray | None = None
+    position_m: tuple[float, float, float] | None = None
+    later: bool = False
+
+
+@dataclass(frozen=True, eq=False)
+class FrameMotion:
+    """The motion of a frame that was used, in axes of the first and the unit of the report."""
+
+    frame: int
+    image: str
+    time_s: float | None
+    motion: Motion
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,7 +1,8 @@
 """Frames that hardly show the windows any more: followed against a later frame, whose motion chains them to the first.
 
-The windows keep the answer of the frames that showed them. A later reference has points of its own all over it, at
-depths that those tracked so far tell; their unit of length is that of the first move.
+A later reference has points of its own all over it, at depths that those tracked so far tell; their unit of length is
+that of the first move. Windows that it shows are carried over by their planes and keep their ids: its views sharpen
+them. The others keep the answer of the frames that showed them.
 """
 
 from __future__ import annotations
@@ -10,17 +11,19 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from slopecli.geometry.solver.many_views import ViewsSolution
+from slopecli.geometry.solver.reference_change import last_view
 from slopecli.geometry.solver.resection import Motion
 from slopecli.geometry.statistics import median
 from slopecli.look.features import Grey
+from slopecli.sequence.carried_windows import CarriedWindows, later_tracks
 from slopecli.sequence.coarse_motion import CoarseMotion
 from slopecli.sequence.frame_alignment import Aligner
 from slopecli.sequence.frame_gates import Skipped
 from slopecli.sequence.tracking_tunables import TRACKING
-from slopecli.sequence.tracks import choose_tracks
-from slopecli.sequence.view_estimator import ViewEstimator
-from slopecli.types import Camera, FloatArray
-from slopecli.windows import grid_windows
+from slopecli.sequence.view_estimator import Held, ViewEstimator
+from slopecli.types import Camera, FloatArray, IntArray
+from slopecli.windows import Window
 
 
 @dataclass(eq=False)
@@ -29,6 +32,8 @@ class Follower:
 
     R (3, 3), T (3,) : of the reference, in axes of the first frame and the unit of the first move.
     unit : length of this one's own unit, that of its first move, in that unit.
+    carried : windows that were carried over to a later reference; None of the first one.
+    zoom : px of the last frame to one of the reference.
     """
 
     aligner: Aligner
@@ -37,6 +42,8 @@ class Follower:
     R: FloatArray
     T: FloatArray
     unit: float = 1.0
+    carried: CarriedWindows | None = None
+    zoom: float = 1.0
 
     def follow(self, frame: Grey) -> Motion | Skipped:
         """The motion of a frame against the reference, in its own unit; the frame is taken into the answer."""
@@ -54,6 +61,7 @@ class Follower:
             return Skipped("foreign", f"agrees with the frames before at {100 * share:.0f} % of its points only")
         estimator.add(found, motion)
         self.coarse.accept(frame, estimator.motion)
+        self.zoom = found.zoom
         return estimator.motion
 
     def in_first(self, motion: Motion) -> Motion:
@@ -62,9 +70,25 @@ class Follower:
         return R @ self.R, self.T + self.unit * self.R.T @ T
 
     @property
+    def is_left(self) -> bool:
+        """Whether the last frame showed few of its points, or so much nearer that the reference lacks their detail."""
+        return self.shown < TRACKING.new_reference or self.zoom > TRACKING.most_zoom
+
+    @property
     def shown(self) -> float:
         """Share of its points that the last frame showed."""
         return float((self.estimator.best.points.weight[-1] > 0.0).mean())
+
+    @property
+    def windows(self) -> IntArray:
+        """Windows of the first frame that have planes here: all, or those carried over to a later reference."""
+        return np.arange(len(self.estimator.tracks.cells)) if self.carried is None else self.carried.planes
+
+    def known(self) -> ViewsSolution:
+        """Normals of all windows, with the view that the answer is of and the last one: see `last_view`."""
+        if self.carried is None:
+            return last_view(self.estimator.solution())
+        return self.carried.joined(self.estimator, self.unit, self.aligner.camera)
 
     def points_in_last(self) -> tuple[FloatArray, FloatArray]:
         """Rays (3, k) of its points in the axes of the last frame, and inverse depths (k,), unit of the first move."""
@@ -80,34 +104,43 @@ class Follower:
 class LaterReference:
     """A frame that is to be the next reference, until another has moved far enough from it.
 
+    frame : its number.  held : state of the estimator that it was followed by, as of this frame.
     aligner : with points all over the frame; u (n,) their inverse depths, normals (m, 3) of its parts, both in the unit
-    of the first move; R, T : of the frame.
+    of the first move; R, T : of the frame.  carried : windows of the first reference that it shows.
     """
 
+    frame: int
+    held: Held
     aligner: Aligner
     u: FloatArray
     normals: FloatArray
     R: FloatArray
     T: FloatArray
+    carried: CarriedWindows
 
     @classmethod
-    def of(cls, frame: Grey, camera: Camera, before: Follower, motion: Motion) -> LaterReference | None:
+    def of(
+        cls, number: int, frame: Grey, camera: Camera, before: Follower, motion: Motion, windows: list[Window]
+    ) -> LaterReference | None:
         """The last frame as a reference; None where it has no texture. motion : of the frame, against the first."""
-        windows = grid_windows(3, 3, camera.width, camera.height)
-        tracks = choose_tracks(frame, windows, camera, TRACKING.later_points)
+        known = before.known()
+        chosen = later_tracks(frame, camera, windows, before.windows, known)
         rays, u = before.points_in_last()
         some = slice(None, None, max(len(u) // TRACKING.coarse_points, 1))
         rays, u = rays[:, some], u[some]
-        if len(u) < 12 or np.bincount(tracks.patch[tracks.patch >= 0], minlength=9).min() < TRACKING.slope_points:
+        if len(u) < 12 or chosen is None:
             return None
+        tracks = chosen.tracks
         plane = np.linalg.lstsq(rays.T, u, rcond=None)[0]
         apart = ((tracks.p[:2].T[:, None] - rays[:2].T[None]) ** 2).sum(axis=2)
         nearest = apart.argmin(axis=1)
         near = apart[np.arange(len(nearest)), nearest] < (0.1 * camera.width / camera.focal_px) ** 2
         depth = np.where(near, u[nearest], plane @ tracks.p)
-        normals = np.repeat(plane[None], len(windows), axis=0)
-        aligner = Aligner(frame, camera, windows, tracks)
-        return cls(aligner, np.maximum(depth, 1e-3 * median(u)), normals, *motion)
+        normals = np.repeat(plane[None], len(chosen.parts), axis=0)
+        aligner = Aligner(frame, camera, chosen.parts, tracks)
+        carried = CarriedWindows(known, chosen.planes, windows)
+        depth = np.maximum(depth, 1e-3 * median(u))
+        return cls(number, before.estimator.kept(), aligner, depth, normals, *motion, carried)
 
     def begun(self, frame: Grey, motion: Motion, camera: Camera) -> Follower | None:
         """What follows this reference from a frame on; None while that has not moved far enough from it.
@@ -129,4 +162,4 @@ class LaterReference:
             return None
         coarse = CoarseMotion(camera, self.aligner.tracks, self.aligner.grey)
         coarse.accept(frame, estimator.motion)
-        return Follower(self.aligner, estimator, coarse, self.R, self.T, length)
+        return Follower(self.aligner, estimator, coarse, self.R, self.T, length, self.carried)

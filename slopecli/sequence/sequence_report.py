@@ -36,14 +36,14 @@ def joined_of(estimator: ViewEstimator, windows: list[Window], camera: Camera) -
     x2 = np.where(shown, line.points.x[-1], x2)
     uv2 = pixels_from_rays(camera, x2.T)
     every = Matches(tracks.uv, uv2, tracks.p[:2].T, x2.T)
-    evidence = _evidence(every, state.u, known, camera, float(np.linalg.norm(state.T[-1])))
+    evidence = evidence_of(every, state.u, known, camera, float(np.linalg.norm(state.T[-1])))
     patches = [_patch(estimator, every, evidence, known, window, i) for i, window in enumerate(windows)]
     outside = every.take(known & (tracks.patch < 0))
     joined = Joined.of(patches, outside, np.ones(len(outside)))
     return joined, np.array([patch.origin == "own" for patch in patches])
 
 
-def _evidence(every: Matches, u: FloatArray, known: BoolArray, camera: Camera, baseline: float) -> Evidence:
+def evidence_of(every: Matches, u: FloatArray, known: BoolArray, camera: Camera, baseline: float) -> Evidence:
     """All points known, as evidence of how the ground bends from one part to the next."""
     leverage = np.full(len(u), baseline)
     kept = every.take(known)
@@ -89,22 +89,24 @@ class Reported(NamedTuple):
 
 def report_of(
     estimator: ViewEstimator,
+    solution: Solution,
     windows: list[Window],
     images: tuple[Image | ImageInfo, Image | ImageInfo],
     camera: Camera,
     options: Options,
     diagnostics: list[Diagnostic],
+    length: float,
 ) -> Reported:
     """The report of the answer so far; lengths are in metres, or in baselines of the first move.
+
+    solution : of the first frame and the last one that the estimator took in, of all windows.  length : its baseline.
 
     Raises
     ------
     NoAnswer : no window has a slope that is known.
     """
     joined, enough = joined_of(estimator, windows, camera)
-    views = estimator.solution()
-    length = float(np.linalg.norm(views.T[-1]))
-    solution = _chosen(views.pair(), enough, joined)
+    solution = _chosen(solution, enough, joined)
     if options.baseline_m is not None:
         options = replace(options, baseline_m=options.baseline_m * length)
     report = build_report(images, (camera, camera), options, joined, solution, diagnostics, test=CameraTest())

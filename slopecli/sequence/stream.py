@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 from collections import Counter
-from dataclasses import dataclass, replace
-from typing import Literal
+from dataclasses import replace
 
 import cv2
 import numpy as np
 
 from slopecli.errors import InputError, NoAnswer, SlopemapError
 from slopecli.findings.wording import finding
-from slopecli.geometry.epipolar import rotation_angle
 from slopecli.geometry.solver.many_views import ViewsSolution
 from slopecli.geometry.solver.one_thread import one_blas_thread
 from slopecli.geometry.solver.resection import Motion as Placed
@@ -23,47 +21,16 @@ from slopecli.patches.windows.window_finder import wanted_windows
 from slopecli.sequence.coarse_motion import CoarseMotion
 from slopecli.sequence.depth_frames import DepthFrames, FusedScene
 from slopecli.sequence.first_move import first_move
-from slopecli.sequence.frame import Frame, SequenceAnswer
+from slopecli.sequence.frame import Frame, FrameMotion, FrameState, SequenceAnswer
 from slopecli.sequence.frame_alignment import Aligner
 from slopecli.sequence.frame_gates import FrameGates, Skipped
 from slopecli.sequence.later_reference import Follower, LaterReference
 from slopecli.sequence.sequence_report import Reported, report_of
 from slopecli.sequence.tracking_tunables import TRACKING
 from slopecli.sequence.tracks import choose_tracks
+from slopecli.sequence.used_frames import first_move_m, motions_of
 from slopecli.sequence.view_estimator import ViewEstimator
-from slopecli.types import Camera, Diagnostic, FloatArray, Image, ImageInfo, Motion, Report
-
-
-@dataclass(frozen=True, eq=False)
-class FrameState:
-    """What became of a frame.
-
-    frame : its number, from 1.  image : what it is called.  time_s : when it was taken, None where that is not known.
-    status : "reference" (the first), "used" or "skipped"; why : code and words if skipped.
-    R, T : of the frame, in axes of the first, unit: the first move; None if it was not used.
-    position_m : of the camera as known otherwise, m.
-    later : it was followed against a later reference, as it shows too little of the windows; it adds a motion only.
-    """
-
-    frame: int
-    status: Literal["reference", "used", "skipped"]
-    image: str = ""
-    time_s: float | None = None
-    why: Skipped | None = None
-    R: FloatArray | None = None
-    T: FloatArray | None = None
-    position_m: tuple[float, float, float] | None = None
-    later: bool = False
-
-
-@dataclass(frozen=True, eq=False)
-class FrameMotion:
-    """The motion of a frame that was used, in axes of the first and the unit of the report."""
-
-    frame: int
-    image: str
-    time_s: float | None
-    motion: Motion
+from slopecli.types import Camera, Diagnostic, Image, ImageInfo, Report
 
 
 class Sequence:
@@ -88,7 +55,8 @@ class Sequence:
         self._next: LaterReference | None = None
         self._depth = DepthFrames() if keep_depth else None
         self.current: Image | None = None
-        self._images: tuple[Image | ImageInfo, Image | ImageInfo] = (ImageInfo("", None, None, ""),) * 2
+        self._reference_image: Image | ImageInfo = ImageInfo("", None, None, "")
+        self._infos: dict[int, ImageInfo] = {}  # of frames used, by number
 
     @one_blas_thread()
     @single_threaded()
@@ -147,11 +115,10 @@ class Sequence:
                 return FrameState(number, "skipped", why=Skipped("dark", "has no texture in any window"))
             self._aligner = Aligner(frame, self.camera, self.windows, tracks)
             return FrameState(number, "reference", R=np.eye(3), T=np.zeros(3))
-        later = self._later is not None
         found = self._started(frame) if self._first is None else self._followed(frame)
         if isinstance(found, Skipped):
             return FrameState(number, "skipped", why=found)
-        return FrameState(number, "used", R=found[0], T=found[1], later=later)
+        return FrameState(number, "used", R=found[0], T=found[1], later=self._later is not None)
 
     def _started(self, frame: Grey) -> Placed | Skipped:
         """The first move, if this frame is far enough from the first."""
@@ -178,10 +145,20 @@ class Sequence:
         if self._next is not None:
             begun = self._next.begun(frame, motion, self.camera)
             if begun is not None:
-                self._later, self._next = begun, None
-        elif current.shown < TRACKING.new_reference and not current.estimator.is_open:
-            self._next = LaterReference.of(frame, self.camera, current, motion)
+                self._change_reference(current, self._next, begun)
+        elif current.is_left and not current.estimator.is_open:
+            number = len(self.frames) + 1
+            self._next = LaterReference.of(number, frame, self.camera, current, motion, self.windows)
         return motion
+
+    def _change_reference(self, current: Follower, reference: LaterReference, begun: Follower) -> None:
+        """Go on from a later reference: the earlier one's views end with it, so that none counts twice."""
+        current.estimator.restore(reference.held)
+        self.frames = [
+            replace(state, later=True) if state.status == "used" and state.frame > reference.frame else state
+            for state in self.frames
+        ]
+        self._later, self._next = begun, None
 
     def _reference(self) -> Aligner:
         if self._aligner is None:
@@ -197,11 +174,23 @@ class Sequence:
         """Whether there is an answer."""
         return self._first is not None
 
+    @property
+    def carries(self) -> bool:
+        """Whether windows of the first frame are followed in a later reference."""
+        return self._later is not None and len(self._later.windows) > 0
+
     def solution(self) -> ViewsSolution:
-        """Motions of the views kept and normals of all windows, with covariance and a second root if one is left."""
+        """Motions of the views kept and normals of all windows, with covariance and a second root if one is left.
+
+        Once a later reference has taken the place of the first: as of `last_view`.
+        """
+        return self._answered()[0]
+
+    def _answered(self) -> tuple[ViewsSolution, int]:
+        """The solution, and the number of its view that reports are of."""
         if self._first is None:
             raise InputError("there is no answer yet: no frame has moved far enough from the first")
-        return self._first.estimator.solution()
+        return (self._first.estimator.solution(), -1) if self._later is None else (self._later.known(), 0)
 
     def take(self, frame: Frame) -> FrameState:
         """Take in a frame with its name and time; one that could not be read is skipped."""
@@ -213,14 +202,15 @@ class Sequence:
             return state
         state = replace(self.add(frame.image.grey, frame.name, frame.time_s), position_m=frame.position_m)
         self.frames[-1] = state
-        if state.status != "skipped" and not state.later:
-            info = ImageInfo(frame.image.path, frame.image.width, frame.image.height, frame.image.sha256)
-            self._images = (frame.image if state.status == "reference" else self._images[0], info)
+        if state.status == "reference":
+            self._reference_image = frame.image
+        if state.status != "skipped":
+            self._infos[state.frame] = _named(frame.image)
         return state
 
     def answer(self, slope_map: SlopeMap | None = None) -> SequenceAnswer:
         """The answer so far, with the motions of all frames used. InputError or NoAnswer as `report`."""
-        report = self.report(self._images) if slope_map is None else slope_map.report
+        report = self.report(self.images) if slope_map is None else slope_map.report
         return SequenceAnswer(report, tuple(self.motions(report)), slope_map)
 
     def answer_or_refuse(self, slope_map: SlopeMap | None = None) -> SequenceAnswer:
@@ -239,19 +229,21 @@ class Sequence:
     def report_or_none(self) -> Report | None:
         """The answer so far; None while no slope is known."""
         try:
-            return self.report((_named(self._images[0]), _named(self._images[1])))
+            return self.report((_named(self.images[0]), _named(self.images[1])))
         except NoAnswer:
             return None
 
     @property
     def images(self) -> tuple[Image | ImageInfo, Image | ImageInfo]:
-        """The first frame that was used, and what is known of the last one."""
-        return self._images
+        """The first frame that was used, and what is known of the last one that shows its points."""
+        last = next((state for state in reversed(self.frames) if state.status != "skipped" and not state.later), None)
+        first = self._reference_image
+        return first, _named(first) if last is None else self._infos.get(last.frame, _named(first))
 
     @property
     def first_image(self) -> Image | ImageInfo:
         """The first frame that was used."""
-        return self._images[0]
+        return self._reference_image
 
     def report(self, images: tuple[Image | ImageInfo, Image | ImageInfo] | None = None) -> Report:
         """The answer so far as a report of the first frame and the last one used; arguments as of `reported`."""
@@ -291,46 +283,19 @@ class Sequence:
             ImageInfo(used[0].image, *size, ""),
             ImageInfo([one for one in used if not one.later][-1].image, *size, ""),
         )
-        length = self._first_move_m(used)
+        length = first_move_m(used)
         options = self.options if length is None else replace(self.options, baseline_m=length)
-        found = report_of(self._first.estimator, self.windows, named, self.camera, options, self._notes())
+        views, shown = self._answered()
+        estimator, baseline = self._first.estimator, float(np.linalg.norm(views.T[shown]))
+        pair = views.pair(shown)
+        found = report_of(estimator, pair, self.windows, named, self.camera, options, self._notes(), baseline)
         if length is None:
             return found
         return found._replace(report=replace(found.report, scale=replace(found.report.scale, source="pose")))
 
-    @staticmethod
-    def _first_move_m(used: list[FrameState]) -> float | None:
-        """Length of the first move, m, from the positions that are known; None where fewer than two are.
-
-        Distances from the first frame, known and found, are compared by least squares; their axes do not matter.
-        """
-        start = used[0].position_m
-        if start is None:
-            return None
-        both = [
-            (float(np.linalg.norm(state.T)), float(np.linalg.norm(np.subtract(state.position_m, start))))
-            for state in used[1:]
-            if state.T is not None and state.position_m is not None
-        ]
-        found, known = np.array(both).reshape(-1, 2).T
-        return float(found @ known / (found @ found)) if (known > 0.0).any() else None
-
     def motions(self, report: Report) -> list[FrameMotion]:
         """Motions of all frames used, in the unit of the report, each as it was when its frame came in."""
-        last = next(state for state in reversed(self.frames) if state.status == "used" and not state.later)
-        length = float(
-            np.linalg.norm(report.motion.baseline_cam1) / np.linalg.norm(np.zeros(3) if last.T is None else last.T)
-        )
-        return [
-            FrameMotion(
-                state.frame,
-                state.image,
-                state.time_s,
-                Motion(state.R, state.T * length, float(np.degrees(rotation_angle(state.R))), None, None),
-            )
-            for state in self.frames
-            if state.R is not None and state.T is not None
-        ]
+        return motions_of(self.frames, report)
 
     def _notes(self) -> list[Diagnostic]:
         """That frames were skipped, how many, and why."""

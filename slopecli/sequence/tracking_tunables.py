@@ -37,6 +37,7 @@ class TrackingTunables:
     least_sampling: float = 0.2  # of the variance that independent points would have; see `halves_ratio`
     rough: float = 0.02  # relief that ground is taken to have until it is measured
     new_reference: float = 0.25  # of the points in view, below which the last frame becomes a reference, too
+    most_zoom: float = 1.6  # px of a frame to one of its reference, above which it becomes one, too
     later_points: int = (
         64  # of each ninth of a later reference: for its motions, a quarter of those for slopes suffices
     )

@@ -11,7 +11,7 @@ from slopecli.geometry.camera import rays_from_pixels
 from slopecli.geometry.epipolar import homogeneous
 from slopecli.look.features import Grey
 from slopecli.sequence.tracking_tunables import TRACKING
-from slopecli.types import Camera, FloatArray, IntArray
+from slopecli.types import BoolArray, Camera, FloatArray, IntArray
 from slopecli.windows import Window
 
 
@@ -29,11 +29,17 @@ class Tracks:
     def __len__(self) -> int:
         return len(self.uv)
 
+    def of_planes(self, kept: BoolArray, planes: IntArray) -> Tracks:
+        """The points kept (n,) of some windows, by number in rising order, which are numbered anew from 0."""
+        kept = kept & np.isin(self.patch, planes)
+        patch = np.searchsorted(planes, self.patch[kept])
+        return Tracks(self.uv[kept], self.p[:, kept], patch, self.cell[kept], self.cells[planes])
 
-def choose_tracks(grey: Grey, windows: list[Window], camera: Camera, wanted: int | None = None) -> Tracks:
+
+def choose_tracks(grey: Grey, windows: list[Window], camera: Camera, wanted: list[int] | None = None) -> Tracks:
     """The points to track in the windows (px) of a frame, and some outside them.
 
-    wanted : in each window; None for as many as its slope needs.
+    wanted : in each window; None for as many as their slopes need.
     """
     corner = np.asarray(cv2.cornerMinEigenVal(grey, 7), float)
     height, width = grey.shape
@@ -43,8 +49,8 @@ def choose_tracks(grey: Grey, windows: list[Window], camera: Camera, wanted: int
     least = 0.02 * float(np.median(corner[corner > 0.0])) if (corner > 0.0).any() else 0.0
     if wanted is None:
         few = min(TRACKING.in_few // len(windows), TRACKING.most_per_window)
-        wanted = max(min(TRACKING.per_window, TRACKING.in_all // len(windows)), few, 9)
-    parts = [_best_corners(corner, window, wanted, least) for window in windows]
+        wanted = [max(min(TRACKING.per_window, TRACKING.in_all // len(windows)), few, 9)] * len(windows)
+    parts = [_best_corners(corner, window, number, least) for window, number in zip(windows, wanted, strict=True)]
     covered = np.zeros(grey.shape, bool)
     for x, y, w, h in windows:
         covered[y : y + h, x : x + w] = True

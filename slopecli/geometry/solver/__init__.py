@@ -16,6 +16,7 @@ __getattr__, __dir__ = lazy_names(
         "priors": "MotionPrior",
         "refinement": "State normal_equations optimal_normals step",
         "multiview": "cramer_rao_bound_of_views solve_views",
+        "reference_change": "LaterViews last_view with_later_views",
         "scatter": "scatter_of with_scatter",
         "starts": "starting_states",
         "uncertainty": "Covariance cramer_rao_bound small_sample",

@@ -1,0 +1,47 @@
+"""Motions of the frames that were used, in the unit of a report, and the length of the first move in metres."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from slopecli.geometry.epipolar import rotation_angle
+from slopecli.sequence.frame import FrameMotion, FrameState
+from slopecli.types import Motion, Report
+
+
+def first_move_m(used: list[FrameState]) -> float | None:
+    """Length of the first move, m, from the positions that are known; None where fewer than two are.
+
+    Distances from the first frame, known and found, are compared by least squares; their axes do not matter.
+    """
+    start = used[0].position_m
+    if start is None:
+        return None
+    both = [
+        (float(np.linalg.norm(state.T)), float(np.linalg.norm(np.subtract(state.position_m, start))))
+        for state in used[1:]
+        if state.T is not None and state.position_m is not None
+    ]
+    found, known = np.array(both).reshape(-1, 2).T
+    return float(found @ known / (found @ found)) if (known > 0.0).any() else None
+
+
+def motions_of(frames: list[FrameState], report: Report) -> list[FrameMotion]:
+    """Motions of all frames used, in the unit of the report, each as it was when its frame came in.
+
+    That of the frame which the report is of is as the report has it: later views may have told more of it.
+    """
+    last = next(state for state in reversed(frames) if state.status == "used" and not state.later)
+    length = float(
+        np.linalg.norm(report.motion.baseline_cam1) / np.linalg.norm(np.zeros(3) if last.T is None else last.T)
+    )
+    found = []
+    for state in frames:
+        if state.R is None or state.T is None:
+            continue
+        R, T = state.R, state.T * length
+        if state is last:
+            R, T = report.motion.rotation_cam2_from_cam1, report.motion.baseline_cam1
+        motion = Motion(R, T, float(np.degrees(rotation_angle(R))), None, None)
+        found.append(FrameMotion(state.frame, state.image, state.time_s, motion))
+    return found
