@@ -25,7 +25,7 @@ from slopecli.io import load_schema
 
 STATUSES = {0, 1, 2, 3, 4}
 MOST_S = 10  # processor time of an input
-QUICK_S, ONE_IN = 0.1, 5  # of those that take longer, this share is run again
+QUICK_S, ONE_IN = 0.02, 5  # of those that take longer, this share is run again
 MOST_BYTES = 2_000_000_000
 # what a library says on stderr, or a fault; lines of slopemap itself begin in lower case: "warning: ..."
 FOREIGN = re.compile(

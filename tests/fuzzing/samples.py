@@ -21,6 +21,8 @@ from slopecli.products import OUTPUT_NAMES
 SAMPLE_DATA = Path(__file__).resolve().parents[2] / "sample_data"
 DESCENT = SAMPLE_DATA / "descent"
 SIDE = 96  # px: a window of that size still has an answer
+SMALL = 64  # px: it has none, at a fifth of the time
+FEW_PATCHES, FEW_ROWS = ("1", "9"), 8  # of the sample correspondences: an answer at a ninth of the time
 POSE = {"R": [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]], "T": [0.5, 0.1, 1.0]}
 OPENCV_POSE = {**POSE, "t": [[-0.5], [-0.1], [-1.0]]}
 OPENCV_XML = """<?xml version="1.0"?>
@@ -35,21 +37,27 @@ OPENCV_XML = """<?xml version="1.0"?>
 
 
 @cache
-def view(number: int) -> np.ndarray:
-    """Image 1 or 2 of the sample pair made small, (SIDE, SIDE, 3) uint8."""
+def view(number: int, side: int = SIDE) -> np.ndarray:
+    """Image 1 or 2 of the sample pair made small, (side, side, 3) uint8."""
     whole = cv2.imread(str(DESCENT / f"image{number}.png"), cv2.IMREAD_COLOR)
-    return cv2.resize(whole, (SIDE, SIDE), interpolation=cv2.INTER_AREA)
+    return cv2.resize(whole, (side, side), interpolation=cv2.INTER_AREA)
 
 
 @cache
-def pair() -> dict[str, bytes]:
-    """The two images, their camera and correspondences as files."""
+def pair(side: int = SIDE, few: bool = False) -> dict[str, bytes]:
+    """The two images, their camera and correspondences, all or a few, as files."""
     return {
-        "image1.png": encoded(".png", view(1)),
-        "image2.png": encoded(".png", view(2)),
+        "image1.png": encoded(".png", view(1, side)),
+        "image2.png": encoded(".png", view(2, side)),
         "camera.json": (DESCENT / "camera.json").read_bytes(),
-        "matches.csv": (SAMPLE_DATA / "matches.csv").read_bytes(),
+        "matches.csv": _few_matches() if few else (SAMPLE_DATA / "matches.csv").read_bytes(),
     }
+
+
+def _few_matches() -> bytes:
+    header, *rows = (SAMPLE_DATA / "matches.csv").read_text().splitlines()
+    few = [row for patch in FEW_PATCHES for row in [row for row in rows if row.endswith(f",{patch}")][:FEW_ROWS]]
+    return "\n".join([header, *few, ""]).encode()
 
 
 def encoded(suffix: str, pixels: np.ndarray, *options: int) -> bytes:
@@ -191,9 +199,10 @@ def numpy_claim(shape: tuple[int, ...]) -> bytes:
 
 
 @cache
-def images() -> dict[str, bytes]:
+def images(side: int = SIDE) -> dict[str, bytes]:
     """Image files of every kind that is read, by a name with their suffix."""
-    colour, grey = view(1), cv2.cvtColor(view(1), cv2.COLOR_BGR2GRAY)
+    colour = view(1, side)
+    grey = cv2.cvtColor(colour, cv2.COLOR_BGR2GRAY)
     deep = (colour.astype(np.uint16) << 8) + 77
     real = colour.astype(np.float32) / 255
     alpha = np.dstack([colour, np.full_like(grey, 200)])
