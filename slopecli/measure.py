@@ -10,14 +10,13 @@ from typing import Literal, TypedDict
 import numpy as np
 
 from slopecli.errors import InputError
-from slopecli.geometry.epipolar import checked_direction, homogeneous
+from slopecli.geometry.epipolar import checked_direction
 from slopecli.geometry.slope import ASPECT_SIGMAS, CAMERA_UP, measure_slopes, normal_covariances, surface_normals
-from slopecli.geometry.statistics import median
 from slopecli.geometry.tilt_distribution import probability_below, slope_interval
 from slopecli.options import Options
 from slopecli.patches.join import Joined
 from slopecli.patches.patch import Patch
-from slopecli.types import FloatArray, Report, Slopes, Solution, Up, Verdict
+from slopecli.types import BoolArray, FloatArray, Report, Slopes, Solution, Up, Verdict
 
 MOST_VAGUE = 1.0 / 3.0  # 1-sigma of a scaled normal over its length: beyond, it may be zero, and face any way
 BORROWED_SIGMA_DEG = 5.0  # 1-sigma of the slope of a window whose plane comes from matches around it, at least
@@ -53,6 +52,16 @@ class Measured:
         if self.level is not None:
             numbers[self.level] = {**numbers[self.level], "slope_sigma_deg": None, "slope_ci95_deg": None}
         return numbers
+
+    @cached_property
+    def tells_tilt(self) -> BoolArray:
+        """(m,) whether a sigma holds for the tilt of a plane: the solution converged, and it is not near infinity.
+
+        A scaled normal that is zero within its sigma, as at infinity, has a direction whose errors are not Gaussian.
+        """
+        largest = np.linalg.eigvalsh(self.solution.normal_covariance)[:, -1]
+        length = np.linalg.norm(self.solution.scaled_normals, axis=1)
+        return np.asarray(self.solution.converged & (largest <= (MOST_VAGUE * length) ** 2))
 
 
 def measure(solution: Solution, joined: Joined, options: Options) -> Measured:
@@ -157,18 +166,9 @@ def _dip_direction(slope_deg: float, sigma_deg: float, aspect_deg: float) -> flo
 
 
 def signed_distance(normal: FloatArray, x1: FloatArray) -> float:
-    """Distance of a plane with a scaled normal (3,) from camera 1, baselines; negative if most points x1 lie behind."""
-    ahead = median(homogeneous(x1) @ normal) > 0
-    return (1 if ahead else -1) / float(np.linalg.norm(normal))
-
-
-def tells_tilt(solution: Solution, k: int) -> bool:
-    """Whether a sigma holds for the tilt of plane k: the solution converged, and the plane is not near infinity.
-
-    A scaled normal that is zero within its sigma, as at infinity, has a direction whose errors are not Gaussian.
-    """
-    largest = float(np.linalg.eigvalsh(solution.normal_covariance[k])[-1])
-    return solution.converged and largest <= (MOST_VAGUE * float(np.linalg.norm(solution.scaled_normals[k]))) ** 2
+    """Distance from camera 1, baselines, of a plane with a scaled normal (3,); negative unless most x1 lie ahead."""
+    ahead = 2 * np.count_nonzero(x1 @ normal[:2] + normal[2] > 0) > len(x1)
+    return (1 if ahead else -1) / math.sqrt(normal @ normal)
 
 
 def judge(

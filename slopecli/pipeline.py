@@ -27,14 +27,13 @@ from slopecli.patches.windows.dense_planes import with_dense_planes
 from slopecli.patches.windows.many_windows import answer_together, many_windows
 from slopecli.patches.windows.window_finder import wanted_windows
 from slopecli.report.build import build_report
-from slopecli.sequence.frame import Frame, SequenceStep
-from slopecli.sequence.settling_test import SettlingTest
-from slopecli.sequence.stream import Sequence
 from slopecli.solving import Answer, solve_rows, solve_scene
 from slopecli.types import Camera, Image, ImageInfo, Report, Solution
 
 if TYPE_CHECKING:
     from slopecli.ground.map_task import MapTask
+    from slopecli.sequence.frame import Frame, SequenceStep
+    from slopecli.sequence.stream import Sequence
 
 AGAIN = 0.002  # change of the focal length, beyond its sigma, from which on images are matched again with it
 
@@ -117,6 +116,9 @@ def sequence(frames: Iterable[Frame], runner: Sequence, *, stop_when_settled: bo
     stop_when_settled : end when every window is safe or unsafe; the probability that any of these verdicts is wrong
         is at most 1 - confidence, see `SettlingTest`.
     """
+    from slopecli.sequence.frame import SequenceStep
+    from slopecli.sequence.settling_test import SettlingTest
+
     test, last = SettlingTest(len(runner.windows), runner.options.confidence), None
     for frame in frames:
         # gates, tracking, one more view in the joint solution

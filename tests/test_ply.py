@@ -21,7 +21,7 @@ from report_factory import (
 )
 
 from slopecli.geometry import pixels_from_rays
-from slopecli.products import plane_mesh, region_surfaces, report_to_ply
+from slopecli.products import planes_mesh, region_surfaces, report_to_ply
 from slopecli.products.drawing import slope_colours
 from slopecli.types import Camera, Image, Motion, Report, Scale, Up
 
@@ -146,8 +146,7 @@ CORNERS = 200 + 150 * np.column_stack([f(np.linspace(0, 2 * np.pi, 7)[:-1]) for 
 
 @pytest.mark.parametrize("polygon", [rectangle(9, 9, 30, 20), rectangle(9, 9, 30, 20)[:3], CORNERS, CORNERS[::-1]])
 def test_triangles_tile_a_convex_polygon(polygon: np.ndarray) -> None:
-    mesh = plane_mesh(make_plane(1, polygon, 5.0), make_camera())
-    assert mesh is not None
+    mesh = planes_mesh([make_plane(1, polygon, 5.0)], make_camera())
     assert len(mesh.triangles) == 16 * (len(polygon) - 2)
     points = np.column_stack([mesh.vertices[axis] for axis in "xyz"]).astype(float)
     areas = 0.5 * np.abs(doubled_area(pixels_from_rays(make_camera(), points[:, :2] / points[:, 2:])[mesh.triangles]))
@@ -159,20 +158,20 @@ def test_ground_beyond_the_horizon_is_left_out() -> None:
     """A wall seen almost along its surface reaches infinity within its window; the part in front is kept."""
     camera = make_camera()
     along = make_plane(1, rectangle(0, 0, 639, 479), 90.0, azimuth_deg=0.0, distance=1.0)
-    mesh = plane_mesh(along, camera)
-    assert mesh is not None
+    mesh = planes_mesh([along], camera)
+    assert len(mesh.triangles)
     assert np.isfinite(mesh.vertices["z"]).all()
     assert (mesh.vertices["z"] > 0).all()
     behind = replace(along, normal_cam1=-normal_of(10, 0))
-    assert plane_mesh(behind, camera) is None
+    assert not len(planes_mesh([behind], camera).triangles)
     _, columns, _ = parse(report_to_ply(make_report(planes=(behind,))))
     assert set(columns[:, 12]) == {0.0}
 
 
 def test_pixels_the_lens_does_not_image_are_left_out() -> None:
     folded = Camera(640, 480, 300, 300, 320, 240, "brown", (-0.4,))
-    mesh = plane_mesh(make_plane(1, rectangle(0, 0, 639, 479), 5.0), folded)
-    assert mesh is not None
+    mesh = planes_mesh([make_plane(1, rectangle(0, 0, 639, 479), 5.0)], folded)
+    assert len(mesh.triangles)
     assert np.isfinite(mesh.vertices["x"]).all()
 
 

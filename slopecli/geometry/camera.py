@@ -61,9 +61,11 @@ def pixels_from_rays(camera: Camera, x: FloatArray) -> FloatArray:
 
 
 def points_on_plane(
-    camera: Camera, uv: FloatArray, normal: FloatArray, distance: float
+    camera: Camera, uv: FloatArray, normal: FloatArray, distance: float | FloatArray
 ) -> tuple[FloatArray, BoolArray]:
     """Intersect the rays of pixels (n, 2) with the plane `normal . P = -distance`, the unit normal towards the camera.
+
+    normal, distance : of one plane, (3,) and a number, or of one for each pixel, (n, 3) and (n,).
 
     Returns
     -------
@@ -71,7 +73,7 @@ def points_on_plane(
     met : (n,) which rays meet the front of the plane at 0.6 deg or more. False where the lens has no ray.
     """
     rays = homogeneous(rays_from_pixels(camera, uv))
-    incidence = -(rays @ normal)
+    incidence = -(rays * normal).sum(axis=1)
     with np.errstate(invalid="ignore"):  # a lens has no ray for some pixels: NaN compares false
         met = incidence > 0.01 * np.linalg.norm(rays, axis=1)
         return rays * (distance / np.where(met, incidence, 1.0))[:, None], met

@@ -20,9 +20,11 @@ def homography_of_plane(R: FloatArray, T: FloatArray, N: FloatArray) -> FloatArr
 
 
 def homography_in_pixels(H: FloatArray, K1: FloatArray, K2: FloatArray) -> FloatArray:
-    """The homography between undistorted pixels: K2 H K1^-1, scaled to a last entry of 1 where that is not 0."""
+    """Homographies (..., 3, 3) between undistorted pixels: K2 H K1^-1, scaled to a last entry of 1 if that is not 0."""
     pixel = K2 @ H @ np.linalg.inv(K1)
-    return pixel / pixel[2, 2] if abs(pixel[2, 2]) > 1e-12 * np.abs(pixel).max() else pixel
+    last = pixel[..., 2:, 2:]
+    scaled = np.abs(last) > 1e-12 * np.abs(pixel).max(axis=(-2, -1), keepdims=True)
+    return np.asarray(pixel / np.where(scaled, last, 1.0))
 
 
 def apply_homography(H: FloatArray, x: FloatArray) -> FloatArray:

@@ -58,7 +58,7 @@ def slope_interval(slopes: Slopes, level: float = 0.95) -> FloatArray:
         interval[gentle] = ends.reshape(2, -1).T
         below = disc_probability(s, covariance[gentle], interval[gentle, 1])
         short = gentle[(interval[gentle, 0] <= 0.0) & (below < level)]
-        interval[short, 1] = _disc_holding(estimate[short], covariance[short], REACH_SIGMAS * widest[short], level)
+        interval[short, 1] = _disc_holding(estimate[short], covariance[short], widest[short], level)
     return np.clip(interval, 0.0, np.pi)
 
 
@@ -77,19 +77,12 @@ class _Tilt(NamedTuple):
 
 def _farthest_agreeing(tilt: _Tilt, inside: FloatArray, outside: FloatArray, level: float) -> FloatArray:
     """(k,) the slope nearest to `outside` that agrees with the tilt, by bisection from `inside`, which does."""
-    farthest, _ = _bisected(lambda slope: _agrees(tilt, slope, level), inside, outside)
-    return np.where(_agrees(tilt, outside, level), outside, farthest)
-
-
-def _bisected(
-    holds: Callable[[FloatArray], BoolArray], inside: FloatArray, outside: FloatArray
-) -> tuple[FloatArray, FloatArray]:
-    """The last places (k,) where a condition holds and the first where it does not, between `inside` and `outside`."""
+    beyond = outside
     for _ in range(30):
-        middle = 0.5 * (inside + outside)
-        good = holds(middle)
-        inside, outside = np.where(good, middle, inside), np.where(good, outside, middle)
-    return inside, outside
+        middle = 0.5 * (inside + beyond)
+        good = _agrees(tilt, middle, level)
+        inside, beyond = np.where(good, middle, inside), np.where(good, beyond, middle)
+    return np.where(_agrees(tilt, outside, level), outside, inside)
 
 
 def _agrees(tilt: _Tilt, slope: FloatArray, level: float) -> BoolArray:
@@ -112,12 +105,28 @@ def _agrees(tilt: _Tilt, slope: FloatArray, level: float) -> BoolArray:
     return np.asarray(np.sqrt(squared_distance) <= np.interp(curvature_radius, radii, limits))
 
 
-def _disc_holding(estimate: FloatArray, covariance: FloatArray, reach: FloatArray, level: float) -> FloatArray:
-    """(k,) radius of the disc of tilts about 0 that holds the probability `level`, at most the slope plus `reach`."""
-    _, radius = _bisected(
-        lambda radius: disc_probability(estimate, covariance, radius) < level, np.zeros_like(estimate), estimate + reach
-    )
-    return radius
+def _disc_holding(estimate: FloatArray, covariance: FloatArray, widest: FloatArray, level: float) -> FloatArray:
+    """(k,) radius of the disc of tilts about 0 that holds the probability `level`, at most the slope plus
+    `REACH_SIGMAS` times the larger sigma of the tilt, `widest`."""
+
+    def missing(radius: FloatArray) -> FloatArray:
+        beyond = 1.0 - disc_probability(estimate, covariance, radius)
+        return np.log1p(-level) - np.log(np.maximum(beyond, 1e-300))
+
+    most = estimate + REACH_SIGMAS * widest
+    return _zero_of(missing, estimate + widest, estimate + 2.0 * widest, np.zeros_like(estimate), most)
+
+
+def _zero_of(
+    missing: Callable[[FloatArray], FloatArray], before: FloatArray, now: FloatArray, low: FloatArray, high: FloatArray
+) -> FloatArray:
+    """(k,) zeros of a function between `low` and `high` by secant steps from two places; it must be nearly linear."""
+    missed_before, missed = missing(before), missing(now)
+    for _ in range(6):
+        change = np.where(missed == missed_before, np.inf, missed - missed_before)
+        then = np.clip(now - missed * (now - before) / change, low, high)
+        before, missed_before, now, missed = now, missed, then, missing(then)
+    return now
 
 
 @lru_cache(maxsize=8)
@@ -136,15 +145,10 @@ def _distance_limits(level: float) -> tuple[FloatArray, FloatArray]:
         beyond = 1.0 - within + np.where(distance < radii, hole, 0.0)
         return np.log1p(-level) - np.log(np.maximum(beyond, 1e-300))
 
-    # the logarithm is nearly linear between these, so a few secant steps find its zero
+    # the logarithm is nearly linear between these
     low, high = 0.8 * NormalDist().inv_cdf(0.5 + 0.5 * level), float(np.sqrt(-2.0 * np.log1p(-level)))
-    before, now = np.full_like(radii, low), np.full_like(radii, high)
-    missed_before, missed = missing(before), missing(now)
-    for _ in range(6):
-        change = np.where(missed == missed_before, np.inf, missed - missed_before)
-        then = np.clip(now - missed * (now - before) / change, low, high)
-        before, missed_before, now, missed = now, missed, then, missing(then)
-    return radii, now
+    first, last = np.full_like(radii, low), np.full_like(radii, high)
+    return radii, _zero_of(missing, first, last, first, last)
 
 
 def probability_below(slopes: Slopes, tolerance_rad: float) -> FloatArray:

@@ -14,7 +14,6 @@ from slopecli.ground.footprint_planes import AHEAD, FootprintPlanes, fit_footpri
 from slopecli.ground.footprints import Cells
 from slopecli.ground.tilt_uncertainty import TILT, Root, edge_variance, noise_variance, normal_covariance, rise_of
 from slopecli.look.dense_depth import DenseDepth
-from slopecli.look.warp import FloatImage, block_sum
 from slopecli.types import BoolArray, FloatArray, IntArray
 from slopecli.windows import Window
 
@@ -72,10 +71,11 @@ def fit_windows(depth: DenseDepth, windows: Sequence[Window], root: Root) -> Win
     radius_px = np.maximum(1.0, np.round(size))
     planes = _nearest_planes(depth, parts)
     gradient = _matching(depth, parts, radius_px)
-    for k in np.flatnonzero(planes.sure[0] < 1.0):
-        part = slice(*parts[k, 0].tolist()), slice(*parts[k, 1].tolist())
-        relief = float(planes.relief[0, k] / planes.middle[0, k, 2])
-        gradient[k, 2] = _gaps(depth.rays[part], depth.span[part], depth.known[part], depth.sure[part], relief)
+    unsure, sizes_px = planes.sure[0] < 1.0, np.diff(parts, axis=-1)[..., 0]
+    for size_px in np.unique(sizes_px[unsure], axis=0):
+        alike = np.flatnonzero(unsure & (sizes_px == size_px).all(1))
+        relief = planes.relief[0, alike] / planes.middle[0, alike, 2]
+        gradient[alike, 2] = _gaps(depth, parts[alike, :, 0], size_px, relief)
     sizes = np.trace(gradient, axis1=2, axis2=3)
     shares = sizes / np.maximum(sizes.sum(axis=1, keepdims=True), np.finfo(float).tiny)
     return WindowPlanes(planes, normal_covariance(planes, root, gradient.sum(axis=1)[None])[0], shares)
@@ -158,32 +158,40 @@ def across_steps(depth: DenseDepth, windows: Sequence[Window], planes: Footprint
     return np.asarray(stepped)
 
 
-def _gaps(
-    rays: FloatImage, span: FloatImage, known: NDArray[np.bool_], sure: NDArray[np.bool_], relief: float
-) -> FloatArray:
-    """(2, 2) variance of the gradient of ln w by ground that is not matched, or in doubt.
+def _gaps(depth: DenseDepth, first: IntArray, size_px: IntArray, relief: FloatArray) -> FloatArray:
+    """(n, 2, 2) variance of the gradient of ln w by ground that is not matched, or in doubt, of windows of one size.
 
     The former may be as far off the plane as the relief (relative to the distance) and the jumps there, the latter as
     far as half of the jumps.
+
+    first : (n, 2) first row and column of each.  size_px : (2,) rows and columns.  relief : (n,) of the rest.
     """
-    variance = np.zeros((2, 2))
-    for part, off2 in ((~known, (FIT.off_plane * relief) ** 2), (known & ~sure, 0.0)):
-        if part.any():
-            jumps = float((span[part] ** 2).mean())
-            variance += (off2 + jumps if off2 else FIT.in_doubt**2 * jumps) * _lever(rays, part)
+    rows, columns = (first[:, k, None] + np.arange(size_px[k]) for k in (0, 1))
+    at = rows[:, :, None], columns[:, None, :]
+    span2, known, sure = depth.span[at].astype(float) ** 2, depth.known[at], depth.sure[at]
+    rays = depth.rays[at].astype(float)
+    variance = np.zeros((len(first), 2, 2))
+    for part, in_jumps, in_relief in ((~known, 1.0, FIT.off_plane), (known & ~sure, FIT.in_doubt, 0.0)):
+        jumps = (span2 * part).sum((1, 2)) / np.maximum(part.sum((1, 2)), 1)
+        off_plane2 = (in_relief * relief) ** 2 + in_jumps**2 * jumps
+        variance += off_plane2[:, None, None] * _lever(rays, part)
     return variance
 
 
-def _lever(rays: FloatImage, part: NDArray[np.bool_]) -> FloatArray:
-    """(2, 2) variance of the gradient fitted to a window per variance of the ground in a part of it.
+def _lever(rays: FloatArray, part: BoolArray) -> FloatArray:
+    """(n, 2, 2) variance of the gradient fitted to windows (n, h, w) per variance of the ground in a part of each.
 
     Either all of that part is off to one side, or every hole of `FIT.hole_px` independently; the sum of both is taken.
     """
-    x = (rays.reshape(-1, 2) - rays.reshape(-1, 2).mean(0)).astype(np.float64)
-    inverse = np.linalg.inv(x.T @ x + 1e-18 * np.eye(2))
-    common = inverse @ x[part.ravel()].sum(0)
-    if min(part.shape) < FIT.hole_px:
-        return np.outer(common, common)
-    shifted = x.reshape(*part.shape, 2) * part[..., None]
-    holes = np.stack([block_sum(shifted[..., k].astype(np.float32), FIT.hole_px).ravel() for k in (0, 1)], -1)
-    return np.asarray(np.outer(common, common) + inverse @ (holes.T @ holes) @ inverse)
+    n, height, width = part.shape
+    x = (rays - rays.mean((1, 2), keepdims=True)).reshape(n, -1, 2)
+    inverse = np.linalg.inv(x.swapaxes(1, 2) @ x + 1e-18 * np.eye(2))
+    shifted = x.reshape(rays.shape) * part[..., None]
+    common = (inverse @ shifted.sum((1, 2))[..., None])[..., 0]
+    together = common[:, :, None] * common[:, None]
+    rows, columns = height // FIT.hole_px, width // FIT.hole_px
+    if not rows or not columns:
+        return together
+    whole = shifted[:, : rows * FIT.hole_px, : columns * FIT.hole_px]
+    holes = whole.reshape(n, rows, FIT.hole_px, columns, FIT.hole_px, 2).sum((2, 4)).reshape(n, -1, 2)
+    return np.asarray(together + inverse @ (holes.swapaxes(1, 2) @ holes) @ inverse)

@@ -35,7 +35,8 @@ class Matches:
     @classmethod
     def none(cls) -> Matches:
         """No match at all."""
-        return Matches(*(np.empty((0, 2)) for _ in range(4)))
+        nothing = np.empty((0, 2))
+        return Matches(nothing, nothing, nothing, nothing)
 
     @classmethod
     def between(cls, camera1: Camera, camera2: Camera, uv1: FloatArray, uv2: FloatArray) -> Matches:
@@ -53,7 +54,7 @@ class Matches:
     def joined(self, *others: Matches) -> Matches:
         """These matches, then the others."""
         every = (self, *others)
-        uv1, uv2, x1, x2 = (np.vstack([getattr(one, name) for one in every]) for name in ("uv1", "uv2", "x1", "x2"))
+        uv1, uv2, x1, x2 = (np.concatenate([getattr(m, name) for m in every]) for name in ("uv1", "uv2", "x1", "x2"))
         return Matches(uv1, uv2, x1, x2)
 
 

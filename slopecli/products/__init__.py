@@ -204,7 +204,7 @@ __getattr__, __dir__ = lazy_names(
         "map_tiff": "BANDS NODATA map_to_tiff",
         "origin": "Origin",
         "overlay": "draw_overlay",
-        "ply": "plane_mesh report_to_ply",
+        "ply": "planes_mesh report_to_ply",
         "sequence_files": "frame_line sequence_to_json",
         "region_mesh": "MOST_TRIANGLES region_grid region_surfaces",
         "slopes_json": "map_to_json report_to_json",

@@ -6,7 +6,6 @@ import io
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
-from xml.sax.saxutils import escape
 
 import numpy as np
 
@@ -84,8 +83,10 @@ def gdal_tags(metadata: str | None) -> list[tuple[Any, ...]]:
 
 def gdal_metadata(scale_unit: str, of_file: Mapping[str, str] | None = None) -> str:
     """Names and units of the bands in the XML of GDAL, and what is to be said of the whole file."""
-    items = [f'  <Item name="{name}">{escape(text)}</Item>' for name, text in (of_file or {}).items()]
+    from html import escape  # that of xml.sax loads urllib and ssl
+
+    items = [f'  <Item name="{name}">{escape(text, quote=False)}</Item>' for name, text in (of_file or {}).items()]
     for sample, (name, (_, unit)) in enumerate(SOURCES.items()):
         for item, role, text in (("DESCRIPTION", "description", name), ("UNITTYPE", "unittype", unit or scale_unit)):
-            items.append(f'  <Item name="{item}" sample="{sample}" role="{role}">{escape(text)}</Item>')
+            items.append(f'  <Item name="{item}" sample="{sample}" role="{role}">{escape(text, quote=False)}</Item>')
     return "\n".join(["<GDALMetadata>", *items, "</GDALMetadata>"]) + "\n"

@@ -10,7 +10,7 @@ import numpy as np
 
 from slopecli.geometry.camera import points_on_plane, rays_from_pixels
 from slopecli.geometry.epipolar import homogeneous
-from slopecli.types import FloatArray, Plane, Report
+from slopecli.types import Camera, FloatArray, Plane, Report
 
 
 @dataclass(frozen=True)
@@ -37,7 +37,7 @@ class PlaneMeasures:
 
 def measures_of(plane: Plane, report: Report) -> PlaneMeasures:
     """The measures of a plane of a report."""
-    area = _areas_of_pixels(report).get(plane.id) if plane.found else _area_of_outline(plane, report)
+    area = _areas(report).get(plane.id)
     if not plane.slope_known:
         return PlaneMeasures(None, plane.slope_sigma_deg, None, None, None, None, None, None, area)
     slope, direction = plane.slope_deg, plane.dip_direction_deg
@@ -62,40 +62,51 @@ def centre_of(plane: Plane, report: Report) -> FloatArray | None:
     return points[0] if met.all() else None
 
 
-def _area_of_outline(plane: Plane, report: Report) -> float | None:
-    """Area within the outline on the plane; None where a corner does not meet it in front of the camera."""
-    points, met = points_on_plane(report.cameras[0], plane.polygon_px, plane.normal_cam1, plane.distance)
-    if not met.all():
-        return None
-    spokes = points - points[0]
-    return float(abs(np.cross(spokes[:-1], spokes[1:]).sum(axis=0) @ plane.normal_cam1) / 2.0)
-
-
 _AREAS: WeakKeyDictionary[Report, dict[int, float]] = WeakKeyDictionary()
 
 
-def _areas_of_pixels(report: Report) -> dict[int, float]:
-    """Area of the pixels of every plane on it, by id; made once for all files of a report.
+def _areas(report: Report) -> dict[int, float]:
+    """Area of every plane of a report, by id, where it is known; made once for all files of it."""
+    if report not in _AREAS:
+        found = [plane for plane in report.planes if plane.found]
+        outlined = [plane for plane in report.planes if not plane.found]
+        of_found = _areas_of_pixels(found, report) if found else {}
+        _AREAS[report] = {**of_found, **(_areas_of_outlines(outlined, report.cameras[0]) if outlined else {})}
+    return _AREAS[report]
+
+
+def _areas_of_outlines(planes: list[Plane], camera: Camera) -> dict[int, float]:
+    """Area within the outline of every plane on it, by id, of those whose corners all meet it in front of camera 1."""
+    corners = np.array([len(plane.polygon_px) for plane in planes])
+    first, outlines = np.cumsum(corners) - corners, np.concatenate([plane.polygon_px for plane in planes])
+    normals = np.repeat([plane.normal_cam1 for plane in planes], corners, axis=0)
+    distances = np.repeat([plane.distance for plane in planes], corners)
+    points, met = points_on_plane(camera, outlines, normals, distances)
+    spokes = points - np.repeat(points[first], corners, axis=0)
+    # the side that leads from one outline to the next has no area, as the first spoke of each is 0
+    sides = np.cross(spokes, np.roll(spokes, -1, axis=0))
+    areas = 0.5 * np.abs(np.add.reduceat((sides * normals).sum(axis=1), first))
+    whole = np.logical_and.reduceat(met, first).tolist()
+    return {plane.id: area for plane, area, met in zip(planes, areas.tolist(), whole, strict=True) if met}
+
+
+def _areas_of_pixels(planes: list[Plane], report: Report) -> dict[int, float]:
+    """Area of the pixels of every plane on it, by id.
 
     The image is divided into at most as many squares as tell the sum to its last printed digit. A square of area A in
     normalised coordinates covers A d^2 / |n.r|^3 of the plane n.P = -d that its ray r meets.
     """
-    if report not in _AREAS:
-        height, width = report.labels.shape
-        step = max(1, math.isqrt(report.labels.size // 200_000))
-        v, u = np.mgrid[0 : height // step * step + 1 : step, 0 : width // step * step + 1 : step]
-        nodes = rays_from_pixels(report.cameras[0], np.column_stack([u.ravel(), v.ravel()]) - 0.5).reshape(*u.shape, 2)
-        falling, rising = nodes[1:, 1:] - nodes[:-1, :-1], nodes[1:, :-1] - nodes[:-1, 1:]
-        square = np.abs(falling[..., 0] * rising[..., 1] - falling[..., 1] * rising[..., 0]).ravel() / 2.0
-        rays = homogeneous(((nodes[1:, 1:] + nodes[:-1, :-1]) / 2.0).reshape(-1, 2))
-        label = report.labels[v[:-1, :-1].ravel() + step // 2, u[:-1, :-1].ravel() + step // 2]
-        pixels = np.bincount(report.labels.ravel(), minlength=1)
-        areas = (_covered(plane, rays[label == plane.id], square[label == plane.id]) for plane in report.planes)
-        ids = [plane.id for plane in report.planes]
-        _AREAS[report] = {
-            i: float(mean * pixels[i] / step**2) for i, mean in zip(ids, areas, strict=True) if mean > 0.0
-        }
-    return _AREAS[report]
+    height, width = report.labels.shape
+    step = max(1, math.isqrt(report.labels.size // 200_000))
+    v, u = np.mgrid[0 : height // step * step + 1 : step, 0 : width // step * step + 1 : step]
+    nodes = rays_from_pixels(report.cameras[0], np.column_stack([u.ravel(), v.ravel()]) - 0.5).reshape(*u.shape, 2)
+    falling, rising = nodes[1:, 1:] - nodes[:-1, :-1], nodes[1:, :-1] - nodes[:-1, 1:]
+    square = np.abs(falling[..., 0] * rising[..., 1] - falling[..., 1] * rising[..., 0]).ravel() / 2.0
+    rays = homogeneous(((nodes[1:, 1:] + nodes[:-1, :-1]) / 2.0).reshape(-1, 2))
+    label = report.labels[v[:-1, :-1].ravel() + step // 2, u[:-1, :-1].ravel() + step // 2]
+    pixels = np.bincount(report.labels.ravel(), minlength=1)
+    areas = [(plane.id, _covered(plane, rays[label == plane.id], square[label == plane.id])) for plane in planes]
+    return {i: float(mean * pixels[i] / step**2) for i, mean in areas if mean > 0.0}
 
 
 def _covered(plane: Plane, rays: FloatArray, square: FloatArray) -> float:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import csv
 import io
-from dataclasses import astuple, fields
+from dataclasses import fields
 
 from slopecli.ground.slope_map import SlopeMap
 from slopecli.products import is_georeferenced
@@ -12,9 +12,10 @@ from slopecli.products.georeference import Georeference
 from slopecli.products.plane_measures import PlaneMeasures, centre_of, measures_of
 from slopecli.types import Image, Plane, Report
 
+_MEASURES = tuple(field.name for field in fields(PlaneMeasures))
 COLUMNS = (
     "id",
-    *(field.name for field in fields(PlaneMeasures)),
+    *_MEASURES,
     "area_unit",
     "verdict",
     "status",
@@ -40,9 +41,10 @@ def report_to_csv(report: Report) -> str:
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow(COLUMNS)
     place = Georeference.of(report) if is_georeferenced(report) else None
+    unit = "m2" if report.scale.unit == "m" else "baseline2"
     for plane in report.planes:
-        numbers = [_cell(value) for value in astuple(measures_of(plane, report))]
-        unit = "m2" if report.scale.unit == "m" else "baseline2"
+        measures = measures_of(plane, report)
+        numbers = [_cell(getattr(measures, name)) for name in _MEASURES]
         writer.writerow([plane.id, *numbers, unit, plane.verdict or "", plane.status, *_place(plane, report, place)])
     return text.getvalue()
 

@@ -10,27 +10,31 @@ faces), scalars named `scalar_...` for CloudCompare and one `quality` for MeshLa
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import groupby
 
 import cv2
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from slopecli import __version__
+from slopecli.geometry.camera import points_on_plane
 from slopecli.geometry.statistics import median
 from slopecli.products.drawing.colours import slope_colours
 from slopecli.products.drawing.marks import NO_ANSWER
 from slopecli.products.model_frame import frame_comments, model_rotation
-from slopecli.products.region_mesh import Surface, surfaces_of, window_surface
+from slopecli.products.region_mesh import Surface, kept_part, subdivision, surfaces_of
 from slopecli.types import Camera, FloatArray, Image, IntArray, Plane, Report
 
 UNKNOWN_SLOPE = -1.0  # no slope, and a number, as NaN upsets viewers
 
+SCALARS = ("quality", "scalar_slope_deg", "scalar_sigma_slope_deg", "scalar_patch_id")
 VERTEX = np.dtype(
     [(name, "<f4") for name in ("x", "y", "z", "nx", "ny", "nz")]
     + [(name, "u1") for name in ("red", "green", "blue")]
-    + [(name, "<f4") for name in ("quality", "scalar_slope_deg", "scalar_sigma_slope_deg", "scalar_patch_id")]
+    + [(name, "<f4") for name in SCALARS]
 )
 _PLY_TYPES = {"<f4": "float", "|u1": "uchar"}
 
@@ -59,8 +63,9 @@ def report_to_ply(report: Report, image: Image | None = None, surfaces: Sequence
     image : image 1, which colours the surfaces; without it they have the colour of their slope.
     surfaces : the planes that were found as regions, from `region_surfaces`.
     """
-    windows = (plane_mesh(plane, report.cameras[0]) for plane in report.planes if not plane.found)
-    meshes = [*(mesh for mesh in windows if mesh is not None), *_surface_meshes(report, image, surfaces)]
+    windows = groupby((plane for plane in report.planes if not plane.found), lambda plane: len(plane.polygon_px))
+    laid = (planes_mesh(list(alike), report.cameras[0]) for _, alike in windows)
+    meshes = [*(mesh for mesh in laid if len(mesh.triangles)), *_surface_meshes(report, image, surfaces)]
     size = 0.06 * (median([plane.distance for plane in report.planes]) if report.planes else 1.0)
     rotation, centre = report.motion.rotation_cam2_from_cam1, report.motion.baseline_cam1
     meshes.append(_camera_mesh(report.cameras[0], np.eye(3), np.zeros(3), size, (40, 40, 40)))
@@ -92,20 +97,36 @@ def _second_answer(report: Report) -> list[str]:
     return ["two answers: this is the first, a second one fits as well", *told] if told else []
 
 
-def plane_mesh(plane: Plane, camera: Camera) -> Mesh | None:
-    """Lay the footprint of a plane onto it, as triangles whose front faces camera 1.
+def planes_mesh(planes: Sequence[Plane], camera: Camera) -> Mesh:
+    """Lay the footprints of planes onto them, as triangles whose fronts face camera 1.
+
+    What does not meet its plane in front of the camera is left out.
 
     Parameters
     ----------
-    plane : plane with `normal_cam1 . P = -distance`, its polygon convex, in px of `camera`.
+    planes : with `normal_cam1 . P = -distance`; their polygons convex, of as many corners each, in px of `camera`.
     camera : camera 1.
-
-    Returns
-    -------
-    The mesh, or None where no part of the footprint meets the plane in front of the camera.
     """
-    surface = window_surface(plane, camera)
-    return None if surface is None else _surface_mesh(surface, _colour(plane))
+    weights, triangles = subdivision(len(planes[0].polygon_px))
+    uv = weights @ np.array([plane.polygon_px for plane in planes], float)
+    count = len(weights)
+    normals, distances, colours, numbers = (
+        np.repeat(np.array(values), count, axis=0)
+        for values in (
+            [plane.normal_cam1 for plane in planes],
+            [plane.distance for plane in planes],
+            [_colour(plane) for plane in planes],
+            [_scalars(plane) for plane in planes],
+        )
+    )
+    points, met = points_on_plane(camera, uv.reshape(-1, 2), normals, distances)
+    every = (triangles + count * np.arange(len(planes))[:, None, None]).reshape(-1, 3)
+    used, kept = kept_part(every, met)
+    points, normals = points[used], normals[used]
+    vertices = _vertices(points, normals, colours[used])
+    for name, column in zip(SCALARS, numbers[used].T, strict=True):
+        vertices[name] = column
+    return Mesh(vertices, _facing(points, kept, normals[kept[:, 0]]))
 
 
 def _colour(plane: Plane) -> ArrayLike:
@@ -117,10 +138,16 @@ def _surface_mesh(surface: Surface, colours: ArrayLike) -> Mesh:
     """Mesh of a part of a plane, with what is known of the plane at every vertex."""
     plane = surface.plane
     vertices = _vertices(surface.points, plane.normal_cam1, colours)
-    vertices["quality"] = vertices["scalar_slope_deg"] = plane.slope_deg if plane.slope_known else UNKNOWN_SLOPE
-    vertices["scalar_sigma_slope_deg"] = np.nan_to_num(plane.slope_sigma_deg or 0.0)
-    vertices["scalar_patch_id"] = plane.id
+    for name, value in zip(SCALARS, _scalars(plane), strict=True):
+        vertices[name] = value
     return Mesh(vertices, _facing(surface.points, surface.triangles, plane.normal_cam1))
+
+
+def _scalars(plane: Plane) -> tuple[float, float, float, int]:
+    """What is known of a plane at every vertex, in the order of `SCALARS`."""
+    slope = plane.slope_deg if plane.slope_known else UNKNOWN_SLOPE
+    sigma = plane.slope_sigma_deg or 0.0
+    return slope, slope, sigma if math.isfinite(sigma) else 0.0, plane.id
 
 
 def _surface_meshes(report: Report, image: Image | None, surfaces: Sequence[Surface]) -> list[Mesh]:
@@ -149,10 +176,10 @@ def _camera_mesh(camera: Camera, rotation: FloatArray, centre: FloatArray, size:
     return Mesh(_vertices(local @ rotation + centre, normals @ rotation, colour), np.array(sides))
 
 
-def _facing(points: FloatArray, triangles: IntArray, normal: FloatArray) -> IntArray:
-    """Turn triangles so that they are counter-clockwise seen against the normal."""
+def _facing(points: FloatArray, triangles: IntArray, normals: FloatArray) -> IntArray:
+    """Turn triangles so that they are counter-clockwise seen against the normals, (3,) or (m, 3)."""
     a, b, c = points[triangles].transpose(1, 0, 2)
-    backwards = np.cross(b - a, c - a) @ normal < 0
+    backwards = (np.cross(b - a, c - a) * normals).sum(axis=1) < 0
     return np.where(backwards[:, None], triangles[:, ::-1], triangles)
 
 

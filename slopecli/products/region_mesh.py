@@ -49,32 +49,31 @@ def lay_on_plane(plane: Plane, camera: Camera, uv: FloatArray, triangles: IntArr
 
 def trimmed(surface: Surface, keep: BoolArray) -> Surface | None:
     """Return what is left with the vertices to `keep` (n,) and the triangles between them, None if nothing is."""
-    triangles = surface.triangles[keep[surface.triangles].all(axis=1)]
-    if not len(triangles):
-        return None
+    used, triangles = kept_part(surface.triangles, keep)
+    return Surface(surface.plane, surface.uv[used], surface.points[used], triangles) if len(triangles) else None
+
+
+def kept_part(triangles: IntArray, keep: BoolArray) -> tuple[BoolArray, IntArray]:
+    """Which vertices (n,) a mesh still uses with those to `keep` (n,), and its triangles (m, 3), numbered anew."""
+    triangles = triangles[keep[triangles].all(axis=1)]
     used = np.zeros(len(keep), bool)
     used[triangles] = True
-    renumbered = np.cumsum(used) - 1
-    return Surface(surface.plane, surface.uv[used], surface.points[used], renumbered[triangles])
+    return used, (np.cumsum(used) - 1)[triangles]
 
 
 def window_surface(plane: Plane, camera: Camera) -> Surface | None:
     """Lay the convex polygon of a plane onto it, cut into triangles; None where nothing of it meets the plane."""
-    return lay_on_plane(plane, camera, *_subdivided(np.asarray(plane.polygon_px, float)))
-
-
-def _subdivided(polygon: FloatArray) -> tuple[FloatArray, IntArray]:
-    """Cut a convex polygon (k, 2) into triangles, and each of these into four, `SUBDIVISIONS` times.
-
-    Returns points (n, 2), the polygon's corners first, which neighbours share; triangles (m, 3) of their indices.
-    """
-    weights, triangles = _subdivision(len(polygon))
-    return weights @ polygon, triangles
+    weights, triangles = subdivision(len(plane.polygon_px))
+    return lay_on_plane(plane, camera, weights @ np.asarray(plane.polygon_px, float), triangles)
 
 
 @lru_cache
-def _subdivision(corners: int) -> tuple[FloatArray, IntArray]:
-    """The points (n, k) of `_subdivided` as weighted means of k corners, and its triangles (m, 3)."""
+def subdivision(corners: int) -> tuple[FloatArray, IntArray]:
+    """Cut a convex polygon of k corners into triangles, and each of these into four, `SUBDIVISIONS` times.
+
+    Returns points (n, k) as weighted means of the corners, which come first; neighbours share points. Triangles (m, 3)
+    of their indices.
+    """
     last = corners - 1
     triangles = np.array([(last, 0, 1), *((1, i, i + 1) for i in range(2, last))])
     points = np.eye(corners)

@@ -80,9 +80,22 @@ def to_json(document: dict[str, Any]) -> str:
 
 def plain(value: Any) -> Any:
     """Reduce dataclasses, arrays and numpy scalars to what JSON knows."""
-    if is_dataclass(value) and not isinstance(value, type):
-        shown = {name: getattr(value, name) for name in _names(type(value))}
-        return {name: plain(item) for name, item in shown.items() if item is not None or name not in _LEFT_OUT_IF_NONE}
+    kind = type(value)
+    if kind is float:  # first, as most values are
+        # what is left of an exact zero after arithmetic has other digits on every machine
+        return 0.0 if abs(value) < 1e-12 else rounded(value)
+    if value is None or kind is str or kind is int or kind is bool:
+        return value
+    if kind is list or kind is tuple:
+        return [plain(item) for item in value]
+    if is_dataclass(kind):
+        shown = [(name, getattr(value, name)) for name in _names(kind)]
+        return {name: plain(item) for name, item in shown if item is not None or name not in _LEFT_OUT_IF_NONE}
+    return _plain_of_other(value)
+
+
+def _plain_of_other(value: Any) -> Any:
+    """`plain` of dictionaries, arrays, and what stands for a plain value."""
     if isinstance(value, dict):
         return {str(key): plain(item) for key, item in value.items()}
     if isinstance(value, np.ndarray | np.generic):
@@ -90,8 +103,7 @@ def plain(value: Any) -> Any:
     if isinstance(value, list | tuple):
         return [plain(item) for item in value]
     if isinstance(value, float):
-        # what is left of an exact zero after arithmetic has other digits on every machine
-        return 0.0 if abs(value) < 1e-12 else rounded(value)
+        return plain(float(value))
     return str(value) if isinstance(value, PurePath) else value
 
 
@@ -110,19 +122,22 @@ def rounded(value: float) -> float | None:
 
 def _least_length(value: dict[str, Any] | list[Any]) -> int:
     """Characters that the keys, or commas, of a container take at least."""
-    return sum(len(key) + 6 for key in value) if isinstance(value, dict) else 3 * len(value)
+    return sum(map(len, value)) + 6 * len(value) if isinstance(value, dict) else 3 * len(value)
+
+
+_encoded = json.JSONEncoder(allow_nan=False).encode  # one encoder: a value alone takes less time than to make one
 
 
 def _layout(value: Any, indent: str = "", before: str = "") -> str:
     """Indent by two, but keep on one line whatever fits: a matrix reads better in a row than in nine."""
+    if not isinstance(value, dict | list):
+        return before + (repr(value) if type(value) is float else _encoded(value))
     line = 110 - len(indent)  # characters
-    if not isinstance(value, dict | list) or _least_length(value) <= line:
-        compact = before + json.dumps(value, allow_nan=False)
-        if len(compact) <= line or not isinstance(value, dict | list):
-            return compact
+    if _least_length(value) <= line and len(compact := before + _encoded(value)) <= line:
+        return compact
     inner = indent + "  "
     if isinstance(value, dict):
-        brackets, lines = "{}", [_layout(item, inner, f"{json.dumps(key)}: ") for key, item in value.items()]
+        brackets, lines = "{}", [_layout(item, inner, f"{_encoded(key)}: ") for key, item in value.items()]
     else:
         brackets, lines = "[]", [_layout(item, inner) for item in value]
-    return before + brackets[0] + ",".join(f"\n{inner}{line}" for line in lines) + f"\n{indent}{brackets[1]}"
+    return before + brackets[0] + ",".join([f"\n{inner}{line}" for line in lines]) + f"\n{indent}{brackets[1]}"

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from itertools import starmap
 from typing import NamedTuple
 
@@ -14,7 +13,7 @@ from slopecli.findings.wording import beside
 from slopecli.geometry.epipolar import homogeneous
 from slopecli.geometry.homography import homography_in_pixels, homography_of_plane
 from slopecli.geometry.slope import surface_normals
-from slopecli.measure import Measured, judge, normal_covariances_deg2, signed_distance, tells_tilt
+from slopecli.measure import Measured, judge, normal_covariances_deg2, signed_distance
 from slopecli.options import MOST_SIGMA_DEG, Options
 from slopecli.patches.given import MOST_LEFT_OUT
 from slopecli.patches.join import Joined
@@ -36,38 +35,42 @@ def planes_of(
     root, second : the first and the second root, None if there is none; verdicts hold in both unless it is ruled out.
     """
     possible = second if root.solution.ambiguity.status == "unresolved" else None
-    seen = _seen(root.solution, joined)
-    causes, spread = sigma_causes(root, joined), normal_covariances_deg2(root.solution, joined)
-    return [
-        replace(
-            _plane(k, root, possible, joined, cameras, options, one),
-            slope_sigma_causes_deg=causes[k],
-            normal_covariance_cam1=spread[k],
-        )
-        for k, one in enumerate(seen)
-    ]
+    seen = _seen(root, joined, cameras)
+    return [_plane(k, root, possible, joined, cameras, options, one) for k, one in enumerate(seen)]
 
 
 class Seen(NamedTuple):
-    """A plane in the images: its unit normal towards camera 1, its homography in normalised coordinates, and the RMS
-    residual of its kept matches in image 2, NaN where none is kept."""
+    """What is known of a plane from the solution, for all planes at once, which is faster.
+
+    normal : unit, towards camera 1.  homography_px : between undistorted pixels.  rms : of the residuals of its kept
+    matches in image 2, normalised coordinates, NaN where none is kept.  causes, covariance: as in `types.Plane`.
+    """
 
     normal: FloatArray
-    homography: FloatArray
+    homography_px: FloatArray
     rms: float
+    causes: dict[str, float] | None
+    covariance: FloatArray | None
 
 
-def _seen(solution: Solution, joined: Joined) -> list[Seen]:
-    """`Seen` of every plane; for all at once, which is faster."""
-    homographies = [homography_of_plane(solution.R, solution.T, N) for N in solution.scaled_normals]
+def _seen(root: Measured, joined: Joined, cameras: tuple[Camera, Camera]) -> list[Seen]:
+    solution = root.solution
+    homographies = homography_of_plane(solution.R, solution.T, solution.scaled_normals)
     kept = (joined.plane >= 0) & solution.inlier
     plane, matches = joined.plane[kept], joined.matches
-    mapped = np.einsum("nij,nj->ni", np.stack(homographies)[plane], homogeneous(matches.x1[kept]))
+    mapped = np.einsum("nij,nj->ni", homographies[plane], homogeneous(matches.x1[kept]))
     squares = ((mapped[:, :2] / mapped[:, 2:] - matches.x2[kept]) ** 2).sum(1)
     count, total = (np.bincount(plane, weights, len(homographies)) for weights in (None, squares))
     with np.errstate(invalid="ignore"):
         rms = np.sqrt(total / (2 * count))
-    return list(starmap(Seen, zip(surface_normals(solution), homographies, rms.tolist(), strict=True)))
+    columns = (
+        surface_normals(solution),
+        homography_in_pixels(homographies, cameras[0].K, cameras[1].K),
+        rms.tolist(),
+        sigma_causes(root, joined),
+        normal_covariances_deg2(solution, joined),
+    )
+    return list(starmap(Seen, zip(*columns, strict=True)))
 
 
 def _plane(
@@ -103,12 +106,14 @@ def _plane(
         rms_px=rms_px,
         rms_mrad=rms_mrad,
         roughness=float(solution.relief[k]) if estimated else float("nan"),
-        homography_px=homography_in_pixels(seen.homography, cameras[0].K, cameras[1].K),
+        homography_px=seen.homography_px,
         verdict=verdict,
         p_safe=p_safe,
         status="poor" if reasons else "ok",
         reason="; ".join([*([TAKEN_AS_LEVEL] if is_level else []), *reasons]) or None,
         slope_known=known,
+        slope_sigma_causes_deg=seen.causes,
+        normal_covariance_cam1=seen.covariance,
         noun=patch.finder.noun,
         found=patch.finder.found,
     )
@@ -121,7 +126,7 @@ def _judged(
     p_safe, p_second = float(root.p_safe[k]), None if second is None else float(second.p_safe[k])
     both_known = known and (second is None or np.degrees(second.slopes.sigma_rad[k]) <= options.max_sigma_deg)
     # a borrowed orientation alone is no evidence against a window
-    guessed = (patch.origin == "borrowed" and not both_known) or not tells_tilt(root.solution, k)
+    guessed = (patch.origin == "borrowed" and not both_known) or not root.tells_tilt[k]
     verdict = judge(p_safe, p_second, both_known and is_ok, options.confidence, guessed)
     return verdict, p_safe if p_second is None else min(p_safe, p_second)
 

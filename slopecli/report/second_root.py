@@ -12,7 +12,7 @@ from slopecli.findings.wording import figures
 from slopecli.geometry.epipolar import rotation_vector
 from slopecli.geometry.slope import surface_normals
 from slopecli.geometry.solver.uncertainty import by_chance
-from slopecli.measure import Measured, judge, signed_distance, tells_tilt
+from slopecli.measure import Measured, judge, signed_distance
 from slopecli.options import Options
 from slopecli.patches.join import Joined
 from slopecli.patches.patch import Patch
@@ -54,7 +54,7 @@ def _second_plane(
     p_safe, is_level = float(second.p_safe[k]), k == second.level
     known = is_level or float(np.degrees(second.slopes.sigma_rad[k])) <= options.max_sigma_deg
     guessed = patch.origin == "borrowed" and not (known and first.slope_known)
-    guessed = guessed or not tells_tilt(second.solution, k)
+    guessed = guessed or not second.tells_tilt[k]
     verdict = judge(p_safe, None, first.verdict == "safe", options.confidence, guessed)
     return AlternativePlane(
         id=first.id,

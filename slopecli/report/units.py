@@ -58,6 +58,8 @@ def _mean_drop(root: Measured, joined: Joined, altitude_m: float) -> float:
 
 def in_unit(plane: Plane, scale: Scale, length: float) -> Plane:
     """The plane with its lengths in the report's unit; roughness becomes a height only when that is metres."""
+    if length == 1.0 and scale.unit != "m":
+        return plane
     distance = plane.distance * length
     roughness = plane.roughness * distance if scale.unit == "m" else plane.roughness
     return replace(plane, distance=distance, roughness=roughness)

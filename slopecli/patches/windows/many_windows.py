@@ -105,13 +105,14 @@ def _own_patches(windows: Sequence[Window], depth: DenseDepth, dense: WindowPlan
     for k in np.flatnonzero(own):
         noise, relief, gaps = dense.shares[k].tolist()
         inside = lattice[slice(*parts[k, 0].tolist()), slice(*parts[k, 1].tolist())]
-        index = inside[inside >= 0]
+        kept = inside >= 0
+        index = inside[kept]
         if len(index):
             patches[k] = replace(
                 patches[k],
                 matches=matches.take(index),
                 weight=weight_of(np.full(len(index), sigma_px**2)),
-                cell=np.argwhere(inside >= 0),
+                cell=np.column_stack(kept.nonzero()),
                 origin="own",
                 score=1.0,
                 share=float(share[k]),
