@@ -173,7 +173,7 @@ def _map_task(
     return MapTask(
         scene=scene,
         report=report,
-        roots=[Root.of(root, focal_sigma) for root in (solution, other) if root is not None],
+        roots=[Root.of(root, focal_sigma, (scene.camera1, scene.camera2)) for root in (solution, other) if root],
         up_sigma_rad=up_sigma_rad(report, joined, solution),
         forbidden=forbidding(report.diagnostics),
         options=options,

@@ -11,7 +11,14 @@ import pytest
 from depth_scenes import scene_of, true_depth
 from scenery import Pair, Surface, render, tilted, turn, unit
 
-from slopecli.geometry import homogeneous, rotation_from_vector, tangent_basis
+from slopecli.geometry import (
+    homogeneous,
+    inverse_depth,
+    pixels_from_rays,
+    rays_from_pixels,
+    rotation_from_vector,
+    tangent_basis,
+)
 from slopecli.ground import (
     Cells,
     FootprintPlanes,
@@ -24,7 +31,7 @@ from slopecli.ground import (
     normals_under,
 )
 from slopecli.look import DenseDepth, measure_depth
-from slopecli.types import FloatArray
+from slopecli.types import Camera, FloatArray
 
 R, T, GROUND = turn(1, -2, 3), unit(0.8, 0.2, 0.4), tilted(0.2, -0.1)
 CELLS = Cells(np.arange(130, 300, 20), np.arange(30, 220, 20), 16.0)
@@ -110,6 +117,27 @@ def test_covariance_by_the_focal_length_is_the_change_that_goes_with_it() -> Non
     shift = changed - planes.scaled_normal
     direct = shift[..., :, None] * shift[..., None, :]
     assert np.abs(found - direct).max() < 0.05 * np.abs(direct).max()
+
+
+@pytest.mark.parametrize("k1", [-0.3, 0.2])
+def test_a_lens_bends_the_rays_of_another_focal_length_by_another_share(k1: float) -> None:
+    planes, px, sigma = planes_of(ground()[1]), 400.0, 0.01
+    camera = Camera(640, 480, px, px, 320.0, 240.0, "brown", (k1, 0.05, 0.0, 0.0, 0.0))
+    longer = replace(camera, fx=px * np.exp(sigma), fy=px * np.exp(sigma))
+    root = replace(root_of(focal_sigma=sigma), cameras=(camera, camera))
+    changed = normals_under(planes, root, R, T, zoom=float(np.exp(-sigma)))
+    for i, j in ((0, 0), (4, 4), (8, 8)):
+        # rays to the plane about the footprint, and where image 2 shows them, as the longer focal length sees both
+        x1 = planes.middle[i, j, :2] / planes.middle[i, j, 2] + 0.02 * np.random.default_rng(3).standard_normal((50, 2))
+        w = homogeneous(x1) @ planes.scaled_normal[i, j]
+        moved = homogeneous(x1) @ R.T - w[:, None] * (R @ T)
+        seen1, seen2 = (
+            rays_from_pixels(longer, pixels_from_rays(camera, x)) for x in (x1, moved[:, :2] / moved[:, 2:])
+        )
+        direct = np.linalg.lstsq(homogeneous(seen1), inverse_depth(R, T, seen1, seen2)[0], rcond=None)[0]
+        np.testing.assert_allclose(
+            changed[i, j] - direct, 0.0, atol=0.05 * np.abs(direct - planes.scaled_normal[i, j]).max()
+        )
 
 
 # ---- by noise ----

@@ -12,12 +12,13 @@ from typing import NamedTuple
 import cv2
 import numpy as np
 
+from slopecli.geometry.camera import pixels_from_rays, rays_from_pixels
 from slopecli.geometry.epipolar import homogeneous, rotation_from_vector
 from slopecli.geometry.motion import inverse_depth
 from slopecli.ground.footprint_planes import FootprintPlanes
 from slopecli.ground.footprints import disc_sums
 from slopecli.look.dense_depth import DEPTH, DenseDepth
-from slopecli.types import BoolArray, FloatArray, Solution
+from slopecli.types import BoolArray, Camera, FloatArray, Solution
 
 
 @dataclass(frozen=True)
@@ -50,6 +51,7 @@ class Root:
     R, T : as in `Solution`.  covariance : (5, 5) of the motion without the focal length's part.
     tangent : (3, 2) basis of T's last two coordinates.
     focal_sigma : of the focal length's logarithm; focal_motion (5,): change of the motion that goes with it.
+    cameras : whose lenses bend rays by another share where the focal length is another; None for pinholes.
     """
 
     R: FloatArray
@@ -58,13 +60,23 @@ class Root:
     tangent: FloatArray
     focal_sigma: float
     focal_motion: FloatArray
+    cameras: tuple[Camera, Camera] | None = None
 
     @classmethod
-    def of(cls, solution: Solution, focal_sigma: float) -> Root:
+    def of(cls, solution: Solution, focal_sigma: float, cameras: tuple[Camera, Camera]) -> Root:
         """The motion of a solution, solved with a focal length of this relative sigma."""
         motion = np.zeros(5) if solution.focal_shift is None else solution.focal_shift[-5:]
         covariance = solution.motion_covariance - np.outer(motion, motion)
-        return cls(solution.R, solution.T, covariance, solution.tangent, focal_sigma, motion)
+        return cls(solution.R, solution.T, covariance, solution.tangent, focal_sigma, motion, cameras)
+
+    def zoomed(self, number: int, x: FloatArray, zoom: float) -> FloatArray:
+        """Coordinates (n, 2) of the same pixels of camera 0 or 1 seen with a focal length that is 1 / zoom as long."""
+        if zoom == 1.0 or self.cameras is None:
+            return x * zoom
+        camera = self.cameras[number]
+        again = replace(camera, fx=camera.fx / zoom, fy=camera.fy / zoom)
+        seen = rays_from_pixels(again, pixels_from_rays(camera, x))
+        return np.where(np.isfinite(seen), seen, x * zoom)
 
     def moved(self, step: FloatArray) -> tuple[FloatArray, FloatArray]:
         """R and T after a step (5,) of the motion."""
@@ -75,7 +87,7 @@ class Root:
 def normals_under(planes: FootprintPlanes, root: Root, R: FloatArray, T: FloatArray, zoom: float = 1.0) -> FloatArray:
     """(rows, columns, 3) scaled normals of footprints if another motion explains what the images show.
 
-    planes : measured with the motion `root`.  zoom : factor on the normalised coordinates of both images.
+    planes : measured with the motion `root`.  zoom : of both images, see `Root.zoomed`.
     """
     normals = planes.scaled_normal.reshape(-1, 1, 3)
     centre = (planes.middle[..., :2] / planes.middle[..., 2:]).reshape(-1, 1, 2)
@@ -85,9 +97,13 @@ def normals_under(planes: FootprintPlanes, root: Root, R: FloatArray, T: FloatAr
     w = (rays.reshape(-1, 3, 3) * normals).sum(-1).reshape(-1)
     moved = rays @ root.R.T - w[:, None] * (root.R @ root.T)
     x2 = moved[:, :2] / moved[:, 2:]
-    other, _ = inverse_depth(R, T, rays[:, :2] * zoom, x2 * zoom)
-    seen = homogeneous(rays[:, :2] * zoom).reshape(-1, 3, 3)
-    return np.asarray(np.linalg.solve(seen, other.reshape(-1, 3, 1))[..., 0].reshape(planes.normal.shape))
+    seen1, seen2 = root.zoomed(0, rays[:, :2], zoom), root.zoomed(1, x2, zoom)
+    other, _ = inverse_depth(R, T, seen1, seen2)
+    return np.asarray(
+        np.linalg.solve(homogeneous(seen1).reshape(-1, 3, 3), other.reshape(-1, 3, 1))[..., 0].reshape(
+            planes.normal.shape
+        )
+    )
 
 
 def normal_covariance(planes: FootprintPlanes, root: Root, gradient: FloatArray) -> FloatArray:

@@ -46,7 +46,7 @@ def with_dense_planes(joined: Joined, solution: Solution, scene: Scene, focal_si
         return joined, solution
     index = np.flatnonzero(rough)
     windows = [joined.patches[k].footprint.bounds for k in index]
-    root = Root.of(solution, focal_sigma)
+    root = Root.of(solution, focal_sigma, (scene.camera1, scene.camera2))
     with single_threaded():
         depth = measure_depth(replace(scene, R=solution.R, T=solution.T), windows, DENSE.most_pixels)
         dense = fit_windows(depth, windows, root)

@@ -71,7 +71,7 @@ def answer_together(
     NoAnswer : no window has a plane.
     """
     scene = replace(scene, R=solution.R, T=solution.T)
-    root = Root.of(solution, focal_sigma)
+    root = Root.of(solution, focal_sigma, (scene.camera1, scene.camera2))
     with single_threaded():
         depth = measure_depth(scene, windows, DEPTH.most_pixels)
         dense = fit_windows(depth, windows, root)
