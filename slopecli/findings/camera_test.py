@@ -14,16 +14,9 @@ from slopecli.findings.pair_checks import check_lens
 from slopecli.findings.wording import finding
 from slopecli.geometry.epipolar import epipolar_distance, essential_matrix
 from slopecli.geometry.motion import LensMisfit
-from slopecli.geometry.solver.free_camera import Freed, free_focal, free_parameter
-from slopecli.geometry.solver.intrinsics import (
-    PARAMETERS,
-    CameraScore,
-    Settled,
-    Sightings,
-    changed,
-    score_camera,
-    with_planes,
-)
+from slopecli.geometry.solver.free_camera import Freed, focal_by_lines, free_focal, free_parameter
+from slopecli.geometry.solver.intrinsics import PARAMETERS, CameraScore, Settled, score_camera, with_planes
+from slopecli.geometry.solver.seen_points import Sightings, changed
 from slopecli.look.scene import Scene
 from slopecli.measure import measure
 from slopecli.options import Options
@@ -35,20 +28,33 @@ from slopecli.types import Camera, Diagnostic, Solution
 Cameras = tuple[Camera, Camera]
 Again = Callable[[Joined, Cameras, Settled], Solution]  # solves matches again, seen by other cameras, from a start
 
-CONTRADICTED = 5.0  # sigmas of a freed focal length
-LEAST_WRONG = 0.035  # share by which it must be off: photographs of right cameras ask for up to 3 %
-UNLIKELY = 2.58  # sigmas that 1 in 100 exceeds: enough where the matches are clearly nearer with another focal length
-SYSTEMATIC = 0.015  # 1-sigma of the focal length that photographs of right cameras ask for, beyond their own sigmas
-FAINT = 0.5  # of the noise: change of residuals by a parameter below which a large sigma is no fault of the camera's
-FAR, FARTHEST_SHARE = 4.0, 0.1  # times as far from epipolar lines as the matches: the farthest tenth of the overview
-FLOOR_PX = 0.01  # systematic residual that a wrong focal length could explain; lens models and interpolation leave 0.02
-CENTRE_SHARE = 0.03  # of the focal length: step of the principal point from which on it is freed
-CENTRE_BETTER = 1.15  # ratio of noises from which on another principal point is believed; right cameras reach 1.09
 UNTOLD = "the images contradict the camera, and it cannot be told in which of its numbers"
 CHECK_FILE = "check that the camera file belongs to these images, uncropped and not zoomed"
-TELLING = 0.1  # 1-sigma of its logarithm beyond which the images do not tell it
-CLEARLY = 1.05  # ratio of noises from which on one parameter explains the matches better than another
-FEW_FREE = 30  # degrees of freedom: with fewer, sigmas are guesses
+
+
+@dataclass(frozen=True)
+class CameraTestTunables:
+    """When the images contradict a camera, and when that is looked into; measured on pairs whose camera is known."""
+
+    contradicted: float = 5.0  # sigmas of a freed focal length
+    least_wrong: float = 0.035  # share by which it must be off: photographs of right cameras ask for up to 3 %
+    unlikely: float = 2.58  # sigmas that 1 in 100 exceeds: enough where the matches are clearly nearer with another one
+    systematic: float = 0.015  # 1-sigma of the focal length that photographs of right cameras ask for, beyond their own
+    # of what is called wrong: step of the score that is looked into where lines see nothing; wrong ones reach 1
+    nearly: float = 0.8
+    faint: float = 0.5  # of the noise: change of residuals by a parameter below which a large sigma is no fault of it
+    far: float = 4.0  # times as far from epipolar lines as the matches, for cells of the overview
+    farthest_share: float = 0.1  # the farthest tenth of the cells
+    floor_px: float = 0.01  # systematic residual that f could explain; lens models and interpolation leave 0.02
+    centre_share: float = 0.03  # of the focal length: step of the principal point from which on it is freed
+    # ratio of noises from which on another principal point is believed; right cameras reach 1.09
+    centre_better: float = 1.15
+    telling: float = 0.1  # 1-sigma of its logarithm beyond which the images do not tell it
+    clearly: float = 1.05  # ratio of noises from which on one parameter explains the matches better than another
+    few_free: int = 30  # degrees of freedom: with fewer, sigmas are guesses
+
+
+TEST = CameraTestTunables()
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,12 +80,12 @@ class CameraTest:
     @property
     def focal_factor(self) -> float | None:
         """The focal length that the images prefer over the one given; None where they do not tell it."""
-        return float(np.exp(self.step)) if self.sigma < TELLING else None
+        return float(np.exp(self.step)) if self.sigma < TEST.telling else None
 
     @property
     def focal_factor_sigma(self) -> float | None:
         """Its 1-sigma."""
-        return float(np.exp(self.step)) * self.sigma if self.sigma < TELLING else None
+        return float(np.exp(self.step)) * self.sigma if self.sigma < TEST.telling else None
 
 
 def examine_cameras(
@@ -90,7 +96,7 @@ def examine_cameras(
     scene : of the matches, None for a user's own correspondences.  free : free the focal length in any case.
     """
     spare = 2 * int(solution.inlier.sum()) - 5 - 3 * len(solution.scaled_normals)
-    if cameras[1] is RAYS or spare < FEW_FREE:
+    if cameras[1] is RAYS or spare < TEST.few_free:
         return CameraTest()
     sightings, start = with_planes(sightings_of(joined, solution, cameras), Settled.of(solution))
     try:
@@ -100,9 +106,11 @@ def examine_cameras(
     alone = cache(partial(free_parameter, sightings, start))
     test = CameraTest(score=score, sightings=sightings, centre=_centre_is_wrong(alone, score), alone=alone)
     every = every_sighting(joined, cameras, solution.noise_gain, scene)
-    if not free and not _may_be_wrong(score) and not _overview_contradicts(joined, every, start):
+    asked = free or _overview_contradicts(joined, every, start)
+    lines = focal_by_lines(every, start.noise) if asked or _may_be_wrong(score) else None
+    if not asked and not _asks_for_more(score) and not (lines and lines.elsewhere):
         return replace(test, step=float(score.step[0]), sigma=_sigma(score))
-    freed = free_focal(every, start, None if free else _is_far)
+    freed = free_focal(every, start, None if free else _is_far, lines)
     if freed is None:
         return test
     wrong = _is_wrong(freed)
@@ -116,50 +124,65 @@ def _may_be_wrong(score: CameraScore) -> bool:
     Both are only roughly right under a wrong camera.
     """
     step, sigma = float(score.step[0]), float(score.sigma[0])
-    told = sigma < TELLING or (sigma < 1.0 and score.px[0] > FAINT * score.noise_px)
-    return bool(told and abs(step) + sigma > LEAST_WRONG)
+    told = sigma < TEST.telling or (sigma < 1.0 and score.px[0] > TEST.faint * score.noise_px)
+    return bool(told and abs(step) + sigma > TEST.least_wrong)
+
+
+def _asks_for_more(score: CameraScore) -> bool:
+    """Whether the step of the score itself comes near to what is called wrong: those of wrong cameras exceed it."""
+    step, sigma = abs(float(score.step[0])), float(score.sigma[0])
+    return _may_be_wrong(score) and step > TEST.nearly * max(
+        TEST.least_wrong, TEST.unlikely * np.hypot(sigma, TEST.systematic)
+    )
 
 
 def _is_far(freed: Freed) -> bool:
     """Whether a focal length is half as far off as what is called wrong at the least."""
-    return abs(freed.value) > 0.5 * UNLIKELY * np.hypot(float(freed.score.sigma[0]), SYSTEMATIC)
+    return abs(freed.value) > 0.5 * TEST.unlikely * np.hypot(float(freed.score.sigma[0]), TEST.systematic)
 
 
 def _overview_contradicts(joined: Joined, every: Sightings, start: Settled) -> bool:
     """Whether cells of the overview miss the epipolar lines by far more than the matches do, chosen to fit these."""
     count = len(joined.plane)
-    if len(every.patch) < count + FEW_FREE:
+    if len(every.patch) < count + TEST.few_free:
         return False
     miss = np.abs(epipolar_distance(essential_matrix(start.R, start.T), *every.rays()))
-    of_matches, of_cells = (np.quantile(some, 1.0 - FARTHEST_SHARE) for some in (miss[:count], miss[count:]))
-    return bool(of_cells > FAR * of_matches)
+    of_matches, of_cells = (np.quantile(some, 1.0 - TEST.farthest_share) for some in (miss[:count], miss[count:]))
+    return bool(of_cells > TEST.far * of_matches)
 
 
 def _is_wrong(freed: Freed) -> bool:
     """Whether the best focal length contradicts the one given: by 5 sigmas, or by fewer and clearly less noise."""
     step, sigma = abs(freed.value), float(freed.score.sigma[0])
-    if abs(np.expm1(freed.value)) < LEAST_WRONG or sigma > TELLING:
+    if abs(np.expm1(freed.value)) < TEST.least_wrong or sigma > TEST.telling:
         return False
-    if freed.less_noise > CLEARLY and step > UNLIKELY * np.hypot(sigma, SYSTEMATIC):
+    if freed.less_noise > TEST.clearly and step > TEST.unlikely * np.hypot(sigma, TEST.systematic):
         return True
     if freed.less_noise < 1.0:  # the matches are no nearer: what is left may be what lenses and interpolation leave
-        return step > CONTRADICTED * np.hypot(_sigma(freed.score), FLOOR_PX / max(float(freed.score.px[0]), 1e-9))
-    return step > CONTRADICTED * _sigma(freed.score)
+        return step > TEST.contradicted * np.hypot(
+            _sigma(freed.score), TEST.floor_px / max(float(freed.score.px[0]), 1e-9)
+        )
+    return step > TEST.contradicted * _sigma(freed.score)
 
 
 def _centre_is_wrong(alone: Callable[[str], Freed | None], score: CameraScore) -> bool:
     """Whether another principal point explains the matches, and clearly better than another focal length does."""
-    told = score.px > FAINT * score.noise_px
-    asked = [k for k in (1, 2) if told[k] and abs(score.step[k]) > max(CONTRADICTED * score.sigma[k], CENTRE_SHARE)]
+    told = score.px > TEST.faint * score.noise_px
+    asked = [
+        k for k in (1, 2) if told[k] and abs(score.step[k]) > max(TEST.contradicted * score.sigma[k], TEST.centre_share)
+    ]
     noises = []
     for k in asked:
         freed = alone(PARAMETERS[k])
-        if freed is not None and abs(freed.value) > CONTRADICTED * freed.score.sigma[k] < CONTRADICTED * TELLING:
+        if (
+            freed is not None
+            and abs(freed.value) > TEST.contradicted * freed.score.sigma[k] < TEST.contradicted * TEST.telling
+        ):
             noises.append(freed.score.noise_px)
-    if not noises or CENTRE_BETTER * min(noises) > score.noise_px:
+    if not noises or TEST.centre_better * min(noises) > score.noise_px:
         return False
     focal = alone("f")
-    return focal is None or focal.score.noise_px > CLEARLY * min(noises)
+    return focal is None or focal.score.noise_px > TEST.clearly * min(noises)
 
 
 def _sigma(score: CameraScore) -> float:
@@ -186,7 +209,7 @@ class _Explained(NamedTuple):
     @property
     def explains(self) -> bool:
         """Whether any reduces the noise."""
-        return CLEARLY * min(one.score.noise_px for one in self.freed.values()) < self.noise_px
+        return TEST.clearly * min(one.score.noise_px for one in self.freed.values()) < self.noise_px
 
 
 def suspicion(
@@ -231,7 +254,9 @@ def _explained(test: CameraTest) -> _Explained | None:
         return None
     best, *others = sorted(freed, key=lambda name: freed[name].score.noise_px)
     noise, before = freed[best].score.noise_px, test.score.noise_px
-    clear = all(freed[other].score.noise_px > CLEARLY * noise for other in others) and CLEARLY * noise < before
+    clear = (
+        all(freed[other].score.noise_px > TEST.clearly * noise for other in others) and TEST.clearly * noise < before
+    )
     focal = freed.get("f")
     if focal is not None and test.start is not None:
         sigmas = np.append(test.sigma, focal.score.sigma[1:])

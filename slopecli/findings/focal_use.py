@@ -7,9 +7,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from slopecli.findings.camera_test import FLOOR_PX, Cameras, CameraTest
+from slopecli.findings.camera_test import TEST, Cameras, CameraTest
 from slopecli.findings.wording import finding
-from slopecli.geometry.solver.intrinsics import changed
+from slopecli.geometry.solver.seen_points import changed
 from slopecli.options import Options
 from slopecli.types import Camera, Diagnostic
 
@@ -38,7 +38,7 @@ def focal_use(test: CameraTest, prior: float, free: bool) -> FocalUse:
     prior : 1-sigma of the one given.  free : whether the images alone decide, where they tell it.
     """
     told = test.focal_factor is not None and test.score is not None
-    floor = FLOOR_PX / max(float(test.score.px[0]), 1e-9) if test.score is not None else np.inf
+    floor = TEST.floor_px / max(float(test.score.px[0]), 1e-9) if test.score is not None else np.inf
     own = float(np.hypot(test.sigma, floor))
     if free and told:
         return FocalUse(test.step, own)

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from slopecli.geometry.camera import rays_from_pixels
-from slopecli.geometry.solver.intrinsics import Sightings, thinned
+from slopecli.geometry.solver.seen_points import Sightings, thinned, together
 from slopecli.look.matches import Matches, thin
 from slopecli.look.scene import Scene
 from slopecli.patches.join import OUTSIDE_POINTS, Joined, outside_weight
@@ -19,9 +19,14 @@ FEWEST_LEFT = 6  # matches of a patch that other cameras must have rays for: thr
 
 def sightings_of(joined: Joined, solution: Solution, cameras: tuple[Camera, Camera]) -> Sightings:
     """The correspondences that a solution kept, at most a few thousand."""
-    kept, matches = solution.inlier, joined.matches
-    pixels = Sightings(matches.uv1[kept], matches.uv2[kept], joined.plane[kept], joined.weight[kept], cameras)
-    return thinned(pixels, gain=solution.noise_gain)
+    kept = solution.inlier
+    return thinned(_of_matches(joined, cameras, 1.0).take(kept), gain=solution.noise_gain)
+
+
+def _of_matches(joined: Joined, cameras: tuple[Camera, Camera], gain: float) -> Sightings:
+    matches = joined.matches
+    rays = matches.x1, matches.x2
+    return Sightings(matches.uv1, matches.uv2, joined.plane, joined.weight, cameras, gain, rays)
 
 
 def every_sighting(joined: Joined, cameras: tuple[Camera, Camera], gain: float, scene: Scene | None) -> Sightings:
@@ -29,20 +34,14 @@ def every_sighting(joined: Joined, cameras: tuple[Camera, Camera], gain: float, 
 
     Matches of windows were chosen under the cameras given; the overview was not.
     """
-    matches = joined.matches
-    every = Sightings(matches.uv1, matches.uv2, joined.plane, joined.weight, cameras, gain)
+    every = _of_matches(joined, cameras, gain)
     if scene is None:
         return every
     cells = scene.cells
     some = thin(cells.uv1, np.flatnonzero(cells.textured), OUTSIDE_POINTS)
     weight = outside_weight(scene, len(some))
-    return replace(
-        every,
-        uv1=np.concatenate([every.uv1, cells.uv1[some]]),
-        uv2=np.concatenate([every.uv2, cells.uv2[some]]),
-        patch=np.concatenate([every.patch, np.full(len(some), -1)]),
-        weight=np.concatenate([every.weight, weight]),
-    ).with_rays()
+    outside = Sightings(cells.uv1[some], cells.uv2[some], np.full(len(some), -1), weight, cameras, gain)
+    return together(every, outside.with_rays())
 
 
 def seen_by(joined: Joined, cameras: tuple[Camera, Camera]) -> Joined:

@@ -7,8 +7,8 @@ __getattr__, __dir__ = lazy_names(
     {
         "coplanar": "AT merge_coplanar",
         "focal_start": "start_by_lines",
-        "free_camera": "Freed free_focal free_parameter",
-        "intrinsics": "PARAMETERS Settled Sightings changed score_camera thinned with_planes",
+        "free_camera": "Freed focal_by_lines free_focal free_parameter",
+        "intrinsics": "PARAMETERS Settled score_camera with_planes",
         "many_views": "ViewsSolution",
         "mismatches": "chi2_quantile",
         "observations": "linearise observe predict",
@@ -17,6 +17,7 @@ __getattr__, __dir__ = lazy_names(
         "refinement": "State normal_equations optimal_normals step",
         "multiview": "cramer_rao_bound_of_views solve_views",
         "reference_change": "LaterViews last_view with_later_views",
+        "seen_points": "Sightings changed thinned",
         "scatter": "scatter_of with_scatter",
         "starts": "starting_states",
         "uncertainty": "Covariance cramer_rao_bound small_sample",

@@ -18,17 +18,8 @@ import numpy as np
 
 from slopecli.errors import DegenerateConfiguration, SlopemapError
 from slopecli.geometry.epipolar import rotation_from_vector
-from slopecli.geometry.solver.focal_start import Motion, start_by_lines
-from slopecli.geometry.solver.intrinsics import (
-    PARAMETERS,
-    CameraScore,
-    Settled,
-    Sightings,
-    changed,
-    score_camera,
-    thinned,
-    with_planes,
-)
+from slopecli.geometry.solver.focal_start import Motion, Start, start_by_lines
+from slopecli.geometry.solver.intrinsics import PARAMETERS, CameraScore, Settled, score_camera, with_planes
 from slopecli.geometry.solver.observations import (
     FINEST_RESIDUAL,
     Observations,
@@ -40,6 +31,7 @@ from slopecli.geometry.solver.observations import (
 from slopecli.geometry.solver.one_thread import one_blas_thread
 from slopecli.geometry.solver.refinement import State, levenberg_marquardt
 from slopecli.geometry.solver.relief import estimate_relief
+from slopecli.geometry.solver.seen_points import Sightings, changed, thinned
 from slopecli.geometry.solver.solve import solve_planes
 from slopecli.types import FloatArray, Solution
 
@@ -97,19 +89,39 @@ def free_parameter(sightings: Sightings, start: Settled, parameter: str, steps: 
     return _gauss_newton(sightings, parameter, best)
 
 
-def free_focal(every: Sightings, start: Settled, far: Callable[[Freed], bool] | None = None) -> Freed | None:
+class ByLines(NamedTuple):
+    """What epipolar lines alone say of the focal length: a start of the search, see `start_by_lines`, or None."""
+
+    start: Start | None
+
+    @property
+    def elsewhere(self) -> bool:
+        """Whether it is another focal length than the one given, farther off than Gauss-Newton finds."""
+        return self.start is not None and abs(self.start[0]) >= _ANEW.least
+
+
+def focal_by_lines(every: Sightings, noise: float) -> ByLines:
+    """The focal length by epipolar lines of all points, mismatches included; noise: of the matches, normalised."""
+    return ByLines(start_by_lines(thinned(every, _ANEW.points), noise, FOCAL_STEPS[-1]))
+
+
+def free_focal(
+    every: Sightings, start: Settled, far: Callable[[Freed], bool] | None = None, lines: ByLines | None = None
+) -> Freed | None:
     """The logarithm of the focal length over that of the cameras that fits best, solved again with its own mismatches.
 
     What was kept under a wrong focal length was chosen to fit it. So the points that fit are chosen again under the
     one found, until it stays.
 
     every : all points, mismatches included.  start : the solution under the cameras given.  far : whether the first
-    value found is worth a second look; None for any.
+    value found is worth a second look; None for any.  lines : what `focal_by_lines` found, if it is known.
     """
     freed, given = None, _solved(every, 0.0, (start.R, start.T))
     if given is None:
         return None
-    anew, near = _by_lines(every, given)
+    lines = lines or focal_by_lines(every, given.solution.noise)
+    anew = _begun_anew(every, given, *lines.start) if lines.start and lines.elsewhere else None
+    near = lines.start is not None and not lines.elsewhere
     last, total = anew or given, anew.value if anew else 0.0
     for number in range(_ANEW.rounds):
         first = not number and anew is None
@@ -125,15 +137,6 @@ def free_focal(every: Sightings, start: Settled, far: Callable[[Freed], bool] | 
             break
         last = again
     return freed and freed._replace(value=total, less_noise=given.noise_px / max(last.noise_px, FINEST_RESIDUAL))
-
-
-def _by_lines(every: Sightings, given: _Solved) -> tuple[_Solved | None, bool]:
-    """The solution from the focal length by epipolar lines, if it is better, and whether they agree with that given."""
-    lines = start_by_lines(thinned(every, _ANEW.points), given.solution.noise, FOCAL_STEPS[-1])
-    if lines is None:
-        return None, False
-    near = abs(lines[0]) < _ANEW.least
-    return (None if near else _begun_anew(every, given, *lines)), near
 
 
 class _Solved(NamedTuple):

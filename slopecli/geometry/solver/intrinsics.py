@@ -13,86 +13,23 @@ what blocks of the image, and patches, ask for (White, "Maximum likelihood estim
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
 
 from slopecli.errors import DegenerateConfiguration
-from slopecli.geometry.camera import pixels_from_rays, radial_term, rays_from_pixels, with_radial_term
+from slopecli.geometry.camera import pixels_from_rays
 from slopecli.geometry.epipolar import homogeneous, skew, tangent_basis
 from slopecli.geometry.solver.observations import FINEST_RESIDUAL, Observations, observe, predict, spans_plane
 from slopecli.geometry.solver.one_thread import one_blas_thread
 from slopecli.geometry.solver.priors import MotionPrior
+from slopecli.geometry.solver.seen_points import Sightings, changed
 from slopecli.geometry.statistics import median
-from slopecli.types import BoolArray, Camera, FloatArray, IntArray, Solution
+from slopecli.types import Camera, FloatArray, IntArray, Solution
 
 PARAMETERS = ("f", "cx", "cy", "k1")
-ENOUGH = 3000  # matches of the score step: more add time only
-ENOUGH_EACH = 24  # of them on one patch, where it has as many
 BLOCK_PX = 64.0  # side of the blocks of image 1 whose errors count as independent; within 16 px they are not
-
-
-@dataclass(frozen=True, eq=False)
-class Sightings:
-    """Points seen by two cameras: uv1, uv2 (n, 2) px as stored; patch (n,) number of the plane, -1 for none.
-
-    weight : (n,) inverse relative variances.  gain : of standard errors, by the correlation of neighbours' errors.
-    """
-
-    uv1: FloatArray
-    uv2: FloatArray
-    patch: IntArray
-    weight: FloatArray
-    cameras: tuple[Camera, Camera]
-    gain: float = 1.0
-
-    def take(self, which: BoolArray | IntArray) -> Sightings:
-        """The points of a mask (n,) or of these indices."""
-        return replace(
-            self, uv1=self.uv1[which], uv2=self.uv2[which], patch=self.patch[which], weight=self.weight[which]
-        )
-
-    def seen_by(self, cameras: tuple[Camera, Camera]) -> Sightings:
-        """The same pixels of other cameras."""
-        return replace(self, cameras=cameras)
-
-    def with_rays(self) -> Sightings:
-        """The points that have a ray in both cameras."""
-        return self.take(np.asarray(np.isfinite(np.column_stack(self.rays())).all(axis=1)))
-
-    def rays(self) -> tuple[FloatArray, FloatArray]:
-        """(n, 2) normalised coordinates in images 1 and 2; NaN where a lens has no ray."""
-        return rays_from_pixels(self.cameras[0], self.uv1), rays_from_pixels(self.cameras[1], self.uv2)
-
-
-def thinned(sightings: Sightings, most: int = ENOUGH, gain: float = 1.0) -> Sightings:
-    """About `most` of the points, the same share of every patch, but at least `ENOUGH_EACH` of each, with their gain.
-
-    gain : factor on standard errors of all points by the correlation of their errors. Of the points left it is less,
-    as they are farther apart: standard errors of a thinned lattice are about those of the full one.
-    """
-    n = len(sightings.patch)
-    if n <= most:
-        return replace(sightings, gain=gain)
-    patch = sightings.patch
-    order = np.argsort(patch, kind="stable")
-    count = np.bincount(patch + 1)
-    rank = np.empty(n)
-    rank[order] = np.arange(n) - np.repeat(np.cumsum(count) - count, count)
-    share = np.maximum(most / n, ENOUGH_EACH / np.maximum(count, 1))[patch + 1]
-    golden = 0.5 * (np.sqrt(5.0) - 1.0)  # spreads any share of the ranks evenly, and along no row of a lattice
-    left = sightings.take((golden * rank) % 1.0 < share)
-    return replace(left, gain=max(gain * float(np.sqrt(len(left.patch) / n)), 1.0))
-
-
-def changed(camera: Camera, parameter: str, value: float) -> Camera:
-    """A camera whose parameter differs: f by the factor exp(value), cx or cy by value times f, k1 by value."""
-    if parameter == "f":
-        return replace(camera, fx=camera.fx * float(np.exp(value)), fy=camera.fy * float(np.exp(value)))
-    if parameter in ("cx", "cy"):
-        return replace(camera, **{parameter: getattr(camera, parameter) + value * camera.focal_px})
-    return with_radial_term(camera, radial_term(camera) + value)
 
 
 class Settled(NamedTuple):

@@ -14,9 +14,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from slopecli.errors import DegenerateConfiguration
-from slopecli.geometry.solver.intrinsics import Settled, Sightings, eliminated, lifted, whitened_rows, with_planes
+from slopecli.geometry.solver.intrinsics import Settled, eliminated, lifted, whitened_rows, with_planes
 from slopecli.geometry.solver.observations import observe
 from slopecli.geometry.solver.one_thread import one_blas_thread
+from slopecli.geometry.solver.seen_points import Sightings
 from slopecli.types import FloatArray, IntArray, Solution
 
 
