@@ -140,6 +140,7 @@ class Options:
     confidence: float = 0.99
     max_sigma_deg: float = 10.0  # largest 1-sigma of a slope that is reported: "12 +- 24" would be read as 12
     ply_frame: Literal["up", "camera"] = "up"  # axes of patches.ply and cloud.ply: z up, or those of camera 1
+    slope_unit: Literal["deg", "percent", "x-in-12"] = "deg"  # of tables, pictures and pages; files of numbers have deg
     seed: int = 0  # of the random draws in the search for motions and planes; the answer hardly depends on it
 
 

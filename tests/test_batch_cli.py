@@ -239,6 +239,7 @@ def test_cameras_given_are_shown_by_a_dry_run(flight: Path) -> None:
         (("-o", "out", "--command", "segment", "--grid", "2x2"), "--grid is for --planes windows"),
         (("-o", "out", "--command", "segment", "--planes", "ransac"), "--planes is for --command estimate"),
         (("-o", "out", "--merge-px", "2"), "--merge-px is for --planes regions"),
+        (("-o", "out", "--glob", "a*", "--pairing", "x.csv"), "--glob is not for a list of pairs"),
     ],
 )
 def test_a_wrong_command_line_ends_in_status_2(
@@ -255,6 +256,7 @@ def test_a_wrong_command_line_ends_in_status_2(
     [
         ("gone", ("--fov", "60"), "gone: no such folder"),
         ("empty", ("--fov", "60"), "empty: holds no images"),
+        ("images", ("--fov", "60", "--glob", "left_*"), "images is called left_*; check --glob"),
         ("images", ("--camera", "gone.json"), "gone.json: no such camera file"),
         ("images", ("--fov", "60", "-o", "images"), "give another -o"),
         ("images", ("--fov", "60", "-o", "file"), "cannot write results to file: file is not a folder"),

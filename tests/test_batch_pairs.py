@@ -118,6 +118,17 @@ def test_a_folder_that_is_none_is_refused(name: str, said: str, pairing: str, tm
         find_pairs(str(tmp_path / name), pairing, cameras=GIVEN)
 
 
+def test_a_pattern_chooses_images_of_a_folder_and_of_every_folder(tmp_path: Path) -> None:
+    names = ("left_1.png", "left_2.png", "right_1.png", "right_2.png")
+    folder = fill(tmp_path, *names, *(f"sub/{name}" for name in names), "other/a.png", "other/b.png")
+    assert names_of(find_pairs(folder, pattern="left_*", cameras=GIVEN)) == ["left_1-left_2"]
+    of_folders = {
+        pair.name: pair.problem for pair in find_pairs(folder, "folders", pattern="left_?.png", cameras=GIVEN).pairs
+    }
+    assert of_folders["sub"] is None
+    assert "none of its 2 images is called left_?.png; check --glob" in of_folders["other"]
+
+
 # ---- a folder per pair ----
 
 

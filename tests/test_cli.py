@@ -88,6 +88,14 @@ def option_lines(lines: list[str]) -> Iterator[tuple[bool, Iterator[str]]]:
         yield block[0].startswith("  -"), itertools.takewhile(bool, block)
 
 
+@pytest.mark.parametrize(("value", "warned"), [("", False), ("two", True)])
+def test_a_number_of_threads_that_is_none_is_ignored(value: str, warned: bool) -> None:
+    done = in_a_process("estimate", "gone.png", "gone.png", "--fov", "60", "--json", OPENCV_FOR_THREADS_NUM=value)
+    *warning, error = done.stderr.splitlines()
+    assert error.startswith("slopemap: error: gone.png")
+    assert [line for line in warning if "not a number of threads; it is ignored" in line] == warning * warned
+
+
 def test_a_misspelt_command_is_a_usage_error() -> None:
     done = in_a_process("estimat")
     assert (done.returncode, done.stdout) == (2, "")

@@ -11,7 +11,8 @@ import pytest
 from report_factory import make_ambiguity, make_region_report, make_report, with_level_plane
 from rich.console import Console
 
-from slopecli.cli import SLOPE_UNITS, Table, draw_table, result_table, talk_lines
+from slopecli.cli import Table, Talk, draw_table, result_table, talk_lines
+from slopecli.report import SLOPE_UNITS
 from slopecli.types import Rejected, Scale, Up
 
 
@@ -134,6 +135,42 @@ def test_a_terminal_of_any_width_shows_every_cell_and_wraps_the_note_alone(width
     assert re.sub(r"\s", "", words) == re.sub(r"\s", "", note)
     assert lines[-1] == "a line below"
     assert max(map(len, lines)) <= max(width, 41)
+
+
+def test_tables_are_as_wide_as_a_terminal_of_80_columns_and_say_what_they_leave_out() -> None:
+    report = make_report()
+    vague = {"verdict": "undecided", "reason": "sigma 30 is above --max-sigma", "status": "poor"}
+    for planes in (report.planes, tuple(replace(one, **vague) for one in report.planes)):
+        screen = io.StringIO()
+        gone = draw_table(result_table(replace(report, planes=planes)), [], Console(file=screen, width=80))
+        lines = screen.getvalue().splitlines()
+        assert max(map(len, lines)) <= 80
+        shown = lines[0]
+        assert not [title for title in gone if title in shown]
+        assert all(title in shown or title in gone for title in ("id", "slope", "verdict", "P(safe)", "points"))
+    wide = drawn(result_table(report), 200, no_color=True)
+    assert "points" in wide
+
+
+def test_a_column_without_a_word_goes_first_from_a_narrow_terminal() -> None:
+    table = Table(("id", "points", "note"), [("1", "599/603", ""), ("2", "1/2", "")])
+    assert drawn(table, 12, no_color=True).splitlines()[:2] == ["id   points", " 1  599/603"]
+
+
+def test_lines_of_a_terminal_break_between_words_and_those_of_a_pipe_do_not(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    line = "wrote " + ", ".join(f"folder/file_{k}.json" for k in range(9))
+    monkeypatch.setenv("COLUMNS", "60")
+    Talk().say(line)
+    assert capsys.readouterr().err == f"{line}\n"
+    screen = io.StringIO()
+    monkeypatch.setattr(screen, "isatty", lambda: True, raising=False)
+    monkeypatch.setattr("sys.stderr", screen)
+    Talk().say(line)
+    shown = screen.getvalue().splitlines()
+    assert max(map(len, shown)) <= 60
+    assert " ".join(part.strip() for part in shown) == line
 
 
 @pytest.mark.parametrize(

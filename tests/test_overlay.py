@@ -38,6 +38,7 @@ from slopecli.products.drawing import (
     text_width,
     wrapped,
 )
+from slopecli.report import SLOPE_UNITS
 from slopecli.types import Camera, Image, Plane, Rejected, Report, Up
 
 EUROC = Camera(752, 480, 458.7, 457.3, 367.2, 248.4, "brown", (-0.283, 0.074, 1.9e-4, 1.8e-5))
@@ -273,6 +274,20 @@ def test_slope_text_shows_as_many_digits_as_mean_something() -> None:
     assert text(12.34, 14.7) == ("12°", "± 15°")
     assert text(12.34, 0.004) == ("12.3°", "± <0.01°")
     assert text(12.34, float("nan")) == ("12.3°", "")
+
+
+@pytest.mark.parametrize(("unit", "told"), [("percent", ("26.8 %", "± 0.9")), ("x-in-12", ("3.22 in 12", "± 0.11"))])
+def test_labels_are_in_the_unit_asked_for_and_walls_in_degrees(unit: str, told: tuple[str, str]) -> None:
+    plane = replace(make_report().planes[0], slope_deg=15.0, slope_sigma_deg=0.5)
+    assert slope_text(plane, SLOPE_UNITS[unit]) == told
+    assert slope_text(replace(plane, slope_deg=89.0), SLOPE_UNITS[unit]) == slope_text(replace(plane, slope_deg=89.0))
+    report = make_report()
+    degrees, other = (
+        draw_overlay(replace(report, options={**report.options, "slope_unit": one}), make_image())
+        for one in ("deg", unit)
+    )
+    assert degrees.shape == other.shape
+    assert (degrees != other).any()
 
 
 def test_long_sentences_are_broken_to_the_width() -> None:

@@ -70,6 +70,24 @@ def test_nothing_is_loaded_and_all_but_pictures_is_small(page: bytes) -> None:
     assert encode(with_causes(make_report()), IMAGE, ORIGIN) == page
 
 
+def test_the_page_tells_slopes_in_the_unit_asked_for(page: bytes) -> None:
+    report = with_causes(make_report())
+    for unit, tolerance, slope in (
+        ("percent", "26.8 %", "55.4 ± 2.1 %"),
+        ("x-in-12", "3.22 in 12", "6.65 ± 0.25 in 12"),
+    ):
+        text = text_of(encode(replace(report, options={**report.options, "slope_unit": unit}), IMAGE, ORIGIN))
+        for said in (
+            f"Against a tolerance of {tolerance}, ",
+            f"</span>tolerance {tolerance}",
+            f"-{tolerance}</li>",
+            slope,
+        ):
+            assert said in text, said
+        assert "tolerance 15" not in text
+    assert "29.0 ± 0.9°" in text_of(page)
+
+
 def some_map() -> Any:
     slope = np.random.default_rng(5).uniform(0.0, 40.0, (60, 80))
     slope[:, :10] = np.nan

@@ -55,6 +55,7 @@ def find_pairs(
     pairing: str = "consecutive",
     *,
     stride: int = 1,
+    pattern: str = "",
     cameras: Cameras | None = None,
     output: str | None = None,
 ) -> FoundPairs:
@@ -66,6 +67,7 @@ def find_pairs(
         "folders": every sub-folder is a pair, of its two images or of those named image1 and image2; "sequences":
         every sub-folder is a sequence of all its images in natural order; else the path of
         a CSV file with two images a row, relative to `folder`, and one or two cameras if need be.
+    pattern : of the names of images that are taken, as in a shell; "" for all. A list of pairs is taken as it is.
     cameras : of all pairs except those that have their own in a CSV file. None: a camera file is searched beside the
         images, then in `folder`.
     output : folder of the results, excluded from the input.
@@ -82,7 +84,7 @@ def find_pairs(
     folder = folder.rstrip(os.sep) or folder
     if output is not None and _is_same_place(folder, output):
         raise InputError(f"{folder}: is the folder of the images, and cannot take the results too; give another -o")
-    candidates, notes = _candidates(folder, pairing, stride, output)
+    candidates, notes = _candidates(folder, pairing, stride, pattern, output)
     search, picked = CameraSearch(folder), NamedCameras()
     pairs = [_pair(*named, cameras, search, picked) for named in zip(_names(candidates), candidates, strict=True)]
     problems = list(dict.fromkeys(pair.problem for pair in pairs))
@@ -98,16 +100,19 @@ def find_pairs(
 # ---- which images belong together ----
 
 
-def _candidates(folder: str, pairing: str, stride: int, output: str | None) -> tuple[list[Candidate], list[str]]:
+def _candidates(
+    folder: str, pairing: str, stride: int, pattern: str, output: str | None
+) -> tuple[list[Candidate], list[str]]:
     if pairing in ("folders", "sequences"):
-        return _one_per_folder(folder, output, sequences=pairing == "sequences"), []
+        return _one_per_folder(folder, pattern, output, sequences=pairing == "sequences"), []
     if pairing in ("consecutive", "stride"):
-        return _along_the_folder(folder, stride, output), []
+        return _along_the_folder(folder, stride, pattern, output), []
     return _listed(folder, pairing)
 
 
-def _along_the_folder(folder: str, stride: int, output: str | None) -> list[Candidate]:
-    names = [name for name in images_in(folder) if not (output and _is_same_place(os.path.join(folder, name), output))]
+def _along_the_folder(folder: str, stride: int, pattern: str, output: str | None) -> list[Candidate]:
+    found = images_in(folder, pattern)
+    names = [name for name in found if not (output and _is_same_place(os.path.join(folder, name), output))]
     if not names:
         raise InputError(f"{folder}: holds no images; {why_no_images(folder)}")
     if len(names) <= stride:
@@ -119,9 +124,9 @@ def _along_the_folder(folder: str, stride: int, output: str | None) -> list[Cand
     ]
 
 
-def _one_per_folder(folder: str, output: str | None, *, sequences: bool) -> list[Candidate]:
+def _one_per_folder(folder: str, pattern: str, output: str | None, *, sequences: bool) -> list[Candidate]:
     each = _sequence_of_folder if sequences else _from_folder
-    found = [each(name, os.path.join(folder, name)) for name in folders_in(folder)]
+    found = [each(name, os.path.join(folder, name), pattern) for name in folders_in(folder)]
     candidates = [one for one in found if not _holds_results(one, os.path.join(folder, one.name), output)]
     if not candidates:
         raise InputError(f"{folder}: holds no folders; needed one for each pair, or another --pairing")
@@ -137,9 +142,9 @@ def _holds_results(candidate: Candidate, place: str, output: str | None) -> bool
     return candidate.problem is not None
 
 
-def _sequence_of_folder(name: str, place: str) -> Candidate:
+def _sequence_of_folder(name: str, place: str, pattern: str) -> Candidate:
     try:
-        frames = tuple(os.path.join(place, image) for image in images_in(place))
+        frames = tuple(os.path.join(place, image) for image in images_in(place, pattern))
     except InputError as error:
         return Candidate(name, "", "", problem=str(error))
     if len(frames) < 2:
@@ -147,9 +152,9 @@ def _sequence_of_folder(name: str, place: str) -> Candidate:
     return Candidate(name, frames[0], frames[-1], own_folder=place, frames=frames)
 
 
-def _from_folder(name: str, place: str) -> Candidate:
+def _from_folder(name: str, place: str, pattern: str) -> Candidate:
     try:
-        images = images_in(place)
+        images = images_in(place, pattern)
     except InputError as error:
         return Candidate(name, "", "", problem=str(error))
     numbered = [image for image in images if PurePath(image).stem.lower() in ("image1", "image2")]

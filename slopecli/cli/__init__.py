@@ -14,7 +14,6 @@ __getattr__, __dir__ = lazy_names(
         "progress": "BatchProgress",
         "report_table": "classes_table result_table talk_lines",
         "shared_options": "talk_options",
-        "slope_units": "SLOPE_UNITS",
         "table": "Table draw_table",
         "talk": "Talk",
     },

@@ -40,6 +40,7 @@ Exit status:
   3    the inputs were read, but the scene gives no answer
   4    a batch finished, and some pairs have no answer
   130  interrupted"""
+OPENCV_THREADS = "OPENCV_FOR_THREADS_NUM"  # environment variable that OpenCV reads
 UNEXPECTED = 1
 INTERRUPTED = 130
 CANNOT_PRINT = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO, errno.EBADF)
@@ -109,6 +110,11 @@ def _prepare_process() -> None:
             os.open(os.devnull, os.O_RDWR)
     # a pool of BLAS threads costs more than it gives on 3x3 systems, and must be declined before numpy is loaded
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+    threads = os.environ.get(OPENCV_THREADS, "1")
+    if not threads.isdecimal():  # OpenCV would end the run in the middle
+        del os.environ[OPENCV_THREADS]
+        if threads:
+            tell(f"warning: {OPENCV_THREADS} is {threads!r}, not a number of threads; it is ignored")
     # a terminal that cannot show a character of a file name or a degree sign shall not end the run
     for stream in (sys.stdout, sys.stderr):
         if hasattr(stream, "reconfigure"):

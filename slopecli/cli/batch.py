@@ -21,11 +21,12 @@ from slopecli.cli.checks import (
     refuse,
 )
 from slopecli.cli.metadata_choices import take_metadata
-from slopecli.cli.parameter_types import PAIRING, PATH, POSITIVE
+from slopecli.cli.parameter_types import PAIRING, PAIRINGS, PATH, POSITIVE
 from slopecli.cli.progress import BatchProgress
 from slopecli.cli.shared_options import Flag, Option
 from slopecli.cli.table import Table, print_table
 from slopecli.cli.talk import Talk
+from slopecli.report.slope_units import SLOPE_UNITS, SlopeUnit, slope_unit_of
 
 if TYPE_CHECKING:
     from slopecli.batch.jobs import Outcome, Pair
@@ -35,7 +36,7 @@ if TYPE_CHECKING:
 SOME_WITHOUT_ANSWER = 4
 SEGMENT = {"planes": "regions", "up": "dominant-plane"}  # what `slopemap segment` does differently
 PAIRS, WORKERS = "Pairs", "Workers"
-MAP_HEADER = ("pair", "result", "safe", "unsafe", "undecided", "unknown", "sites", "largest site", "slope", "note")
+MAP_HEADER = ("pair", "result", "safe", "unsafe", "undecided", "unknown", "sites", "radius", "slope", "note")
 HEADER = ("pair", "result", "steepest", "safe", "unsafe", "undecided", "poor", "refused", "note")
 
 COMMANDS = click.Choice(["estimate", "segment", "map", "sequence"])
@@ -46,6 +47,7 @@ PAIRING_HELP = (
 pair_options = (
     Option(PAIRS, "--pairing", "HOW|FILE.csv", PAIRING, PAIRING_HELP, "consecutive"),
     Option(PAIRS, "--stride", "N", click.IntRange(1), "For stride: how many images further"),
+    Option(PAIRS, "--glob pattern", "PATTERN", str, "Of the images in a folder", "", shown="all"),
     Option(
         PAIRS, "--command", "NAME", COMMANDS, "estimate, segment, map; sequence: all images of each folder", "estimate"
     ),
@@ -68,6 +70,7 @@ worker_options = (
         *pair_options,
         *shared.pair_camera_options,
         Option(shared.OUTPUT, "-o --output", "DIR", PATH, "Folder for the results; optional with --dry-run"),
+        shared.slope_unit,
         shared.report_flag,
         *shared.file_options,
         shared.ply_frame,
@@ -104,10 +107,11 @@ def batch(ctx: click.Context, folder: str, **parameters: Any) -> None:
     for note in found.notes:
         talk.say(note)
     if parameters["dry_run"]:
-        print_table(Table(("pair", "image 1", "image 2", "camera", "note"), list(map(_dry_cells, found.pairs))))
+        print_table(Table(("pair", "image 1", "image 2", "camera", "note"), list(map(_dry_cells, found.pairs))), talk)
         return
     outcomes = _run(found, parameters, metadata, talk)
-    print_table(maps_table(outcomes) if parameters["command"] == "map" else batch_table(outcomes))
+    unit = slope_unit_of(parameters)
+    print_table(maps_table(outcomes, unit) if parameters["command"] == "map" else batch_table(outcomes, unit), talk)
     failed = sum(outcome.exit_status != 0 for outcome in outcomes)
     pairs = "1 pair" if len(outcomes) == 1 else f"{len(outcomes)} pairs"
     talk.say(f"{pairs}: {len(outcomes) - failed} answered, {failed} without an answer")
@@ -122,6 +126,7 @@ def _check_usage(ctx: click.Context) -> None:
     at_most_one(ctx, ("jobs", "cluster"), ("footprint_px", "footprint_m"))
     sequence = ctx.params["command"] == "sequence"
     segment, stride = ctx.params["command"] == "segment", ctx.params["pairing"] == "stride"
+    listed = ctx.params["pairing"] not in PAIRINGS
     _check_command(ctx, is_map=ctx.params["command"] == "map")
     check_planes(ctx, SEGMENT["planes"] if segment else ctx.params["planes"])
     nowhere = "Nowhere to put the answers: give -o DIR, or --dry-run to list the pairs."
@@ -132,6 +137,7 @@ def _check_usage(ctx: click.Context) -> None:
         (sequence and given(ctx, "ship"), "--ship is not for --command sequence; leave it out."),
         (given(ctx, "camera2") and not given(ctx, *CAMERA_FLAGS), "--camera2 is without --camera; give both."),
         (given(ctx, "ship") and not given(ctx, "cluster"), "--ship is for --cluster ADDRESS; leave it out."),
+        (given(ctx, "pattern") and listed, "--glob is not for a list of pairs, which names its images; leave it out."),
         (stride and not given(ctx, "stride"), "--pairing stride needs --stride N."),
         (not stride and given(ctx, "stride"), "--stride is for --pairing stride; leave one out."),
         (not given(ctx, "output", "dry_run"), nowhere),
@@ -158,7 +164,8 @@ def _find_pairs(folder: str, parameters: dict[str, Any]) -> FoundPairs:
         cameras = camera_choices(parameters)
     stride = parameters["stride"] or 1
     pairing = "sequences" if parameters["command"] == "sequence" else parameters["pairing"]
-    return find_pairs(folder, pairing, stride=stride, cameras=cameras, output=output)
+    pattern = parameters["pattern"]
+    return find_pairs(folder, pairing, stride=stride, pattern=pattern, cameras=cameras, output=output)
 
 
 def _run(found: FoundPairs, parameters: dict[str, Any], metadata: MetadataChoice | None, talk: Talk) -> list[Outcome]:
@@ -180,25 +187,24 @@ def _run(found: FoundPairs, parameters: dict[str, Any], metadata: MetadataChoice
             raise
 
 
-def batch_table(outcomes: Sequence[Outcome]) -> Table:
-    """A row for each pair in their order; counts are of windows or planes, slopes in degrees."""
-    return Table(HEADER, [_cells(outcome) for outcome in outcomes])
+def batch_table(outcomes: Sequence[Outcome], unit: SlopeUnit = SLOPE_UNITS["deg"]) -> Table:
+    """A row for each pair in their order; counts are of windows or planes."""
+    return Table(HEADER, [_cells(outcome, unit) for outcome in outcomes])
 
 
-def maps_table(outcomes: Sequence[Outcome]) -> Table:
+def maps_table(outcomes: Sequence[Outcome], unit: SlopeUnit = SLOPE_UNITS["deg"]) -> Table:
     """A row for each pair of a batch of maps; shares are of image 1, the largest site has its radius in px."""
-    return Table(MAP_HEADER, [_map_cells(outcome) for outcome in outcomes])
+    return Table(MAP_HEADER, [_map_cells(outcome, unit) for outcome in outcomes])
 
 
-def _map_cells(outcome: Outcome) -> tuple[str, ...]:
+def _map_cells(outcome: Outcome, unit: SlopeUnit) -> tuple[str, ...]:
     if outcome.exit_status:
         return _without_answer(outcome, MAP_HEADER)
     shares = ("-" if share is None else f"{100 * share:.1f} %" for share in outcome.shares)
     largest, slope = "-", "-"
     if outcome.site_radius_px is not None and outcome.site_slope_deg is not None:
         largest = f"{outcome.site_radius_px:.0f} px"
-        sigma = outcome.site_slope_sigma_deg
-        slope = f"{outcome.site_slope_deg:.2f} ± {'-' if sigma is None else f'{sigma:.2f}'}°"
+        slope = unit.text(outcome.site_slope_deg, outcome.site_slope_sigma_deg)
     return outcome.name, "answered", *shares, str(outcome.n_sites), largest, slope, _note(outcome)
 
 
@@ -212,13 +218,13 @@ def _note(outcome: Outcome) -> str:
     return ", ".join([*ambiguous, *dict.fromkeys(outcome.diagnostics)])
 
 
-def _cells(outcome: Outcome) -> tuple[str, ...]:
+def _cells(outcome: Outcome, unit: SlopeUnit) -> tuple[str, ...]:
     if outcome.exit_status:
         return _without_answer(outcome, HEADER)
     verdicts = outcome.n_safe, outcome.n_unsafe, outcome.n_undecided
     counts = map(str, (*verdicts, outcome.n_planes - outcome.n_ok, outcome.n_rejected))
     # the steepest slope for each of the motions that remain
-    steepest = [f"{slope:.2f} ± {'-' if sigma is None else f'{sigma:.2f}'}°" for slope, sigma in outcome.steepest]
+    steepest = [unit.text(slope, sigma) for slope, sigma in outcome.steepest]
     return outcome.name, "answered", " or ".join(steepest) or "-", *counts, _note(outcome)
 
 

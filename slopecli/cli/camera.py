@@ -126,7 +126,7 @@ def _lists_several(file: str, size: tuple[int, int] | None, image: str | None, t
             rows.append((one, *_row(decode_camera(data, path, one, size))))
         except InputError as error:
             rows.append((one, "-", "-", "-", str(error).removeprefix(f"{path}: ")))
-    print_table(Table(("camera", "image", "field of view", "focal length", "note"), rows))
+    print_table(Table(("camera", "image", "field of view", "focal length", "note"), rows), talk)
     talk.say(f"info: {path}: {len(names)} cameras; show one, for example {path}#{names[0]}")
     return True
 

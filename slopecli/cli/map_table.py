@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from slopecli.cli.report_table import focal_line, talk_lines
-from slopecli.cli.slope_units import SLOPE_UNITS, SlopeUnit
+from slopecli.cli.report_table import say_notes
 from slopecli.cli.table import Table, print_table
 from slopecli.cli.talk import Talk, check_stdout, print_result
+from slopecli.report.slope_units import SlopeUnit, slope_unit_of
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -28,18 +28,13 @@ def print_map(answer: SlopeMap, written: list[Path], talk: Talk, *, as_json: boo
     else:
         print_sites(answer, talk)
     say_ground(answer, talk)
-    for line in talk_lines(answer.report):
-        talk.say(line)
-    if talk.verbose:
-        talk.say(focal_line(answer.report))
-    if written:
-        talk.say(f"wrote {', '.join(map(str, written))}")
+    say_notes(answer.report, written, talk)
 
 
 def print_sites(answer: SlopeMap, talk: Talk) -> None:
     """Print the landing sites on stdout."""
     if answer.sites:
-        print_table(sites_table(answer, SLOPE_UNITS[talk.slope_unit]))
+        print_table(sites_table(answer), talk)
     else:
         print_result("no landing site")
 
@@ -51,10 +46,11 @@ def say_ground(answer: SlopeMap, talk: Talk) -> None:
         talk.say(f"no landing site: {answer.no_site}")
 
 
-def sites_table(answer: SlopeMap, unit: SlopeUnit = SLOPE_UNITS["deg"]) -> Table:
+def sites_table(answer: SlopeMap) -> Table:
     """A row for each landing site, best first; lengths in metres where the scale is known."""
     with_lander = any(site.lander_slope_deg is not None for site in answer.sites)
     header = (*HEADER, "lander") if with_lander else HEADER
+    unit = slope_unit_of(answer.report.options)
     metres = " m" if answer.report.scale.unit == "m" else " b"
     return Table(header, [_cells(site, metres, unit)[: len(header)] for site in answer.sites])
 

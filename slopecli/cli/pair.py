@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -27,6 +29,7 @@ from slopecli.cli.talk import Talk, origin_of
 
 if TYPE_CHECKING:
     from slopecli.options import CameraChoice, Options
+    from slopecli.products import Product
     from slopecli.types import Camera, Image, Report
 
 
@@ -119,20 +122,14 @@ def slope_map(ctx: click.Context, image1: str, image2: str, **parameters: Any) -
     """
     at_most_one(ctx, ("footprint_px", "footprint_m"))
     images, cameras, options = _read_pair(ctx, image1, image2, parameters)
-    talk, output = ctx.ensure_object(Talk), parameters["output"]
+    talk = ctx.ensure_object(Talk)
 
     from slopecli import pipeline
+    from slopecli.io.outputs import write_map
+    from slopecli.products import MAP_PRODUCTS
 
-    wanted = map_options_from(parameters)
-    answer = pipeline.slope_map(*images, *cameras, options, wanted, on_stage=talk.stage)
-    written: list[Path] = []
-    if output:
-        from slopecli.io.outputs import write_map
-        from slopecli.products import MAP_PRODUCTS, kept_choices
-
-        with talk.timed("write"):
-            keep, origin = kept_choices(parameters, MAP_PRODUCTS), origin_of(talk, images[1])
-            written = write_map(answer, images[0], output, keep, origin)
+    answer = pipeline.slope_map(*images, *cameras, options, map_options_from(parameters), on_stage=talk.stage)
+    written = _written(partial(write_map, answer), MAP_PRODUCTS, images, parameters, talk)
     _say_place(answer.report, talk)
     print_map(answer, written, talk, as_json=parameters["as_json"])
 
@@ -141,21 +138,34 @@ def _answer_pair(ctx: click.Context, image1: str, image2: str, parameters: dict[
     """Estimate one pair: files in, files out, a table or JSON on stdout."""
     check_planes(ctx, parameters["planes"])
     images, cameras, options = _read_pair(ctx, image1, image2, parameters)
-    talk, output = ctx.ensure_object(Talk), parameters["output"]
+    talk = ctx.ensure_object(Talk)
 
     from slopecli import pipeline
+    from slopecli.io.outputs import write_outputs
+    from slopecli.products import PRODUCTS
 
     report = pipeline.estimate(*images, *cameras, options, on_stage=talk.stage)
-    written: list[Path] = []
-    if output:
-        from slopecli.io.outputs import write_outputs
-        from slopecli.products import kept_choices
-
-        with talk.timed("write"):
-            written = write_outputs(report, images[0], output, kept_choices(parameters), origin_of(talk, images[1]))
+    written = _written(partial(write_outputs, report), PRODUCTS, images, parameters, talk)
     _say_place(report, talk)
     every = parameters["every"] or talk.verbose
     print_report(report, written, talk, as_json=parameters["as_json"], every=every)
+
+
+def _written(
+    write: Callable[..., list[Path]],
+    products: Sequence[Product],
+    images: tuple[Image, Image],
+    parameters: dict[str, Any],
+    talk: Talk,
+) -> list[Path]:
+    """Paths of the files of an answer, which `write` writes; none without a folder for them."""
+    from slopecli.products import kept_choices
+
+    if not parameters["output"]:
+        return []
+    with talk.timed("write"):
+        keep, origin = kept_choices(parameters, products), origin_of(talk, images[1])
+        return write(images[0], parameters["output"], keep, origin)
 
 
 def _say_place(report: Report, talk: Talk) -> None:

@@ -152,7 +152,7 @@ def _deliver(found: Plan, parameters: dict[str, Any], talk: Talk) -> None:
     if parameters["as_json"]:
         print_result(plan_to_json(found))
     else:
-        print_table(Table(HEADER, list(map(_cells, found.windows))), *_summary(found))
+        print_table(Table(HEADER, list(map(_cells, found.windows))), talk, *_summary(found))
     for diagnostic in found.diagnostics:
         talk.say(diagnostic_line(diagnostic))
     if written:

@@ -6,10 +6,9 @@ import math
 from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
-from slopecli.cli.slope_units import SLOPE_UNITS, SlopeUnit, number_text
 from slopecli.cli.table import Table, print_table
 from slopecli.cli.talk import Talk, check_stdout, print_result
-from slopecli.options import MapOptions
+from slopecli.report.slope_units import SlopeUnit, number_text, slope_unit_of
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -37,8 +36,12 @@ def print_report(report: Report, written: list[Path], talk: Talk, *, as_json: bo
     else:
         from slopecli.report.kinds import many_windows
 
-        unit = SLOPE_UNITS[talk.slope_unit]
-        print_table(classes_table(report, unit) if many_windows(report) else result_table(report, unit, every=every))
+        print_table(classes_table(report) if many_windows(report) else result_table(report, every=every), talk)
+    say_notes(report, written, talk, every=every)
+
+
+def say_notes(report: Report, written: list[Path], talk: Talk, *, every: bool = True) -> None:
+    """Say on stderr what to know of an answer besides its table, and which files were written."""
     for line in talk_lines(report, every=every):
         talk.say(line)
     if talk.verbose:
@@ -49,11 +52,12 @@ def print_report(report: Report, written: list[Path], talk: Talk, *, as_json: bo
         talk.say(f"wrote {', '.join(map(str, written))}")
 
 
-def result_table(report: Report, unit: SlopeUnit = SLOPE_UNITS["deg"], *, every: bool = True) -> Table:
-    """A row for each window or plane in the order of ids, those without an answer included; slopes in `unit`.
+def result_table(report: Report, *, every: bool = True) -> Table:
+    """A row for each window or plane in the order of ids, those without an answer included.
 
     every : if not, planes that were found have a row only where they matter.
     """
+    unit = slope_unit_of(report.options)
     rows = {plane.id: _plane_cells(plane, report, unit) for plane in report.planes}
     if report.found:
         from slopecli.report.kinds import plane_kinds, plane_shares
@@ -70,18 +74,17 @@ def result_table(report: Report, unit: SlopeUnit = SLOPE_UNITS["deg"], *, every:
     return Table(header, [tuple(rows[number].get(title, "-") for title in header) for number in shown])
 
 
-def classes_table(report: Report, unit: SlopeUnit = SLOPE_UNITS["deg"]) -> Table:
-    """A row for each class of slope, with how many of many windows are in it, their sigma and their verdicts."""
-    edges = MapOptions().classes_deg
+def classes_table(report: Report) -> Table:
+    """A row for each class of slope of overlay.png, with how many of many windows are in it, their sigma and their
+    verdicts."""
+    from slopecli.products.drawing.classes import classes_of
+
+    classes = classes_of(report)
     told = [plane for plane in report.planes if plane.slope_known and plane.status == "ok"]
-    class_of = {plane.id: sum(plane.slope_deg > edge for edge in edges) for plane in told}
-    names = [f"{low:g}-{high:g}°" for low, high in zip((0.0, *edges), edges, strict=False)] + [f"over {edges[-1]:g}°"]
-    if unit.run:
-        low = (0.0, *edges)
-        names = [unit.interval(*ends) for ends in zip(low, edges, strict=False)] + [f"over {unit.text(edges[-1])}"]
+    class_of = dict(zip(told, classes.of([plane.slope_deg for plane in told]), strict=True))
     rows = []
-    for k, name in enumerate(names):
-        here = [plane for plane in told if class_of[plane.id] == k]
+    for k, name in enumerate(classes.names):
+        here = [plane for plane in told if class_of[plane] == k]
         sigmas = sorted(plane.slope_sigma_deg for plane in here if plane.slope_sigma_deg is not None)
         median_deg = f"± {sigmas[len(sigmas) // 2]:.2g}°" if sigmas else "-"
         counts = (sum(plane.verdict == verdict for plane in here) for verdict in VERDICTS)
@@ -165,7 +168,7 @@ def diagnostic_line(diagnostic: Diagnostic) -> str:
 
 
 def _up_line(report: Report) -> str:
-    x, y, z = report.up.vector_cam1
+    x, y, z = (round(value, 4) + 0.0 for value in report.up.vector_cam1)  # no negative zero
     meaning = {
         "camera": "camera 1 taken to look straight down; see --up",
         "given": "given",

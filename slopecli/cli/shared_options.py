@@ -15,7 +15,6 @@ import click
 
 from slopecli.cli import parameter_types as kinds
 from slopecli.cli.parameter_types import PATH, POSITIVE, VECTOR, Between, choices_of, inside
-from slopecli.cli.slope_units import SLOPE_UNITS
 from slopecli.cli.talk import Talk
 from slopecli.options import MOST_SIGMA_DEG, MapOptions, Options
 from slopecli.patches import FINDERS, PLANE_FINDERS
@@ -144,9 +143,8 @@ file_options = tuple(map(_product_flag, _others))
 _folder = Option(OUTPUT, "-o --output", "DIR", PATH, "Folder for the results; optional with --json")
 _FRAME_HELP = "Of PLY files: up (z is up) or camera"
 ply_frame = Option(OUTPUT, "--ply-frame", "AXES", kinds.choices_of("ply_frame"), _FRAME_HELP, of=Options)
-_UNIT_HELP = "Of the table: deg, percent or x-in-12"
-slope_unit = Option(OUTPUT, "--slope-unit", "UNIT", click.Choice([*SLOPE_UNITS]), _UNIT_HELP, "deg", expose_value=False)
-slope_unit.callback = _set_talk
+_UNIT_HELP = "Shown: deg, percent or x-in-12"
+slope_unit = Option(OUTPUT, "--slope-unit", "UNIT", kinds.choices_of("slope_unit"), _UNIT_HELP, of=Options)
 output_options = (_folder, json_flag, slope_unit, report_flag, *file_options, ply_frame)
 map_file_options = tuple(_product_flag(choice, MAP_PRODUCTS) for choice in ("pictures", "ply"))
 map_output_options = (_folder, json_flag, slope_unit, report_flag, *map_file_options, ply_frame)

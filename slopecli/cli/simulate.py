@@ -93,7 +93,7 @@ def _run(options: StudyOptions, camera_file: str | None, jobs: int | None, outpu
     claims, timed = [judge_spread(spread), *judge_study(study)], judge_times(timings)
     with talk.timed("write"):
         written = write_study(study, spread, claims, timings, timed, output)
-    print_table(_claim_table([*claims, *timed]))
+    print_table(_claim_table([*claims, *timed]), talk)
     talk.say(f"wrote {', '.join(map(str, written))}")
 
 

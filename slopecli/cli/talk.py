@@ -5,11 +5,12 @@ from __future__ import annotations
 import errno
 import os
 import sys
+import textwrap
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, TextIO
+from typing import TYPE_CHECKING, Any, TextIO
 
 import click
 
@@ -24,23 +25,22 @@ if TYPE_CHECKING:
 class Talk:
     """How much the command says on stderr; errors are said in any case.
 
-    slope_unit : of tables, see `slope_units`.  command : the command line, as typed.
+    command : the command line, as typed.
     notes : how files were read, as said so far.
     """
 
     verbose: bool = False
     quiet: bool = False
-    slope_unit: str = "deg"
     command: str = ""
     notes: list[str] = field(default_factory=list)
     _start: float = field(default_factory=time.monotonic)
     _shown: bool = False
 
     def say(self, line: str) -> None:
-        """Say one line on stderr unless -q was given."""
+        """Say one line on stderr unless -q was given; on a terminal broken between words."""
         self.clear()
         if not self.quiet:
-            tell(line)
+            tell(line, _terminal_width())
 
     def note(self, text: str) -> None:
         """Say how a file was read, and keep it for the page."""
@@ -97,10 +97,30 @@ def check_stdout() -> None:
         raise OSError(errno.EBADF, "it is closed")
 
 
-def tell(text: str) -> None:
-    """Print a line on stderr, names in it made `visible`; the work goes on if nothing reads it any more."""
+def tell(text: str, width: int | None = None) -> None:
+    """Print a line on stderr, names in it made `visible`; the work goes on if nothing reads it any more.
+
+    width : characters; longer lines are broken between words. None: they are not.
+    """
+    shown = visible(text)
+    if width is not None and len(shown) > width:
+        how: dict[str, Any] = {"subsequent_indent": "  ", "break_long_words": False, "break_on_hyphens": False}
+        shown = textwrap.fill(shown, width, **how)
     with stderr_may_be_gone():
-        click.echo(visible(text), err=True)
+        click.echo(shown, err=True)
+
+
+def _terminal_width() -> int | None:
+    """Characters in a line of the terminal that stderr is, as the environment's COLUMNS says or the terminal itself;
+    None where stderr is none."""
+    if not is_terminal(sys.stderr):
+        return None
+    columns = os.environ.get("COLUMNS", "")
+    try:
+        wanted = int(columns) if columns.isdecimal() and len(columns) < 9 else 0
+        return wanted or os.get_terminal_size(sys.stderr.fileno()).columns or None
+    except (OSError, ValueError):
+        return None
 
 
 @contextmanager

@@ -137,7 +137,7 @@ def _deliver(result: Result, truth: Truth, comparison: Comparison, talk: Talk, p
     if parameters["as_json"]:
         print_result(comparison_json(comparison))
     else:
-        print_table(comparison_table(comparison))
+        print_table(comparison_table(comparison), talk)
     for line in summary_lines(comparison, result.unit):
         talk.say(line)
     if written:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import fnmatch
 import math
 import os
 from collections.abc import Iterator, Sequence
@@ -16,7 +15,7 @@ import numpy as np
 from slopecli.errors import InputError
 from slopecli.io.files import csv_rows, read_file
 from slopecli.io.images import decode_image, load_image, read_image_file
-from slopecli.io.pair_sources import images_in
+from slopecli.io.pair_sources import images_in, why_no_images
 from slopecli.sequence.frame import Frame
 from slopecli.types import Image
 
@@ -76,11 +75,10 @@ def open_frames(
     InputError : there are no frames, no first one, or not as many times as frames.
     """
     if len(paths) == 1 and Path(paths[0]).is_dir():
-        names = [str(Path(paths[0], name)) for name in images_in(paths[0])]
-        chosen = [name for name in names if not pattern or fnmatch.fnmatch(Path(name).name, pattern)]
-        if not chosen:
-            raise InputError(f"{paths[0]}: none of its {len(names)} images is called {pattern}; check --glob")
-        return _of_files(chosen, times, positions)
+        names = [str(Path(paths[0], name)) for name in images_in(paths[0], pattern)]
+        if not names:
+            raise InputError(f"{paths[0]}: holds no images; {why_no_images(paths[0])}")
+        return _of_files(names, times, positions)
     if len(paths) == 1 and Path(paths[0]).suffix.lower() in VIDEO_SUFFIXES:
         if times is not None or positions is not None:
             raise InputError(f"{paths[0]}: is a video, which has its own times; --times and --positions are for images")

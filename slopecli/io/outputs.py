@@ -16,13 +16,14 @@ from slopecli import __version__
 from slopecli.errors import DiskFull, InputError
 from slopecli.io.files import DISK_FULL, read_file, signals_held_back, sync_folder, write_through
 from slopecli.io.temporary import temporary_folder
-from slopecli.products import BY_DEFAULT, MAP_PRODUCTS, OUTPUT_NAMES, encode_products
+from slopecli.products import BY_DEFAULT, MAP_PRODUCTS, OUTPUT_NAMES, PRODUCTS, Product, encode_products
 from slopecli.products.slopes_json import SCHEMA_VERSION, to_json
 from slopecli.types import Image, Report
 
 if TYPE_CHECKING:
     from slopecli.ground.slope_map import SlopeMap
     from slopecli.plan.result import Plan
+    from slopecli.products import Answer
     from slopecli.products.origin import Origin
     from slopecli.report.camera_summary import CameraFacts
 
@@ -44,8 +45,7 @@ def write_outputs(
     besides the answer. Returns the paths of the files
     written, slopes.json first; raises as `store_outputs`, and InputError if one of them would replace an image.
     """
-    check_directory(directory, inputs=[one.path for one in report.images])
-    return store_outputs(encode_products(report, image, keep, origin=origin), directory)
+    return _write(report, report, image, directory, keep, PRODUCTS, origin)
 
 
 def write_map(
@@ -59,8 +59,20 @@ def write_map(
 
     `image` is image 1, `keep` the user's choices among those of `slopecli.products.MAP_PRODUCTS`.
     """
-    check_directory(directory, inputs=[one.path for one in slope_map.report.images])
-    return store_outputs(encode_products(slope_map, image, keep, MAP_PRODUCTS, origin), directory)
+    return _write(slope_map, slope_map.report, image, directory, keep, MAP_PRODUCTS, origin)
+
+
+def _write(
+    answer: Answer,
+    report: Report,
+    image: Image,
+    directory: str | Path,
+    keep: Collection[str],
+    products: Sequence[Product],
+    origin: Origin | None,
+) -> list[Path]:
+    check_directory(directory, inputs=[one.path for one in report.images])
+    return store_outputs(encode_products(answer, image, keep, products, origin), directory)
 
 
 def store_outputs(contents: dict[str, bytes], directory: str | Path, names: Sequence[str] = OUTPUT_NAMES) -> list[Path]:

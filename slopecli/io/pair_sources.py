@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import fnmatch
 import os
 import re
 from pathlib import Path
@@ -44,13 +45,24 @@ def natural_key(name: str) -> tuple[list[str | int], str]:
     return parts, name
 
 
-def images_in(folder: str) -> list[str]:
+def images_in(folder: str, pattern: str = "") -> list[str]:
     """Names in a folder that have the suffix of an image, in natural order, without hidden ones.
 
-    The content is not checked: a folder named view.jpg is listed, and reading it will fail with a message. Raises
-    InputError if the folder cannot be read.
+    The content is not checked: a folder named view.jpg is listed, and reading it will fail with a message.
+
+    Parameters
+    ----------
+    pattern : of the names wanted, as in a shell ("left_*.png"); "" for all.
+
+    Raises
+    ------
+    InputError : the folder cannot be read, or no name of its images fits the pattern.
     """
-    return [name for name in _entries(folder) if Path(name).suffix.lower() in IMAGE_SUFFIXES]
+    names = [name for name in _entries(folder) if Path(name).suffix.lower() in IMAGE_SUFFIXES]
+    fitting = [name for name in names if not pattern or fnmatch.fnmatch(name, pattern)]
+    if names and not fitting:
+        raise InputError(f"{folder}: none of its {len(names)} images is called {pattern}; check --glob")
+    return fitting
 
 
 def folders_in(folder: str) -> list[str]:

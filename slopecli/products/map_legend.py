@@ -32,6 +32,7 @@ from slopecli.products.drawing.patterns import (
     lay_unknown,
 )
 from slopecli.report.second_root import margin
+from slopecli.report.slope_units import slope_unit_of
 from slopecli.types import BoolArray
 
 Cells = NDArray[np.int16]  # (rows, columns) the class of every cell, `STEP` or `UNKNOWN`
@@ -81,7 +82,7 @@ def slope_entries(slope_map: SlopeMap, classes: Classes, cells: Cells, text_px: 
         for name, where, each, colour, pattern in patterned
         if where.any()
     ]
-    edge: Entry = (f"edge at the tolerance, {slope_map.tolerance_deg:g}°", edge_sign)
+    edge: Entry = (f"edge at the tolerance, {classes.unit.limit(slope_map.tolerance_deg)}", edge_sign)
     others = [edge, *marked, _unknown_entry(cells == UNKNOWN, text_px)]
     return [_site_entries(slope_map, text_px), _class_entries(classes, cells, text_px, slope_map), others]
 
@@ -94,15 +95,16 @@ def sigma_entries(slope_map: SlopeMap, classes: Classes, cells: Cells, text_px: 
 
 def slope_caption(slope_map: SlopeMap) -> str:
     """Return what the map of slopes shows, in sentences."""
-    verdicts, area = slope_map.verdicts, cell_area_m2(slope_map)
+    verdicts, area, unit = slope_map.verdicts, cell_area_m2(slope_map), slope_unit_of(slope_map.report.options)
     shares = (f"{name} {share_text(verdicts == name, area)}" for name in ("safe", "unsafe", "undecided"))
     unknown = share_text(verdicts == "unknown")
     return (
         f"In all: {'; '.join(shares)}; not known {unknown}. "
         f"Slope of the plane of a disc of {_footprint(slope_map)} around every point, against "
         f"{UP_WORDS[slope_map.report.up.source]}. Safe, unsafe: with probability {slope_map.confidence:g} or more the "
-        f"disc is, or is not, at most {slope_map.tolerance_deg:g}° steep and free of what is too high; undecided: "
-        "neither. Percentages are of the picture. Hatched ground was not measured: nobody knows whether it is safe."
+        f"disc is, or is not, at most {unit.limit(slope_map.tolerance_deg)} steep and free of what is too high; "
+        "undecided: neither. Percentages are of the picture. Hatched ground was not measured: nobody knows whether it "
+        "is safe."
     )
 
 
@@ -119,7 +121,7 @@ def windows_entries(
 ) -> list[list[Entry]]:
     """Return the entries of a picture of windows (n,) in groups: classes of slope; other marks."""
     gentle: Colour = tuple(classes.colours[(classes.steep_from or 1) - 1].tolist())
-    others: list[Entry] = [(f"edge at the tolerance, {tolerance:g}°", edge_sign)]
+    others: list[Entry] = [(f"edge at the tolerance, {classes.unit.limit(tolerance)}", edge_sign)]
     if undecided.any():
         others.append((f"undecided, {share_text(undecided)}", partial(_swatch, text_px, gentle, lay_undecided)))
     return [_class_entries(classes, cells, text_px), [*others, _unknown_entry(cells == UNKNOWN, text_px)]]
@@ -201,12 +203,13 @@ def _unknown_entry(where: BoolArray, text_px: int) -> Entry:
 
 
 def _site_entries(slope_map: SlopeMap, text_px: int) -> list[Entry]:
-    unit = slope_map.report.scale.unit
+    unit, slope_unit = slope_map.report.scale.unit, slope_unit_of(slope_map.report.options)
     entries: list[Entry] = []
     for site in slope_map.sites:
         radius = f"{number_text(site.radius)} m" if unit == "m" else f"{site.radius_px:.0f} px"
         rank = "best landing site" if site is slope_map.sites[0] else "landing site"
-        words = f"{rank}: radius {radius}, slope {site.slope_deg:.1f} ± {site.slope_sigma_deg:.1f}°, {site.verdict}"
+        slope = slope_unit.short(site.slope_deg, site.slope_sigma_deg)
+        words = f"{rank}: radius {radius}, slope {slope}, {site.verdict}"
         entries.append((words, partial(_site_sign, site, text_px)))
     return entries
 

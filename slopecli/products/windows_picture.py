@@ -8,9 +8,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from slopecli.options import MapOptions
 from slopecli.products.drawing.canvas import converted, map_frame, resized
-from slopecli.products.drawing.classes import UNKNOWN, classes_between
+from slopecli.products.drawing.classes import UNKNOWN, classes_of
 from slopecli.products.drawing.ground_marks import draw_tolerance_edge
 from slopecli.products.drawing.legend import UP_WORDS, draw_banner
 from slopecli.products.drawing.patterns import lay_undecided
@@ -25,7 +24,7 @@ def draw_windows(report: Report, image: Image) -> NDArray[np.uint8]:
     Returns (h, w, 3) uint8 BGR; higher than the image in its `map_frame` by legend and banners.
     """
     frame, tolerance = map_frame(image), float(report.options["tolerance_deg"])
-    classes = classes_between(MapOptions().classes_deg, tolerance)
+    classes = classes_of(report)
     told = [plane for plane in report.planes if plane.slope_known and plane.status == "ok"]
     asked = sorted([plane.id for plane in report.planes] + [one.id for one in report.rejected])
     cells = np.full(asked[-1] + 1, UNKNOWN, np.int16)

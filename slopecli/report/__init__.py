@@ -9,6 +9,7 @@ __getattr__, __dir__ = lazy_names(
         "camera_summary": "CameraFacts camera_facts camera_lines",
         "kinds": "main_planes plane_kinds plane_shares",
         "sigma_parts": "CAUSES sigma_causes",
+        "slope_units": "SLOPE_UNITS",
         "second_root": "deciding_sigma margin what_decides",
         "withheld": "withhold_safe",
     },

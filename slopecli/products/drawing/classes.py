@@ -11,8 +11,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from slopecli.ground.slope_map import SlopeMap
+from slopecli.options import MapOptions
 from slopecli.products.drawing.marks import INK, Colour
-from slopecli.types import FloatArray
+from slopecli.report.slope_units import SLOPE_UNITS, SlopeUnit, slope_unit_of
+from slopecli.types import FloatArray, Report
 
 UNKNOWN, STEP = -1, -2  # in place of a class: no slope is known; the footprint lies across a step of the ground
 STEP_COLOUR = INK
@@ -30,17 +32,18 @@ class Classes:
     edges_deg : ascending; class k ends with edge k, which belongs to it, and the last class has no end.
     colours : (n + 1, 3) uint8 RGB; each is lighter than the one before.
     steep_from : the first class beyond the tolerance; None where there is no tolerance among the edges.
+    unit : that their names are in.
     """
 
     edges_deg: tuple[float, ...]
     colours: NDArray[np.uint8]
     steep_from: int | None = None
+    unit: SlopeUnit = SLOPE_UNITS["deg"]
 
     @property
     def names(self) -> list[str]:
         """What a legend calls the classes."""
-        between = [f"{low:g}-{high:g}°" for low, high in zip(self.edges_deg, self.edges_deg[1:], strict=False)]
-        return [f"0-{self.edges_deg[0]:g}°", *between, f"over {self.edges_deg[-1]:g}°"]
+        return self.unit.classes(self.edges_deg)
 
     def of(self, angle_deg: ArrayLike) -> NDArray[np.int16]:
         """Return the class of every angle, `UNKNOWN` for one that is not finite."""
@@ -51,16 +54,22 @@ class Classes:
 
 def slope_classes(slope_map: SlopeMap) -> Classes:
     """Return the classes of slope that a user asked for, with the tolerance among their edges."""
-    return classes_between(slope_map.classes_deg, slope_map.tolerance_deg)
+    return classes_between(slope_map.classes_deg, slope_map.tolerance_deg, slope_unit_of(slope_map.report.options))
 
 
-def classes_between(edges_deg: Sequence[float], tolerance: float) -> Classes:
+def classes_of(report: Report) -> Classes:
+    """Return the classes of slope that the planes of a report are shown in, with its tolerance among their edges."""
+    tolerance_deg = float(report.options["tolerance_deg"])
+    return classes_between(MapOptions().classes_deg, tolerance_deg, slope_unit_of(report.options))
+
+
+def classes_between(edges_deg: Sequence[float], tolerance: float, unit: SlopeUnit = SLOPE_UNITS["deg"]) -> Classes:
     """Return the classes of slope between these edges, with the tolerance among them, deg."""
     edges = tuple(sorted({float(edge) for edge in (*edges_deg, tolerance) if edge > 0}))
     steep_from = edges.index(tolerance) + 1
     lightness = np.linspace(*LIGHTNESS, len(edges) + 1)
     gentle, steep = _of_lightness(tuple(GENTLE), lightness), _of_lightness(tuple(STEEP), lightness)
-    return Classes(edges, np.vstack([gentle[:steep_from], steep[steep_from:]]), steep_from)
+    return Classes(edges, np.vstack([gentle[:steep_from], steep[steep_from:]]), steep_from, unit)
 
 
 def sigma_classes() -> Classes:

@@ -15,6 +15,7 @@ from slopecli.products.drawing.colours import SLOPE_RANGE_DEG, slope_range_colou
 from slopecli.products.drawing.lettering import LEADING, Text, text_width, wrapped, write
 from slopecli.products.drawing.marks import Picture
 from slopecli.report.second_root import margin
+from slopecli.report.slope_units import SlopeUnit, slope_unit_of
 from slopecli.types import FloatArray, Report
 
 WARNING = (255, 224, 130)
@@ -96,10 +97,20 @@ def draw_legend(report: Report, width: int, text_px: int, with_focus: bool) -> P
     """Draw the legend of the overlay, (h, width, 3) uint8 RGB: colours with the tolerance, signs, what up means."""
     low, high = SLOPE_RANGE_DEG
     tolerance = float(report.options.get("tolerance_deg", Options.tolerance_deg))  # that the verdicts were made with
-    ticks = [((t - low) / (high - low), f"{t:g}°{'+' if t == high else ''}") for t in np.arange(low, high + 1, 5)]
-    mark = (tolerance - low) / (high - low), f"tolerance {tolerance:g}°"
+    unit = slope_unit_of(report.options)
+    ticks = [((angle - low) / (high - low), text) for angle, text in _ticks(unit)]
+    mark = (tolerance - low) / (high - low), f"tolerance {unit.limit(tolerance)}"
     bar = ColourBar(slope_range_colours, ticks, mark if low <= tolerance <= high else None)
     return draw_sheet(width, text_px, _caption(report, tolerance), bar, _entries(report, with_focus))
+
+
+def _ticks(unit: SlopeUnit) -> list[tuple[float, str]]:
+    """Angles, deg, and texts of round numbers of a unit within `SLOPE_RANGE_DEG`; the last has no end."""
+    low, high = SLOPE_RANGE_DEG
+    rises = np.arange(low, high + 1, 5) if not unit.run else unit.run * np.arange(0.0, 1.0, 0.1)
+    angles = [(unit.angle_deg(float(rise)), f"{rise:.3g}{unit.suffix}") for rise in rises]
+    inside = [one for one in angles if one[0] <= high]
+    return [*inside[:-1], (inside[-1][0], f"{inside[-1][1]}+")]
 
 
 def draw_banner(report: Report, width: int, text_px: int) -> list[Picture]:
@@ -135,9 +146,10 @@ def _caption(report: Report, tolerance: float) -> str:
     confidence = float(report.options.get("confidence", Options.confidence))
     ruled_out = report.ambiguity.status == "resolved"
     second = f" A second motion is ruled out{margin(report.ambiguity, report.fit.n_inliers)}." if ruled_out else ""
+    limit = slope_unit_of(report.options).limit(tolerance)
     return (
         f"Patch: id, slope ± 1 sigma. Slope against {UP_WORDS[report.up.source]}. "
-        f"Safe, unsafe: below, above {tolerance:g}° with probability {confidence:g} or more.{second}"
+        f"Safe, unsafe: below, above {limit} with probability {confidence:g} or more.{second}"
     )
 
 

@@ -12,6 +12,7 @@ import numpy as np
 
 from slopecli.products.drawing.marks import INK, PAPER, Colour, Picture
 from slopecli.products.drawing.outlines import Footprint
+from slopecli.report.slope_units import SLOPE_UNITS, SlopeUnit
 from slopecli.types import AlternativePlane, FloatArray, Plane, Rejected
 
 LEADING = 1.22  # row height over font size
@@ -125,11 +126,13 @@ def _font(size: int) -> Any:
     return ImageFont.load_default(size)
 
 
-def slope_text(plane: Plane) -> tuple[str, str]:
+def slope_text(plane: Plane, unit: SlopeUnit = SLOPE_UNITS["deg"]) -> tuple[str, str]:
     """Return slope and sigma as "12.3°" and "± 0.4°"; "?" for a slope that is not known, "" for such a sigma."""
     sigma = plane.slope_sigma_deg
     if sigma is None:
         return LEVEL, ""
+    if plane.slope_known and unit.has(plane.slope_deg):
+        return unit.parts(plane.slope_deg, sigma)
     if not math.isfinite(sigma):
         return f"{plane.slope_deg:.1f}°", ""
     digits = 0 if sigma >= 9.95 else 1 if sigma >= 0.095 else 2
@@ -143,15 +146,11 @@ def full_labels(footprint: Footprint, text_px: int) -> list[Label]:
     small = max(SMALLEST_TEXT_PX, round(0.8 * text_px))
     if isinstance(footprint.item, Rejected):
         return [Label((name, footprint.item.reason), height, "rejected") for height in (size, small)]
-    slope, sigma = slope_text(footprint.item)
+    slope, sigma = slope_text(footprint.item, footprint.unit)
     if slope == UNKNOWN:
         return [Label((f"{name} {UNKNOWN}", sigma), height, footprint.badge) for height in (size, small)]
     other = footprint.other
-    notes = (
-        []
-        if other is None or other.taken_as_level
-        else [f"or {other.slope_deg:.1f}°" if other.slope_known else f"or {UNKNOWN}"]
-    )
+    notes = [] if other is None or other.taken_as_level else [f"or {_second_text(other, footprint.unit)}"]
     notes += ["poor"] if footprint.item.status == "poor" else []
     full = Label((name, f"{slope} {sigma}".strip(), *notes), size, footprint.badge)
     labels = [full, replace(full, size=small)]
@@ -163,7 +162,7 @@ def full_labels(footprint: Footprint, text_px: int) -> list[Label]:
 def tiny_label(footprint: Footprint, text_px: int) -> Label:
     """Return the label of a patch without room: id, whole degrees if it has a slope, and badge."""
     item = footprint.item
-    second = (_degrees(item, footprint.other),) if isinstance(item, Plane) else ()
+    second = (_whole(item, footprint),) if isinstance(item, Plane) else ()
     return Label((str(item.id), *second), _tiny(text_px), footprint.badge)
 
 
@@ -171,7 +170,7 @@ def shorter_labels(footprint: Footprint, text_px: int) -> Iterator[list[Label]]:
     """Yield labels with ever less than `full_labels`: id and whole degrees with and without badge, then the id."""
     item = footprint.item
     if isinstance(item, Plane):
-        slope = _degrees(item, footprint.other)
+        slope = _whole(item, footprint)
         for badge in (footprint.badge, None):
             rows = ((str(item.id), slope), (f"{item.id}: {slope}",))
             yield [Label(one, _tiny(text_px), badge) for one in rows]
@@ -187,9 +186,15 @@ def _tiny(text_px: int) -> int:
     return max(SMALLEST_TEXT_PX, round(SMALLEST * text_px))
 
 
-def _degrees(plane: Plane, other: AlternativePlane | None) -> str:
+def _second_text(other: AlternativePlane, unit: SlopeUnit) -> str:
+    if not other.slope_known:
+        return UNKNOWN
+    return unit.text(other.slope_deg) if unit.has(other.slope_deg) else f"{other.slope_deg:.1f}°"
+
+
+def _whole(plane: Plane, footprint: Footprint) -> str:
     """Slope in whole degrees; both slopes where a second root is left."""
-    both = (plane,) if other is None else (plane, other)
+    both = (plane,) if footprint.other is None else (plane, footprint.other)
     if plane.taken_as_level:
         return LEVEL
-    return " or ".join(f"{one.slope_deg:.0f}°" if one.slope_known else UNKNOWN for one in both)
+    return " or ".join(footprint.unit.whole(one.slope_deg) if one.slope_known else UNKNOWN for one in both)

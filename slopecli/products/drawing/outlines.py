@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from slopecli.geometry.camera import rays_from_pixels
 from slopecli.products.drawing import marks
+from slopecli.report.slope_units import SLOPE_UNITS, SlopeUnit, slope_unit_of
 from slopecli.types import AlternativePlane, BoolArray, Camera, FloatArray, Plane, Rejected, Report
 
 Mask = NDArray[np.uint8]
@@ -87,6 +88,7 @@ class Footprint:
     downhill : (2,) unit vector on the picture, None where undefined.
     other : the plane in the second answer, when the first is not known to be the right one.
     pieces : the true shape of a patch that is no polygon.
+    unit : that its slope is written in.
     """
 
     item: Plane | Rejected
@@ -96,6 +98,7 @@ class Footprint:
     downhill: FloatArray | None = None
     other: AlternativePlane | None = None
     pieces: Pieces | None = None
+    unit: SlopeUnit = SLOPE_UNITS["deg"]
 
     @property
     def slope_deg(self) -> float | None:
@@ -212,7 +215,7 @@ def _of_polygons(
     report: Report, items: Sequence[Plane | Rejected], scale: float, labels: NDArray[np.uint16]
 ) -> Iterator[Footprint]:
     """Patches given by an outline, less what is labelled as a plane found."""
-    others = report.ambiguity.others
+    others, unit = report.ambiguity.others, slope_unit_of(report.options)
     for item in items:
         polygon = (np.asarray(item.polygon_px, float) + 0.5) * scale - 0.5
         low = np.clip(np.floor(polygon.min(axis=0)).astype(int), 0, None)
@@ -224,7 +227,8 @@ def _of_polygons(
         mask[labels[low[1] : high[1], low[0] : high[0]] > 0] = 0
         downhill = downhill_px(report, item) if isinstance(item, Plane) else None
         if mask.any():
-            yield Footprint(item, polygon, mask, (int(low[0]), int(low[1])), downhill, others.get(item.id))
+            corner = int(low[0]), int(low[1])
+            yield Footprint(item, polygon, mask, corner, downhill, others.get(item.id), unit=unit)
 
 
 def _share_ground(footprints: Sequence[Footprint], shape: tuple[int, int]) -> None:
@@ -242,7 +246,7 @@ def _of_regions(
     report: Report, planes: Sequence[Plane], scale: float, labels: NDArray[np.uint16], text_px: int
 ) -> Iterator[Footprint]:
     """Patches given by their pixels in the labels of the picture."""
-    others, boxes = report.ambiguity.others, boxes_of(labels)
+    others, unit, boxes = report.ambiguity.others, slope_unit_of(report.options), boxes_of(labels)
     for plane in planes:
         if plane.id not in boxes:
             continue
@@ -251,7 +255,7 @@ def _of_regions(
         mask = _smoothed(mask_of(labels[rows, columns], plane.id), scale)
         pieces = _pieces(mask, labels[rows, columns] == 0, corner, max(1.0, scale), text_px)
         downhill = downhill_px(report, plane, (pieces.pole + 0.5) / scale - 0.5)
-        yield Footprint(plane, pieces.outlines[0], mask, corner, downhill, others.get(plane.id), pieces)
+        yield Footprint(plane, pieces.outlines[0], mask, corner, downhill, others.get(plane.id), pieces, unit)
 
 
 def _smoothed(mask: Mask, scale: float) -> Mask:

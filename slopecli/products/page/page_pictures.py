@@ -13,14 +13,13 @@ from numpy.typing import NDArray
 from slopecli.geometry.camera import pixels_from_rays, rays_from_pixels
 from slopecli.geometry.epipolar import homogeneous
 from slopecli.ground.slope_map import SlopeMap
-from slopecli.options import MapOptions
 from slopecli.products.drawing.canvas import Frame, map_frame, resized
 from slopecli.products.drawing.classes import (
     STEP,
     UNKNOWN,
     Classes,
     cell_classes,
-    classes_between,
+    classes_of,
     sigma_classes,
     slope_classes,
 )
@@ -52,8 +51,7 @@ def data_uri(picture: Picture) -> str:
 
 def sheets_of(report: Report, image: Image) -> tuple[Sheet, Sheet]:
     """Draw slope and 1-sigma of every plane over image 1, with ids and the edge at the tolerance."""
-    frame, tolerance = map_frame(image), float(report.options["tolerance_deg"])
-    classes, sigmas = classes_between(MapOptions().classes_deg, tolerance), sigma_classes()
+    frame, classes, sigmas = map_frame(image), classes_of(report), sigma_classes()
     known = [plane for plane in report.planes if plane.slope_known]
     labels = np.asarray(
         cv2.resize(report.labels, (frame.width, frame.height), interpolation=cv2.INTER_NEAREST_EXACT), np.uint16

@@ -14,6 +14,7 @@ from slopecli.ground.slope_map import SlopeMap
 from slopecli.products.page.page_tunables import PAGE
 from slopecli.report.kinds import many_windows
 from slopecli.report.sigma_parts import CAUSES
+from slopecli.report.slope_units import SlopeUnit, slope_unit_of
 from slopecli.types import AlternativePlane, Plane, Report
 
 # by cause: what it is, and what reduces it; in the order of how little that costs
@@ -46,10 +47,12 @@ class Verdict(NamedTuple):
     kind: str
 
 
-def degrees(value: float | None, sigma: float | None = None) -> str:
-    """Return an angle with its 1-sigma as people read it."""
+def slope_text(value: float | None, sigma: float | None, unit: SlopeUnit) -> str:
+    """Return a slope with its 1-sigma as people read it."""
     if value is None or not math.isfinite(value):
         return "-"
+    if unit.has(value):
+        return unit.text(value, sigma)
     if sigma is None or not math.isfinite(sigma):
         return f"{value:.1f}°"
     decimals = 2 if sigma < 0.2 else 1
@@ -64,35 +67,40 @@ def verdict_of(report: Report) -> list[Verdict]:
             _one_of_two("First answer", report.planes, report),
             _one_of_two("Second answer", [others[plane.id] for plane in report.planes if plane.id in others], report),
         ]
-    noun, tolerance = report.noun, float(report.options["tolerance_deg"])
+    noun, tolerance = report.noun, _tolerance(report)
     counts = Counter(plane.verdict for plane in report.planes if plane.verdict)
     total = sum(counts.values())
     if not total:
-        return [Verdict("No verdict", f"No {noun} could be judged against {tolerance:g}°.", "undecided")]
+        return [Verdict("No verdict", f"No {noun} could be judged against {tolerance}.", "undecided")]
     confidence = 100 * float(report.options["confidence"])
     told = [f"{counts[name]} {name}" for name in ("safe", "unsafe", "undecided") if counts[name]]
-    steepest = _steepest(report.planes)
+    steepest = _steepest(report.planes, report)
     headline = f"{counts['safe']} of {total} {noun}{'s' * (total != 1)} safe"
-    sentence = f"Against a tolerance of {tolerance:g}°, with {confidence:g} % confidence: {', '.join(told)}"
+    sentence = f"Against a tolerance of {tolerance}, with {confidence:g} % confidence: {', '.join(told)}"
     sentence += f"; the steepest known slope is {steepest}." if steepest else "."
     kind = "unsafe" if counts["unsafe"] else "undecided" if counts["undecided"] else "safe"
     return [Verdict(headline, sentence + _withheld(report), kind)]
 
 
 def _one_of_two(name: str, planes: Sequence[Plane | AlternativePlane], report: Report) -> Verdict:
-    tolerance = float(report.options["tolerance_deg"])
+    tolerance_deg = float(report.options["tolerance_deg"])
     known = [plane for plane in planes if plane.slope_known and not plane.taken_as_level]
-    below = sum(plane.slope_deg < tolerance for plane in known)
-    steepest = _steepest(known)
-    sentence = f"If this is true, {below} of {len(known)} known slopes are below {tolerance:g}°"
+    below = sum(plane.slope_deg < tolerance_deg for plane in known)
+    steepest = _steepest(known, report)
+    sentence = f"If this is true, {below} of {len(known)} known slopes are below {_tolerance(report)}"
     sentence += f"; the steepest is {steepest}." if steepest else "."
     return Verdict(name, sentence, "undecided")
 
 
-def _steepest(planes: Sequence[Plane | AlternativePlane]) -> str:
+def _tolerance(report: Report) -> str:
+    return slope_unit_of(report.options).limit(float(report.options["tolerance_deg"]))
+
+
+def _steepest(planes: Sequence[Plane | AlternativePlane], report: Report) -> str:
     known = [plane for plane in planes if plane.slope_known and not plane.taken_as_level]
     one = max(known, key=lambda plane: plane.slope_deg, default=None)
-    return "" if one is None else f"{degrees(one.slope_deg, one.slope_sigma_deg)} ({one.id})"
+    unit = slope_unit_of(report.options)
+    return "" if one is None else f"{slope_text(one.slope_deg, one.slope_sigma_deg, unit)} ({one.id})"
 
 
 def _withheld(report: Report) -> str:
@@ -112,11 +120,11 @@ def verdict_of_map(slope_map: SlopeMap) -> list[Verdict]:
         best = sites[0]
         size = f"{best.radius:.3g} {unit}" if report.scale.unit == "m" else f"{best.radius_px:.0f} px"
         headline = f"{len(sites)} landing site{'s' * (len(sites) != 1)}"
-        slope = degrees(best.slope_deg, best.slope_sigma_deg)
+        slope = slope_text(best.slope_deg, best.slope_sigma_deg, slope_unit_of(report.options))
         sentence = f"The best has a radius of {size} and a slope of {slope}. Of image 1, "
     else:
         headline, sentence = "No landing site", f"{slope_map.no_site[:1].upper()}{slope_map.no_site[1:]}. Of image 1, "
-    sentence += f"against a tolerance of {slope_map.tolerance_deg:g}°: {', '.join(parts)}."
+    sentence += f"against a tolerance of {_tolerance(report)}: {', '.join(parts)}."
     kind = "safe" if sites else "unsafe" if share["unsafe"] > share["undecided"] else "undecided"
     verdict = Verdict(headline, sentence + _withheld(report), kind)
     return [verdict, *verdict_of(report)] if report.ambiguity.others else [verdict]

@@ -18,9 +18,10 @@ from slopecli.errors import visible
 from slopecli.ground.slope_map import SlopeMap
 from slopecli.products.origin import Origin
 from slopecli.products.page import page_texts
-from slopecli.products.page.page_texts import Why, degrees
+from slopecli.products.page.page_texts import Why, slope_text
 from slopecli.products.page.page_tunables import PAGE
 from slopecli.products.slopes_json import rounded
+from slopecli.report.slope_units import SlopeUnit, slope_unit_of
 from slopecli.types import AlternativePlane, Camera, Diagnostic, Image, Plane, Report
 
 if TYPE_CHECKING:
@@ -85,7 +86,7 @@ def _rendered(report: Report, origin: Origin, *, whys: Sequence[Why], **facts: A
             report=report,
             unit=unit,
             up=", ".join(f"{round(value, 4) + 0.0:.4f}" for value in report.up.vector_cam1),
-            tolerance=float(report.options["tolerance_deg"]),
+            tolerance=slope_unit_of(report.options).limit(float(report.options["tolerance_deg"])),
             images=[image for image in report.images if image.path],
             header=_header(report),
             rows=[_row(plane, report) for plane in report.planes[: PAGE.most_rows]],
@@ -139,12 +140,13 @@ def _header(report: Report) -> list[tuple[str, str, str]]:
 def _row(plane: Plane, report: Report) -> Row:
     other = report.ambiguity.others.get(plane.id)
     low, high = plane.slope_ci95_deg or (math.nan, math.nan)
-    interval = f"{low:.2f} to {high:.2f}°" if math.isfinite(low) and plane.slope_known else "-"
+    unit = slope_unit_of(report.options)
+    interval = unit.interval(low, high) if math.isfinite(low) and plane.slope_known else "-"
     note = "taken as level" if plane.taken_as_level else plane.reason or ""
-    seconds = [_slope_cell(other)] if other is not None else [("-", "", "number")] * bool(report.ambiguity.others)
+    seconds = [_slope_cell(other, unit)] if other is not None else [("-", "", "number")] * bool(report.ambiguity.others)
     cells = [
         (str(plane.id), str(plane.id), "number"),
-        _slope_cell(plane),
+        _slope_cell(plane, unit),
         *seconds,
         _number(plane.slope_sigma_deg, 2, "°"),
         (interval, _key(low if plane.slope_known else math.nan), "number"),
@@ -158,10 +160,10 @@ def _row(plane: Plane, report: Report) -> Row:
     return Row(cells)
 
 
-def _slope_cell(plane: Plane | AlternativePlane) -> tuple[str, str, str]:
+def _slope_cell(plane: Plane | AlternativePlane, unit: SlopeUnit) -> tuple[str, str, str]:
     if not plane.slope_known:
         return "not known", "", "number"
-    return degrees(plane.slope_deg, plane.slope_sigma_deg), _key(plane.slope_deg), "number"
+    return slope_text(plane.slope_deg, plane.slope_sigma_deg, unit), _key(plane.slope_deg), "number"
 
 
 def _number(value: float | None, decimals: int, unit: str = "") -> tuple[str, str, str]:
@@ -180,7 +182,7 @@ def _site_row(slope_map: SlopeMap, k: int) -> list[str]:
         str(site.id),
         f"{site.centre_px[0]:.1f}, {site.centre_px[1]:.1f}",
         f"{site.radius_px:.0f} px" + (f" = {site.radius:.3g} m" if in_m else ""),
-        degrees(site.slope_deg, site.slope_sigma_deg),
+        slope_text(site.slope_deg, site.slope_sigma_deg, slope_unit_of(slope_map.report.options)),
         f"{site.p_safe:.3f}",
         site.verdict,
     ]
