@@ -19,15 +19,15 @@ FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 BoolArray = NDArray[np.bool_]
 
-CameraModel = Literal["pinhole", "brown", "fisheye", "polynomial", "cahvor"]
+CameraModel = Literal["pinhole", "brown", "fisheye", "polynomial", "cahvor", "division"]
 Verdict = Literal["safe", "unsafe", "undecided"]
 
 
 @dataclass(frozen=True)
 class Camera:
     """Intrinsics of one camera, px; distortion: () for "pinhole", k1 k2 p1 p2 k3 k4 k5 k6 for "brown", k1 k2 k3 k4 for
-    "fisheye" (OpenCV), k1 k2 p1 p2 k3 k4 skew for "polynomial", R0 R1 R2 tilt (x, y) linearity skew for "cahvor".
-    size_given: whether the size is the camera's own, rather than that of an image; note: how it was read, or "".
+    "fisheye" (OpenCV), k1 k2 p1 p2 k3 k4 skew for "polynomial", R0 R1 R2 tilt (x, y) linearity skew for "cahvor",
+    k for "division". size_given: whether the size is the camera's own, not an image's; note: how it was read, or "".
     """
 
     width: int

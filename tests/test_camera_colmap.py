@@ -3,6 +3,7 @@
 import struct
 from pathlib import Path
 
+import numpy as np
 import pytest
 from camera_factory import (
     BROWN,
@@ -15,6 +16,7 @@ from camera_factory import (
     write,
 )
 
+from slopecli.geometry import rays_from_pixels
 from slopecli.io.cameras import load_camera
 from slopecli.types import Camera
 
@@ -70,7 +72,31 @@ def test_fisheye_models_of_colmap_4_and_their_ids(tmp_path: Path) -> None:
     for path in (write(tmp_path, text), write(tmp_path, struct.pack("<Q", 3) + simple + both + others, "cameras.bin")):
         check_pixels(load_camera(f"{path}#1"), x, 500 * across + 512.5 - 0.5, 500 * down + 384.25 - 0.5)
         check_pixels(load_camera(f"{path}#2"), x, 500 * across + 512.5 - 0.5, 510 * down + 384.25 - 0.5)
-    assert "DIVISION is not supported" in refusal(f"{tmp_path / 'cameras.bin'}#3")
+    assert load_camera(tmp_path / "cameras.bin", name="3").model == "division"
+
+
+@pytest.mark.parametrize("k", [-0.3, -0.05, 0.1])
+def test_division_models_of_colmap_4(tmp_path: Path, k: float) -> None:
+    """The ray of (x_d, y_d) is along (x_d, y_d, 1 + k r_d^2)."""
+    text = f"1 SIMPLE_DIVISION 1024 768 500 512.5 384.25 {k}\n2 DIVISION 1024 768 500 510 512.5 384.25 {k}\n"
+    simple = struct.pack("<IiQQ4d", 1, 12, 1024, 768, 500, 512.5, 384.25, k)
+    both = struct.pack("<IiQQ5d", 2, 13, 1024, 768, 500, 510, 512.5, 384.25, k)
+    distorted = directions(widest=0.9)
+    rays = distorted / (1 + k * (distorted**2).sum(axis=1, keepdims=True))
+    for path in (write(tmp_path, text), write(tmp_path, struct.pack("<Q", 2) + simple + both, "cameras.bin")):
+        for name, fy in (("1", 500), ("2", 510)):
+            u, v = 500 * distorted[:, 0] + 512.5 - 0.5, fy * distorted[:, 1] + 384.25 - 0.5
+            check_pixels(load_camera(f"{path}#{name}"), rays, u, v)
+
+
+def test_a_division_lens_ends_where_its_image_turns_back(tmp_path: Path) -> None:
+    camera = load_camera(write(tmp_path, "1 SIMPLE_DIVISION 1000 1000 500 500 500 1.0\n"))
+    seen = np.isfinite(
+        rays_from_pixels(camera, np.array([[499.5, 499.5], [990.0, 499.5], [1000.5, 499.5], [1200, 499.5]]))
+    )
+    assert seen.all(axis=1).tolist() == [True, True, False, False]
+    ideal = load_camera(write(tmp_path, "1 SIMPLE_DIVISION 1000 1000 500 500 500 0\n"))
+    assert (ideal.model, ideal.distortion) == ("pinhole", ())
 
 
 @pytest.mark.parametrize(
@@ -78,7 +104,10 @@ def test_fisheye_models_of_colmap_4_and_their_ids(tmp_path: Path) -> None:
     [
         ("1 FOV 640 480 500 510 320 240 0.9", "COLMAP model FOV is not supported"),
         ("1 THIN_PRISM_FISHEYE 640 480 1 2 3 4 5 6 7 8 9 10 11 12", "THIN_PRISM_FISHEYE is not supported"),
-        ("1 SIMPLE_DIVISION 640 480 500 320 240 -0.1", "SIMPLE_DIVISION is not supported"),
+        ("1 SIMPLE_DIVISION 640 480 500 500 320 240 -0.1", "has 5 parameters, needed 4"),
+        ("1 DIVISION 640 480 500 320 240 -0.1", "has 4 parameters, needed 5"),
+        ("1 DIVISION 640 480 500 500 320 240 inf", "finite"),
+        ("1 EUCM 640 480 500 500 320 240 0.6 1.1", "EUCM is not supported"),
         ("1 EQUIRECTANGULAR 640 480 640 480", "EQUIRECTANGULAR is not supported"),
         ("1 SIMPLE_FISHEYE 640 480 500 510 320 240", "has 4 parameters, needed 3"),
         ("1 BRAND_NEW 640 480 1 2 3", "COLMAP model BRAND_NEW is not supported"),

@@ -18,6 +18,7 @@ from slopecli.io.cameras import load_camera
 from slopecli.report import camera_facts
 from slopecli.types import Camera
 
+DIVISION = "1 DIVISION 1024 768 700 710 512 384 -0.1\n"
 SHOWN = {
     "pinhole": (MIDDLEBURY, "#cam0"),
     "brown": (KALIBR, "#cam0"),
@@ -25,6 +26,7 @@ SHOWN = {
     "polynomial": (BOUGUET, ""),
     "cahvor": (PDS3, ""),
     "cahvore": (VICAR, ""),
+    "division": (DIVISION, ""),
 }
 
 

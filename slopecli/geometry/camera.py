@@ -23,7 +23,7 @@ from slopecli.geometry.epipolar import homogeneous
 from slopecli.geometry.polynomials import INVERSION, smallest_positive_root
 from slopecli.types import BoolArray, Camera, CameraModel, FloatArray
 
-MAX_COEFFICIENTS = {"pinhole": 0, "brown": 8, "fisheye": 4, "polynomial": 7, "cahvor": 7}
+MAX_COEFFICIENTS = {"pinhole": 0, "brown": 8, "fisheye": 4, "polynomial": 7, "cahvor": 7, "division": 1}
 OUTSIDE_PX = -1.0e4  # coordinate outside any image that cv2.remap still accepts (16 bit)
 
 
@@ -44,6 +44,8 @@ def rays_from_pixels(camera: Camera, uv: FloatArray) -> FloatArray:
             return _undistort_fisheye(distorted, k)
         if camera.model == "brown":
             return _undistort_brown(distorted, k)
+        if camera.model == "division":
+            return _undistort_division(distorted, k)
         distorted[:, 0] -= k[6] * distorted[:, 1]
         if camera.model == "cahvor":
             return cahvor.undistort(distorted, k)
@@ -165,7 +167,7 @@ def _distort(model: CameraModel, x: FloatArray, y: FloatArray, k: tuple[float, .
     if model == "polynomial":
         x, y = _distort("brown", x, y, _as_brown(k))
         return x + k[6] * y, y
-    distort = _distort_fisheye if model == "fisheye" else _distort_brown
+    distort = _RADIAL.get(model, _distort_brown)
     r2 = x * x + y * y
     seen = r2 < np.tan(_valid_angle(model, k)) ** 2
     x, y = (np.where(seen, d, np.nan) for d in distort(x, y, r2, k))
@@ -272,6 +274,25 @@ def _undistort_fisheye(distorted: FloatArray, k: tuple[float, ...]) -> FloatArra
     return np.where(good[:, None], distorted * ratio[:, None], np.nan)
 
 
+# ---- division: x = x_d / (1 + k r_d^2); A. Fitzgibbon 2001 ----
+
+
+def _distort_division(
+    x: FloatArray, y: FloatArray, r2: FloatArray, k: tuple[float, ...]
+) -> tuple[FloatArray, FloatArray]:
+    ratio = 2.0 / (1.0 + np.sqrt(1.0 - 4.0 * k[0] * r2))
+    return x * ratio, y * ratio
+
+
+def _undistort_division(distorted: FloatArray, k: tuple[float, ...]) -> FloatArray:
+    bend = k[0] * (distorted * distorted).sum(axis=1)
+    x = distorted / (1.0 + bend)[:, None]
+    good = (np.abs(bend) < 1.0) & (np.hypot(x[:, 0], x[:, 1]) < np.tan(_valid_angle("division", k)))
+    return np.where(good[:, None], x, np.nan)
+
+
+_RADIAL = {"fisheye": _distort_fisheye, "division": _distort_division}
+
 # ---- where the polynomial ends ----
 
 
@@ -284,6 +305,8 @@ def _valid_angle(model: CameraModel, k: tuple[float, ...]) -> float:
 
 def _fold_angle(model: CameraModel, k: tuple[float, ...]) -> float:
     """As `_valid_angle`; 0 where coefficients overflow."""
+    if model == "division":  # its images turn back at r_d = 1 / sqrt(k)
+        return min(float(np.arctan(0.5 / np.sqrt(k[0]))) if k[0] > 0 else np.inf, INVERSION.largest_angle)
     if model == "fisheye":
         fold = smallest_positive_root(np.array([9.0, 7.0, 5.0, 3.0, 1.0]) * [*k[::-1], 1.0])
         return min(float(np.sqrt(fold)), INVERSION.largest_angle)

@@ -23,6 +23,7 @@ LENSES = {
     "fisheye": "equidistant fisheye",
     "polynomial": "radial-tangential to order 8, with skew",
     "cahvor": "radial about a tilted axis (CAHVOR)",
+    "division": "radial, by division",
 }
 COEFFICIENTS = {
     "pinhole": "",
@@ -30,6 +31,7 @@ COEFFICIENTS = {
     "fisheye": "k1 k2 k3 k4",
     "polynomial": "k1 k2 p1 p2 k3 k4 skew",
     "cahvor": "R0 R1 R2 tilt_x tilt_y linearity skew",
+    "division": "k",
 }
 EDGES = ("the left or right edge", "the upper or lower edge", "the corners")
 CORNERS = ("upper left", "upper right", "lower right", "lower left")

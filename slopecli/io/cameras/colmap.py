@@ -1,6 +1,7 @@
 """Cameras of a COLMAP model: cameras.txt and cameras.bin; pixel centres at (0.5, 0.5).
 
-Source: COLMAP's documentation, "Output Format" and "Camera Models".
+Source: COLMAP's documentation, "Output Format" and "Camera Models". Its division models have the ray of a normalised
+pixel (x, y) along (x, y, 1 + k r^2).
 """
 
 from __future__ import annotations
@@ -13,7 +14,7 @@ from typing import Any
 from slopecli.errors import InputError
 from slopecli.io.cameras import values
 from slopecli.io.cameras.content import CameraFileContent
-from slopecli.types import Camera
+from slopecli.types import Camera, CameraModel
 
 # Names of the parameters, in the order of the model ids of cameras.bin; only their number for models not supported.
 MODELS: dict[str, str | int] = {
@@ -29,8 +30,8 @@ MODELS: dict[str, str | int] = {
     "RADIAL_FISHEYE": "f cx cy k1 k2",
     "THIN_PRISM_FISHEYE": 12,
     "RAD_TAN_THIN_PRISM_FISHEYE": 16,
-    "SIMPLE_DIVISION": 4,
-    "DIVISION": 5,
+    "SIMPLE_DIVISION": "f cx cy k",
+    "DIVISION": "fx fy cx cy k",
     "SIMPLE_FISHEYE": "f cx cy",
     "FISHEYE": "fx fy cx cy",
 }
@@ -137,11 +138,11 @@ def read(camera: ColmapCamera, _size: values.Size | None) -> Camera:
     fx, fy, cx, cy = (
         values.number(named.get(key, named.get("f")), f"{model} {key}") for key in ("fx", "fy", "cx", "cy")
     )
-    lens = values.lens_model(model)
+    division = model.endswith("DIVISION")
+    lens: CameraModel = "division" if division else values.lens_model(model)
+    coefficients = [values.number(named["k"], f"{model} k")] if division else values.named_coefficients(named, lens)
     size = values.size_of(width, height)
-    return values.make_camera(
-        "COLMAP", size, (fx, fy, cx - 0.5, cy - 0.5), lens, values.named_coefficients(named, lens)
-    )
+    return values.make_camera("COLMAP", size, (fx, fy, cx - 0.5, cy - 0.5), lens, coefficients)
 
 
 def _parameter_count(model: str) -> int:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from slopecli.errors import InputError
+from slopecli.geometry.camera import MAX_COEFFICIENTS
 from slopecli.io.cameras import values
 from slopecli.io.cameras.content import CameraFileContent
 from slopecli.io.cameras.lens_marks import is_mark_key, marked_model
@@ -30,10 +31,10 @@ def read(tree: values.Tree, size: values.Size | None) -> Camera:
     if unknown:
         raise InputError(f"unknown key {unknown[0]!r}; a native camera file has {', '.join(sorted(KEYS))}")
     # names that other programs give to other lenses
-    own_names = tree.get("model") in ("polynomial", "cahvor")
+    own_names = tree.get("model") in ("polynomial", "cahvor", "division")
     model: CameraModel = tree["model"] if own_names else marked_model(tree) or "brown"
     given = values.numbers(tree.get("distortion"), "distortion")
-    counts = (0, 7) if own_names else (0, 4) if model == "fisheye" else (0, 4, 5, 8)
+    counts = (0, MAX_COEFFICIENTS[model]) if own_names else (0, 4) if model == "fisheye" else (0, 4, 5, 8)
     coefficients = given + [0.0] * (next((c for c in counts if c >= len(given)), 0) - len(given))
     fx, fy, cx, cy = _intrinsics(tree)
     own, note = image_size(tree, (cx, cy), size)

@@ -292,6 +292,8 @@ def _lens(model: CameraModel, coefficients: list[float]) -> tuple[CameraModel, l
         return model, _counted(coefficients, (0, 4), "fisheye")
     if model == "cahvor":
         return model, _counted(coefficients, (0, 7), "CAHVOR")
+    if model == "division":
+        return (model, _counted(coefficients, (1,), "division")) if any(coefficients) else ("pinhole", [])
     if model == "polynomial":
         k4, skew = _counted(coefficients, (0, 7), "polynomial")[5:]
         if k4 or skew:
