@@ -16,6 +16,7 @@ from PIL.TiffImagePlugin import IFDRational
 DJI = "http://www.dji.com/drone-dji/1.0/"
 PLACE = (47.3769, 8.5417)  # latitude, longitude, deg
 EXIF_IFD, GPS_IFD = 0x8769, 0x8825
+MAKER_NOTE, LENS_MODEL = 37500, 42036
 FOCAL_MM, FOCAL_35, WIDTH, HEIGHT, PLANE_X, PLANE_Y, PLANE_UNIT = 37386, 41989, 40962, 40963, 41486, 41487, 41488
 
 
@@ -33,6 +34,14 @@ def gimbal(yaw: float, pitch: float, roll: float = 0.0, **more: Any) -> dict[str
     """The angles of a gimbal as DJI writes them, and more."""
     angles = {"GimbalYawDegree": yaw, "GimbalPitchDegree": pitch, "GimbalRollDegree": roll}
     return {**{name: f"{angle:+.2f}" for name, angle in angles.items()}, **more}
+
+
+def apple_note(*vector: float) -> bytes:
+    """The maker's note of a telephone, with an acceleration, g, along the right, the top and the outside of it."""
+    start = b"Apple iOS\0\0\1MM" + struct.pack(">H", 2)
+    entries = struct.pack(">HHII", 1, 9, 1, 14) + struct.pack(">HHII", 8, 10, 3, len(start) + 28)
+    fractions = (number for one in vector for number in (round(one * 10**6), 10**6))
+    return start + entries + bytes(4) + struct.pack(">6i", *fractions)
 
 
 def degrees(angle: float) -> tuple[IFDRational, ...]:

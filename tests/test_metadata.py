@@ -14,11 +14,14 @@ from metadata_factory import (
     FOCAL_35,
     FOCAL_MM,
     HEIGHT,
+    LENS_MODEL,
+    MAKER_NOTE,
     PLACE,
     PLANE_UNIT,
     PLANE_X,
     PLANE_Y,
     WIDTH,
+    apple_note,
     exif_block,
     gimbal,
     gps_tags,
@@ -34,6 +37,7 @@ from slopecli.geometry import ned_displacement, ned_from_camera
 from slopecli.io.metadata import Attitude, Metadata, decode_metadata, read_metadata, xmp_values
 
 SIZE = (400, 300)
+PARROT = "http://www.parrot.com/drone-parrot/1.0/"
 DEWARP = "2021-05-11;3680.5,3681.5,11.25,-7.5,-0.27,0.11,0.0002,-0.0003,-0.03"
 WHOLE = (5472, 3648)
 
@@ -108,6 +112,92 @@ def test_a_body_without_a_gimbal_has_a_larger_sigma() -> None:
 def test_body_angles_look_down_at_zero() -> None:
     packet = xmp_packet({"Yaw": 90, "Pitch": 0, "Roll": 0}, "http://pix4d.com/camera/1.0", "Camera")
     assert_allclose(axes(read(xmp=packet).attitude), ned_from_camera(90, -90, 0), atol=1e-12)
+
+
+def test_parrot_states_its_camera_twice() -> None:
+    """Angles of a camera that looks ahead, and Pix4D's of one that looks down: the example of its documentation."""
+    ahead = {"CameraYawDegree": 146.848, "CameraPitchDegree": -51.988888, "CameraRollDegree": -0.0}
+    looks_ahead = read(xmp=xmp_packet(ahead, PARROT, "drone-parrot")).attitude
+    looks_down = {"Yaw": 146.848, "Pitch": 38.011101, "Roll": 0.0}
+    other = read(xmp=xmp_packet(looks_down, "http://pix4d.com/camera/1.0/", "Camera")).attitude
+    assert_allclose(axes(looks_ahead), axes(other), atol=1e-6)
+    assert_allclose(axes(looks_ahead)[2, 2], math.sin(math.radians(51.988888)), atol=1e-9)
+    assert looks_ahead is not None
+    assert looks_ahead.source == "Parrot camera"
+
+
+def test_autel_states_its_camera_as_pix4d_or_as_dji() -> None:
+    old = read(xmp=xmp_packet({"Yaw": 20, "Pitch": 30, "Roll": 0}, "http://pix4d.com/camera/1.0/", "Camera"))
+    new = read(xmp=xmp_packet(gimbal(20, -60), prefix="drone"))
+    assert_allclose(axes(old.attitude), axes(new.attitude), atol=1e-9)
+
+
+BACK = "iPhone 7 Plus back dual camera 3.99mm f/1.8"
+
+
+def telephone(pitch: float, held: float, size: tuple[int, int] = SIZE, lens: str = BACK, g: float = 1.0) -> Metadata:
+    """A photograph by a telephone of this pitch, held turned clockwise by `held` from upright."""
+    down = g * np.array([math.cos(math.radians(pitch)), -math.sin(math.radians(pitch))])  # down in the view, and ahead
+    right, top = down[0] * math.sin(math.radians(held)), -down[0] * math.cos(math.radians(held))
+    note = apple_note(right, top, -down[1])
+    orientation = {0: 6, 90: 3, 180: 8, 270: 1}[round(held / 90) * 90 % 360] if size[0] > size[1] else 1
+    place = {**gps_tags(*PLACE), 0x10: "T", 0x11: 123.5}
+    return read(size, exif={MAKER_NOTE: note, LENS_MODEL: lens}, gps=place, main={274: orientation})
+
+
+@pytest.mark.parametrize("held", [0, 90, 270, 10, 260])
+@pytest.mark.parametrize("pitch", [0, -50, 20])
+def test_gravity_of_a_telephone(held: float, pitch: float) -> None:
+    """Held upright, or on a side, as the pixels of the sensor have it: its top is at the left of the pixels."""
+    attitude = telephone(pitch, held).attitude
+    assert attitude is not None
+    top = math.radians(held + 180)  # of the scene, clockwise from the right of the pixels as stored
+    flat = math.cos(math.radians(pitch))
+    up = (flat * math.cos(top), -flat * math.sin(top), math.sin(math.radians(pitch)))
+    assert_allclose(attitude.up_cam, up, atol=1e-5)
+    assert_allclose(
+        axes(attitude)[:2, 2] / flat, (math.cos(math.radians(123.5)), math.sin(math.radians(123.5))), atol=1e-5
+    )
+
+
+def test_gravity_of_pixels_that_a_program_turned() -> None:
+    attitude = telephone(-30, 0, SIZE[::-1]).attitude
+    assert attitude is not None
+    assert_allclose(attitude.up_cam, (0, -math.cos(math.pi / 6), -math.sin(math.pi / 6)), atol=1e-5)
+
+
+def test_straight_down_a_telephone_has_no_heading() -> None:
+    attitude = telephone(-88, 0).attitude
+    assert attitude is not None
+    assert attitude.up_cam[2] < -0.999
+    assert attitude.north_cam is None
+
+
+@pytest.mark.parametrize(
+    ("metadata", "said"),
+    [
+        (telephone(-30, 0, lens="iPhone 7 Plus front camera 2.87mm f/2.2"), "camera at the back"),
+        (telephone(-30, 0, g=1.3), "1.30 g"),
+        (telephone(-30, 135), "does not fit its EXIF orientation"),
+        (telephone(-88, 0, SIZE[::-1]), "turned after it was taken"),
+    ],
+)
+def test_gravity_that_cannot_be_used_is_named(metadata: Metadata, said: str) -> None:
+    assert metadata.attitude is None
+    assert said in " ".join(metadata.notes)
+
+
+def test_a_damaged_note_of_the_maker_is_none() -> None:
+    whole = apple_note(0, -1, 0)
+    for note in (
+        whole[:40],
+        whole[:14],
+        whole[:-4],
+        whole.replace(b"MM", b"XX"),
+        whole[:-4] + bytes(4),
+        b"Apple iOS\0",
+    ):
+        assert read(exif={MAKER_NOTE: note, LENS_MODEL: BACK}).attitude is None
 
 
 @pytest.mark.parametrize(("orientation", "turn"), [(6, 90), (8, 270), (3, 180)])

@@ -1,5 +1,8 @@
 """The attitude of the camera out of the XMP of drones: one row a maker's set of names.
 
+Sources: DJI's and Parrot's documentation of metadata, Pix4D's of its angles. Autel writes the names of Pix4D, newer
+firmware those of DJI.
+
 Angles of an aircraft with a gimbal are not read: it turns the camera by angles of its own.
 """
 
@@ -12,6 +15,7 @@ from slopecli.io.metadata.image_metadata import Attitude
 from slopecli.io.metadata.image_tags import GpsTag, ImageTags, number_of
 
 DJI = "http://www.dji.com/drone-dji/1.0/"
+PARROT = "http://www.parrot.com/drone-parrot/1.0/"
 
 
 @dataclass(frozen=True)
@@ -54,6 +58,7 @@ SIGMAS = AttitudeSigmas()
 # the first that has a pitch and a roll is used
 ATTITUDE_SOURCES = (
     AttitudeSource("DJI gimbal", DJI, ("GimbalYawDegree", "GimbalPitchDegree", "GimbalRollDegree"), False),
+    AttitudeSource("Parrot camera", PARROT, ("CameraYawDegree", "CameraPitchDegree", "CameraRollDegree"), False),
     AttitudeSource("Pix4D camera", "http://pix4d.com/camera/1.0", ("Yaw", "Pitch", "Roll"), True),
     AttitudeSource("senseFly camera", "http://ns.sensefly.com/Camera/1.0/", ("Yaw", "Pitch", "Roll"), True),
     AttitudeSource("senseFly", "http://ns.sensefly.com/sensefly/1.0/", ("Heading", "PitchAngle", "RollAngle"), True),
@@ -88,6 +93,11 @@ def shown_turn_deg(orientation: int) -> float | None:
     return {1: 0.0, 6: 90.0, 3: 180.0, 8: 270.0}.get(orientation)
 
 
+def steep(right: float, down: float) -> bool:
+    """Whether a camera looks within 18 degrees of straight down or up, by the parts of up, or down, in its image."""
+    return right * right + down * down < 0.1
+
+
 def heading_of(tags: ImageTags) -> tuple[float | None, str]:
     """The heading of a telephone, degrees from true north, and a note where one is stated that cannot be used."""
     heading = number_of(tags.gps.get(GpsTag.DIRECTION))
@@ -112,7 +122,7 @@ def as_stored(attitude: Attitude, orientation: int) -> tuple[Attitude | None, st
     shown = replace(attitude, turn_deg=turn)
     (u, v, _), (_, top, _) = attitude.up_cam, (float(x) for x in about_line_of_sight(shown.turn_deg) @ attitude.up_cam)
     marked = f"EXIF orientation {orientation}"
-    if u * u + v * v < 0.1:  # within 18 degrees of straight down
+    if steep(u, v):
         return attitude, f"it has {marked}: its angles are taken to be of the pixels as stored, as it looks down"
     if v < top:
         return shown, f"it has {marked}: its angles are those of the image as shown"

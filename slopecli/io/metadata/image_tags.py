@@ -30,6 +30,7 @@ class Tag(IntEnum):
     EXIF = 0x8769
     GPS = 0x8825
     FOCAL_MM = 0x920A
+    MAKER_NOTE = 0x927C
     WIDTH = 0xA002  # of the image as taken
     HEIGHT = 0xA003
     PLANE_X = 0xA20E  # FocalPlaneXResolution, pixels per unit
@@ -37,6 +38,7 @@ class Tag(IntEnum):
     PLANE_UNIT = 0xA210
     ZOOM = 0xA404
     FOCAL_35 = 0xA405
+    LENS_MODEL = 0xA434
 
 
 class GpsTag(IntEnum):

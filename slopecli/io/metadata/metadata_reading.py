@@ -5,6 +5,7 @@ from __future__ import annotations
 from os import PathLike
 
 from slopecli.io.images import read_image_file
+from slopecli.io.metadata.apple_gravity import gravity_attitude
 from slopecli.io.metadata.attitudes import as_stored, attitude_of, heading_of
 from slopecli.io.metadata.image_metadata import Metadata
 from slopecli.io.metadata.image_tags import ImageTags, Tag, number_of, read_tags
@@ -28,13 +29,15 @@ def decode_metadata(data: bytes, path: str | PathLike[str]) -> Metadata:
     """As `read_metadata`, from the bytes of the file; `path` is for messages and is not opened."""
     tags = read_tags(data)
     orientation = _orientation(tags)
+    heading, of_heading = heading_of(tags)
     attitude, of_attitude = attitude_of(tags)
     of_turn = ""
     if attitude is not None:
         attitude, of_turn = as_stored(attitude, orientation)
+    elif not of_attitude:
+        attitude, of_attitude = gravity_attitude(tags, orientation, heading)
     position, of_position = position_of(tags)
     lens, of_lens = lens_of(tags)
-    heading, of_heading = heading_of(tags)
     return Metadata(
         path=str(path),
         size=tags.size,
