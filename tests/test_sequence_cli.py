@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import csv
 import json
 from pathlib import Path
 
@@ -40,7 +41,7 @@ def answered(descent: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def test_files_are_complete_and_fit_the_schema(answered: Path) -> None:
     assert {path.name for path in answered.iterdir()} == {
-        "overlay.png", "sequence.jsonl", "slopes.json", "trajectory.txt",
+        "overlay.png", "planes.csv", "sequence.jsonl", "slopes.json", "trajectory.txt",
     }  # fmt: skip
     document = json.loads((answered / "slopes.json").read_text())
     validate(document, load_schema())
@@ -61,6 +62,9 @@ def test_every_frame_has_its_line(answered: Path) -> None:
     document = json.loads((answered / "slopes.json").read_text())
     last = {plane["id"]: plane["slope_deg"] for plane in lines[-1]["planes"]}
     assert last == {plane["id"]: plane["slope_deg"] for plane in document["planes"]}
+    with (answered / "planes.csv").open() as file:
+        table = {int(row["id"]): float(row["slope_deg"]) for row in csv.DictReader(file)}
+    assert table == {number: pytest.approx(slope, rel=1e-5) for number, slope in last.items()}
 
 
 def test_the_trajectory_is_in_tum_format(answered: Path) -> None:
@@ -181,8 +185,13 @@ def test_a_reader_ignores_a_line_that_is_not_finished(tmp_path: Path) -> None:
 
 def test_a_map_has_the_depth_of_all_frames(descent: Path, tmp_path: Path) -> None:
     """The ground that only nearer frames show is in it, and where the last one shows it, it is as sure as that."""
-    done = slopemap(*arguments(descent, tmp_path), "--map", "--footprint", "48", "--spacing", "8")
+    place = ["--altitude", "44", "--position", "46.5,8.0,1500", "--north", "0,-1,0"]
+    done = slopemap(*arguments(descent, tmp_path), "--map", "--footprint", "48", "--spacing", "8", *place)
     assert done.returncode == 0, done.stderr
+    geotiff = tifffile.TiffFile(tmp_path / "slope_map_geo.tif")
+    assert geotiff.geotiff_metadata["ProjectedCSTypeGeoKey"] == 32632
+    kinds = [one["properties"]["kind"] for one in json.loads((tmp_path / "slopes.geojson").read_text())["features"]]
+    assert {"window", "site"} == set(kinds)
     assert "site" in done.stdout
     document = json.loads((tmp_path / "slopes.json").read_text())
     validate(document, load_schema())
@@ -210,6 +219,7 @@ def test_positions_give_metres(descent: Path, tmp_path: Path) -> None:
     document = json.loads((out / "slopes.json").read_text())
     assert (document["scale"]["unit"], document["scale"]["source"]) == ("m", "pose")
     assert np.linalg.norm(document["motions"][-1]["motion"]["baseline_cam1"]) == pytest.approx(10.0, rel=0.01)
+    assert not (out / "slopes.geojson").exists()
     (tmp_path / "positions.txt").write_text("\n".join(lines[:4]) + "\n")
     done = slopemap(*arguments(descent, out), "--positions", str(tmp_path / "positions.txt"))
     assert done.returncode == 1

@@ -24,13 +24,13 @@ from slopecli.cli.checks import (
 from slopecli.cli.map_table import print_map
 from slopecli.cli.metadata_choices import take_metadata
 from slopecli.cli.parameter_types import PATH
-from slopecli.cli.report_table import print_report
+from slopecli.cli.report_table import print_report, say_place
 from slopecli.cli.talk import Talk, origin_of
 
 if TYPE_CHECKING:
     from slopecli.options import CameraChoice, Options
     from slopecli.products import Product
-    from slopecli.types import Camera, Image, Report
+    from slopecli.types import Camera, Image
 
 
 @click.command(
@@ -130,7 +130,7 @@ def slope_map(ctx: click.Context, image1: str, image2: str, **parameters: Any) -
 
     answer = pipeline.slope_map(*images, *cameras, options, map_options_from(parameters), on_stage=talk.stage)
     written = _written(partial(write_map, answer), MAP_PRODUCTS, images, parameters, talk)
-    _say_place(answer.report, talk)
+    say_place(answer.report, talk)
     print_map(answer, written, talk, as_json=parameters["as_json"])
 
 
@@ -146,7 +146,7 @@ def _answer_pair(ctx: click.Context, image1: str, image2: str, parameters: dict[
 
     report = pipeline.estimate(*images, *cameras, options, on_stage=talk.stage)
     written = _written(partial(write_outputs, report), PRODUCTS, images, parameters, talk)
-    _say_place(report, talk)
+    say_place(report, talk)
     every = parameters["every"] or talk.verbose
     print_report(report, written, talk, as_json=parameters["as_json"], every=every)
 
@@ -166,18 +166,6 @@ def _written(
     with talk.timed("write"):
         keep, origin = kept_choices(parameters, products), origin_of(talk, images[1])
         return write(images[0], parameters["output"], keep, origin)
-
-
-def _say_place(report: Report, talk: Talk) -> None:
-    """Say what is missing where the position of camera 1 is known and there are no files of a GIS all the same."""
-    if report.place is None or report.place.position is None:
-        return
-    missing = [
-        *(["the direction of north (--yaw, --north)"] if report.place.north_cam1 is None else []),
-        *(["metres (--baseline, --altitude)"] if report.scale.unit != "m" else []),
-    ]
-    if missing:
-        talk.say(f"info: no slopes.geojson and no map of a GIS: {' and '.join(missing)} not known")
 
 
 def _read_pair(

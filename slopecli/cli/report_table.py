@@ -189,3 +189,15 @@ def _ambiguity_line(report: Report) -> str:
     verdict = f"no {report.noun} is called safe unless it is in both, P(safe) is the smaller of the two; "
     verdict += "interval and aspect are the first answer's, slopes.json has the second's"
     return f"warning: {two}; {verdict}" + (f"; resolve it with {remedy}" if remedy else "")
+
+
+def say_place(report: Report, talk: Talk) -> None:
+    """Say what is missing where the position of camera 1 is known and there are no files of a GIS all the same."""
+    if report.place is None or report.place.position is None:
+        return
+    missing = [
+        *(["the direction of north (--yaw, --north)"] if report.place.north_cam1 is None else []),
+        *(["metres (--baseline, --altitude)"] if report.scale.unit != "m" else []),
+    ]
+    if missing:
+        talk.say(f"info: no slopes.geojson and no map of a GIS: {' and '.join(missing)} not known")

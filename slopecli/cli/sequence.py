@@ -23,7 +23,7 @@ from slopecli.cli.checks import (
 )
 from slopecli.cli.map_table import print_sites, say_ground
 from slopecli.cli.parameter_types import PATH, POSITIVE
-from slopecli.cli.report_table import print_report
+from slopecli.cli.report_table import print_report, say_place
 from slopecli.cli.shared_options import INPUT, OUTPUT, Flag, Option
 from slopecli.cli.talk import Talk, print_result
 
@@ -66,6 +66,8 @@ FILES = (
         *shared.map_options,
         *shared.window_options,
         *shared.frame_options(),
+        shared.metadata_options[0],
+        *shared.place_options,
         *DECIDING,
         *shared.talk_options("Frame rate, time of every stage"),
     ],
@@ -121,6 +123,14 @@ def _check(ctx: click.Context, frames: tuple[str, ...], parameters: dict[str, An
             "Nowhere to put the answer: give -o DIR, or --json to print it.",
         ),
         (parameters["video"] and not parameters["output"], "--video is a file; give -o DIR for it."),
+        (
+            given(ctx, "north_sigma_deg") and not given(ctx, "north"),
+            "--north-sigma is of a --north; give both.",
+        ),
+        (
+            given(ctx, "position_sigma_m") and not given(ctx, "position"),
+            "--position-sigma is of a --position; give both.",
+        ),
         (sigma_alone, "--scale-sigma is of a --baseline, --altitude or --positions; give both."),
     )
     if parameters["output"]:
@@ -233,6 +243,7 @@ def _print(answer: SequenceAnswer, written: list[Path], talk: Talk, as_json: boo
 
         print_result(sequence_to_json(answer))
         return
+    say_place(answer.report, talk)
     print_report(answer.report, written, talk, as_json=False)
     if answer.map is not None:
         print_sites(answer.map, talk)

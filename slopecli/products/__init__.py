@@ -35,7 +35,7 @@ class Product:
     by_default : whether it is made unless declined.
     of_origin : whether the encoder is given the `Origin` as well.
     requires : attribute of an answer without which there is no such file: planes found in the image, a segmentation,
-        a map; "place": the place and heading of camera 1, and metres.
+        a map; "place": the place and heading of camera 1, and metres; "placed map": both.
     """
 
     file: str
@@ -43,7 +43,7 @@ class Product:
     encoder: str
     choice: str = ""
     by_default: bool = True
-    requires: Literal["", "found", "segmentation", "map", "place"] = ""
+    requires: Literal["", "found", "segmentation", "map", "place", "placed map"] = ""
     of_origin: bool = False
 
     @property
@@ -59,8 +59,9 @@ class Product:
     def is_made(self, answer: Answer, keep: Collection[str]) -> bool:
         """Whether an answer gives this file if the user wants those of the choices `keep`."""
         wanted = not self.choice or self.choice in keep
-        if self.requires == "place":
-            return wanted and is_georeferenced(answer)
+        if self.requires in ("place", "placed map"):
+            wanted = wanted and is_georeferenced(answer)
+            return wanted and (self.requires == "place" or bool(getattr(answer, "map", None)))
         return wanted and (not self.requires or bool(getattr(answer, self.requires)))
 
     def encode(self, answer: Answer, image: Image, origin: Origin | None = None) -> bytes:
@@ -128,12 +129,20 @@ MAP_PRODUCTS = (
     Product(RESULT, "the answer, complete, but for the cells of the map", "slopes_json:encode_map"),
 )
 _OfMap = partial(Product, requires="map")
+_OfPlacedMap = partial(Product, requires="placed map")
 SEQUENCE_PRODUCTS = (
     _OfMap(MAP_PICTURE, "the first frame with the slope of every place", "sequence_files:draw_map_picture"),
     _OfMap("map_sigma.png", "the first frame with the 1-sigma of these slopes", "sequence_files:draw_map_sigma"),
     _OfMap("slope_map.tif", "the map as bands of numbers", "sequence_files:encode_map_tiff"),
+    _OfMap("slope_map.qml", "its colours in QGIS", "sequence_files:encode_map_style"),
+    _OfPlacedMap(
+        "slope_map_geo.tif", "the map from above, at its place on the earth", "sequence_files:encode_map_geotiff"
+    ),
+    _OfPlacedMap("slope_map_geo.qml", "its colours in QGIS", "sequence_files:encode_map_style"),
     Product(OVERLAY, "the first frame with slopes, sigmas and verdicts", "sequence_files:draw_last", "overlay"),
     Product("trajectory.txt", "where the camera was, in TUM format", "sequence_files:encode_trajectory"),
+    _Csv(encoder="sequence_files:encode_planes"),
+    _GeoJson(encoder="sequence_files:encode_places"),
     Product(RESULT, "the last answer, with the motions of all frames", "sequence_files:encode_sequence"),
 )
 VIDEO = "sequence.mp4"  # of a sequence, if it is asked for

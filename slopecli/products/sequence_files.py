@@ -9,7 +9,7 @@ import numpy as np
 
 from slopecli.errors import InputError
 from slopecli.ground.slope_map import SlopeMap
-from slopecli.products import map_tiff
+from slopecli.products import geojson, map_geotiff, map_style, map_tiff, planes_csv
 from slopecli.products.drawing.canvas import Picture
 from slopecli.products.map_picture import draw_map, draw_sigma
 from slopecli.products.overlay import draw_overlay
@@ -42,6 +42,26 @@ def draw_map_sigma(answer: SequenceAnswer, image: Image) -> Picture:
 def encode_map_tiff(answer: SequenceAnswer, image: Image) -> bytes:
     """slope_map.tif of a sequence."""
     return map_tiff.encode(_map_of(answer), image)
+
+
+def encode_map_geotiff(answer: SequenceAnswer, image: Image) -> bytes:
+    """slope_map_geo.tif of a sequence."""
+    return map_geotiff.encode(_map_of(answer), image)
+
+
+def encode_map_style(answer: SequenceAnswer, image: Image) -> bytes:
+    """slope_map.qml of a sequence, and that of the map from above."""
+    return map_style.encode(_map_of(answer), image)
+
+
+def encode_planes(answer: SequenceAnswer, image: Image) -> bytes:
+    """planes.csv of the last state."""
+    return planes_csv.encode(answer.report, image)
+
+
+def encode_places(answer: SequenceAnswer, image: Image) -> bytes:
+    """slopes.geojson of the last state, with the landing sites of its map."""
+    return geojson.encode(answer.report, image) if answer.map is None else geojson.encode_map(answer.map, image)
 
 
 def _map_of(answer: SequenceAnswer) -> SlopeMap:
