@@ -1,8 +1,11 @@
 """COLMAP cameras."""
 
 import struct
+from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 from camera_factory import (
@@ -16,8 +19,12 @@ from camera_factory import (
     write,
 )
 
+from slopecli.batch import find_pairs
+from slopecli.errors import InputError
 from slopecli.geometry import rays_from_pixels
-from slopecli.io.cameras import load_camera
+from slopecli.io import load_image
+from slopecli.io.cameras import camera_for, load_camera
+from slopecli.options import CameraChoice
 from slopecli.types import Camera
 
 
@@ -117,3 +124,74 @@ def test_a_division_lens_ends_where_its_image_turns_back(tmp_path: Path) -> None
 )
 def test_colmap_refusals(tmp_path: Path, line: str, words: str) -> None:
     assert words in refusal(write(tmp_path, line + "\n"))
+
+
+# ---- images.txt and images.bin beside the file ----
+
+IMAGES = {"left/0001.png": 7, "right/0001.png": 1, "a day, 2.png": 7}
+POSE = "1 0 0 0 0.1 -2e-3 3"
+
+
+def image_list(images: dict[str, int]) -> str:
+    """images.txt: of every other image, no point was seen."""
+    lines = ["# Image list with two lines of data per image:"]
+    for number, (name, camera) in enumerate(images.items(), 11):
+        lines += [f"{number} {POSE} {camera} {name}", "" if number % 2 else "12 34 5 640.5 3.25 -1"]
+    return "\n".join(lines) + "\n"
+
+
+def image_records(images: dict[str, int]) -> bytes:
+    """images.bin with the same."""
+    data = struct.pack("<Q", len(images))
+    for number, (name, camera) in enumerate(images.items(), 11):
+        data += struct.pack("<I7dI", number, *map(float, POSE.split()), camera) + name.encode() + b"\0"
+        points = number % 2
+        data += struct.pack("<Q", points) + struct.pack("<ddQ", 1.0, 2.0, 3) * points
+    return data
+
+
+def pair_in(folder: Path) -> Path:
+    for name in IMAGES:
+        (folder / name).parent.mkdir(parents=True, exist_ok=True)
+        cv2.imwrite(str(folder / name), np.zeros((480, 640), np.uint8))
+    return folder
+
+
+@pytest.mark.parametrize("binary", [False, True])
+def test_the_list_of_images_picks_the_camera_and_it_is_said(tmp_path: Path, binary: bool) -> None:
+    path = write(tmp_path, COLMAP_TEXT.replace("1024 768", "1280 960"), "cameras.txt")
+    (tmp_path / ("images.bin" if binary else "images.txt")).write_bytes(
+        image_records(IMAGES) if binary else image_list(IMAGES).encode()
+    )
+    folder = pair_in(tmp_path / "photographs")
+    for name, number in IMAGES.items():
+        camera, notes = camera_for(load_image(folder / name), CameraChoice(file=str(path)))
+        assert camera.fx == (500 if number == 7 else 400)  # that of camera 1 is for images of twice the size
+        assert f"of its 2 cameras, {number} is that of" in notes[0]
+    with pytest.raises(InputError, match="images called so of 2 cameras; pick one"):
+        camera_for(replace(load_image(folder / "a day, 2.png"), path="0001.png"), CameraChoice(file=str(path)))
+    with pytest.raises(InputError, match="holds 2 cameras"):
+        camera_for(replace(load_image(folder / "a day, 2.png"), path="0002.png"), CameraChoice(file=str(path)))
+
+
+@pytest.mark.parametrize("damage", [lambda data: data[:-3], lambda data: b"\xff" * 90, lambda data: b""])
+def test_a_damaged_list_of_images_picks_nothing(tmp_path: Path, damage: Callable[[bytes], bytes]) -> None:
+    path = write(tmp_path, COLMAP_TEXT, "cameras.txt")
+    (tmp_path / "images.bin").write_bytes(damage(image_records(IMAGES)))
+    image = load_image(pair_in(tmp_path) / "left/0001.png")
+    with pytest.raises(InputError, match="holds 2 cameras"):
+        camera_for(image, CameraChoice(file=str(path)))
+
+
+def test_a_batch_gives_every_image_the_camera_of_the_list(tmp_path: Path) -> None:
+    folder = tmp_path / "flight"
+    folder.mkdir()
+    write(folder, COLMAP_TEXT, "cameras.txt")
+    (folder / "images.txt").write_text(image_list({"a.png": 7, "b.png": 1}))
+    for name in ("a.png", "b.png"):
+        cv2.imwrite(str(folder / name), np.zeros((48, 64), np.uint8))
+    found = find_pairs(str(folder))
+    assert [(pair.camera1, pair.camera2) for pair in found.pairs] == [
+        tuple(CameraChoice(file=f"{folder / 'cameras.txt'}#{number}") for number in (7, 1))
+    ]
+    assert any("each image has that of its name" in note for note in found.notes)

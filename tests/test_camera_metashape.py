@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 from camera_factory import METASHAPE, check_is_the_sample, check_pixels, directions, fisheye_image, refusal, write
 
-from slopecli.io.cameras import load_camera
+from slopecli.errors import InputError
+from slopecli.io.cameras import decode_camera, load_camera
 from slopecli.types import Camera
 
 
@@ -85,3 +86,16 @@ def test_initial_values_are_said_to_be_such(tmp_path: Path) -> None:
 )
 def test_metashape_refusals(tmp_path: Path, old: str, new: str, words: str) -> None:
     assert words in refusal(write(tmp_path, METASHAPE.replace(old, new)))
+
+
+def test_labels_of_images_pick_the_sensor_and_it_is_said() -> None:
+    second = METASHAPE[METASHAPE.index("<sensor id") : METASHAPE.index("</sensors>")]
+    second = second.replace('id="0"', 'id="1"').replace("<f>810</f>", "<f>910</f>")
+    images = "".join(f'<camera id="{k}" sensor_id="{k % 2}" label="{4711 + k}"/>' for k in range(4))
+    project = METASHAPE.replace("</sensors>", f'{second}</sensors><cameras><group id="0">{images}</group></cameras>')
+    for image, fy in (("flight/4711.JPG", 810), ("flight/4714.JPG", 910)):
+        camera = decode_camera(project.encode(), "project.xml", image=image)
+        assert camera.fy == fy
+        assert f"is that of {image}" in camera.note
+    with pytest.raises(InputError, match="holds 2 cameras"):
+        decode_camera(project.encode(), "project.xml", image="flight/4715.JPG")

@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Iterable, Iterator
 from contextlib import suppress
 from itertools import islice
 
 from slopecli.errors import InputError
-from slopecli.io.cameras.picking import of_image
-from slopecli.io.cameras.reading import camera_names, decode_camera, read_camera_file, split_name
+from slopecli.io.cameras.reading import CamerasHeld, beside, decode_camera, read_camera_file, split_name
 from slopecli.io.images import load_image
 from slopecli.options import CameraChoice
 
@@ -18,7 +16,7 @@ class NamedCameras:
     """Picks the cameras of images by their names; every camera file is read once."""
 
     def __init__(self) -> None:
-        self._names: dict[str, tuple[str, ...]] = {}  # of the cameras of every file
+        self._files: dict[str, CamerasHeld | None] = {}  # None for one that cannot be read
         self._images: dict[str, list[str]] = {}  # whose camera was picked, by file
 
     def pick(self, choice: CameraChoice, image: str) -> CameraChoice:
@@ -31,15 +29,12 @@ class NamedCameras:
         file = choice.file
         if file is None or split_name(file)[1] is not None:
             return choice
-        if file not in self._names:
-            self._names[file] = ()
+        if file not in self._files:
+            self._files[file] = None
             with suppress(InputError):  # said where the file is checked
-                self._names[file] = camera_names(read_camera_file(file), file)
-        names = self._names[file]
-        try:
-            name = of_image(names, os.path.abspath(image)) if len(names) > 1 else None
-        except InputError as error:
-            raise InputError(f"{file}: {error}") from None
+                self._files[file] = CamerasHeld(read_camera_file(file), file, beside(file))
+        held = self._files[file]
+        name = held.of_image(image) if held and len(held.cameras) > 1 else None
         if name is None:
             return choice
         self._images.setdefault(file, []).append(image)
@@ -56,15 +51,15 @@ class NamedCameras:
         """
         path, name = split_name(file)
         data = read_camera_file(path)
-        if file in self._images:
+        if file in self._images and (held := self._files[file]):
             images = self._images[file]
-            several = f"of its {len(self._names[file])} cameras, each image has that of its name"
+            several = f"of its {len(held.cameras)} cameras, each image has that of its name"
         else:
             several = ""
         problem = None
         for image, size in [("", None), *islice(_sizes_of(images), 3)]:
             try:
-                camera = decode_camera(data, path, name, size, image or None)
+                camera = decode_camera(data, path, name, size, image or None, beside(path))
                 return several or camera.note
             except InputError as error:
                 problem = error

@@ -109,13 +109,13 @@ def _read_metadata(path: str | None) -> Metadata | None:
 
 def _lists_several(file: str, size: tuple[int, int] | None, image: str | None, talk: Talk) -> bool:
     """Print the cameras of a file that holds several, of which none is picked; False where there is one to show."""
-    from slopecli.io.cameras.reading import camera_names, decode_camera, read_camera_file, split_name
+    from slopecli.io.cameras.reading import beside, camera_names, decode_camera, read_camera_file, split_name
 
     path, name = split_name(file)
     data = read_camera_file(path)
     names = camera_names(data, path)
     try:
-        decode_camera(data, path, name, size, image)
+        decode_camera(data, path, name, size, image, beside(path))
         return False
     except InputError:
         if name is not None or len(names) < 2:

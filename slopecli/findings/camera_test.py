@@ -107,7 +107,7 @@ def examine_cameras(
     test = CameraTest(score=score, sightings=sightings, centre=_centre_is_wrong(alone, score), alone=alone)
     every = every_sighting(joined, cameras, solution.noise_gain, scene)
     asked = free or _overview_contradicts(joined, every, start)
-    lines = focal_by_lines(every, start.noise) if asked or _may_be_wrong(score) else None
+    lines = focal_by_lines(every, start.noise) if not asked and _may_be_wrong(score) else None
     if not asked and not _asks_for_more(score) and not (lines and lines.elsewhere):
         return replace(test, step=float(score.step[0]), sigma=_sigma(score))
     freed = free_focal(every, start, None if free else _is_far, lines)

@@ -75,20 +75,18 @@ def _straightest(sightings: Sightings, noise: float, most: float) -> _Lines | No
     best = _fitted(sightings, 0.0, noise)
     for step in (_SEARCH.through_lens, -_SEARCH.through_lens):
         while best and abs(best.value + step) <= most:
-            tried = _fitted(sightings, best.value + step, noise, best.weight)
+            tried = _fitted(sightings, best.value + step, noise)
             if tried is None or tried.noise_px >= best.noise_px:
                 break
             best = tried
     return best
 
 
-def _fitted(sightings: Sightings, value: float, noise: float, weight: FloatArray | None = None) -> _Lines | None:
-    """The lines; weight: of the points under lines nearby, at which the search for theirs begins."""
-    seen = sightings.seen_by(_with_focal(sightings.cameras, value)).with_rays()
+def _fitted(sightings: Sightings, value: float, noise: float) -> _Lines | None:
+    seen = (sightings.seen_by(_with_focal(sightings.cameras, value)) if value else sightings).with_rays()
     if len(seen.patch) < max(8, 0.9 * len(sightings.patch)):
         return None
-    begun = weight / seen.weight if weight is not None and len(weight) == len(seen.patch) else np.ones(len(seen.patch))
-    F, weight, sigma = _fundamental_matrix(*seen.rays(), seen.weight, noise, begun)
+    F, weight, sigma = _fundamental_matrix(*seen.rays(), seen.weight, noise)
     return _Lines(value, seen, F, weight, sigma * seen.cameras[1].focal_px)
 
 
@@ -124,13 +122,13 @@ def _in_front(motion: Motion, x1: FloatArray, x2: FloatArray) -> BoolArray:
 
 
 def _fundamental_matrix(
-    x1: FloatArray, x2: FloatArray, weights: FloatArray, noise: float, robust: FloatArray
+    x1: FloatArray, x2: FloatArray, weights: FloatArray, noise: float
 ) -> tuple[FloatArray, FloatArray, float]:
     """(3, 3) matrix F with x2 . F x1 = 0 of points (n, 2), robust weights (n,), and the 1-sigma of their distances."""
     first, second = _conditioner(x1), _conditioner(x2)
     p1, p2 = homogeneous(x1) @ first.T, homogeneous(x2) @ second.T
     rows = (p2[:, :, None] * p1[:, None, :]).reshape(-1, 9)
-    by_line = np.ones(len(x1))
+    robust, by_line = np.ones(len(x1)), np.ones(len(x1))
     F, sigma = np.eye(3), np.inf
     for _ in range(_SEARCH.rounds):
         weighted = rows * np.sqrt(weights * robust * by_line)[:, None]

@@ -13,7 +13,7 @@ from typing import Any
 
 from slopecli.errors import InputError
 from slopecli.io.cameras import values
-from slopecli.io.cameras.content import CameraFileContent
+from slopecli.io.cameras.content import Beside, CameraFileContent
 from slopecli.types import Camera, CameraModel
 
 # Names of the parameters, in the order of the model ids of cameras.bin; only their number for models not supported.
@@ -123,6 +123,40 @@ def _count_of(model_id: int, counts: dict[int, int]) -> int:
     """Number of parameters of a model, -1 where it is not known."""
     names = list(MODELS)
     return _parameter_count(names[model_id]) if 0 <= model_id < len(names) else counts.get(model_id, -1)
+
+
+def labelled_images(_content: CameraFileContent, beside: Beside) -> dict[str, str]:
+    """Camera of every image by its path, of images.txt or images.bin beside the file; {} without them."""
+    if (data := beside("images.bin")) is not None:
+        return _images_of_records(data)
+    data = beside("images.txt")
+    return {} if data is None else _images_of_lines(data.decode("utf-8", "replace"))
+
+
+def _images_of_lines(text: str) -> dict[str, str]:
+    """Each image has a line of id, rotation, position, camera id and name, and one of its points, maybe empty."""
+    found: dict[str, str] = {}
+    lines = (line for line in text.splitlines() if not line.lstrip().startswith("#"))
+    for line in lines:
+        words = line.split(maxsplit=9)
+        if len(words) == 10:
+            found[words[9].strip()] = words[8]
+            next(lines, None)
+    return found
+
+
+def _images_of_records(data: bytes) -> dict[str, str]:
+    """Each image is its id, rotation, position, camera id, name and points; {} where that does not fill the file."""
+    found: dict[str, str] = {}
+    (count,), position = struct.unpack_from("<Q", data) if len(data) >= 8 else (0,), 8
+    for _ in range(count):
+        end = data.find(b"\0", position + 64)
+        if end < 0 or end + 9 > len(data):
+            return {}
+        (camera,), (points,) = struct.unpack_from("<I", data, position + 60), struct.unpack_from("<Q", data, end + 1)
+        found[data[position + 64 : end].decode("utf-8", "replace")] = str(camera)
+        position = end + 9 + 24 * points
+    return found if position == len(data) else {}
 
 
 def read(camera: ColmapCamera, _size: values.Size | None) -> Camera:

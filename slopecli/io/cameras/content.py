@@ -5,7 +5,7 @@ from __future__ import annotations
 import codecs
 import json
 import re
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
@@ -18,6 +18,9 @@ if TYPE_CHECKING:
 
 MATLAB_MARKS = (b"MATLAB 5.0 MAT-file", b"MATLAB 7.3 MAT-file")
 UTF16_MARKS = (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)
+
+
+Beside = Callable[[str], bytes | None]  # bytes of a file of this name beside the camera file, None if there is none
 
 
 class UnknownContent(InputError):

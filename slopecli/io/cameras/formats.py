@@ -41,7 +41,8 @@ class CameraFormat:
         find(CameraFileContent) -> cameras by name ("" when they have none); {} if the file is of another format.
         read(one of these cameras, image size to use where the file gives none) -> Camera in OpenCV's convention
         (px, pixel centres at integers); raises InputError for a camera that is not supported.
-        and where need be images_called(name of a camera) -> what its images or their folder are called.
+        and where need be images_called(name of a camera) -> what its images or their folder are called;
+        labelled_images(CameraFileContent, `Beside`) -> names of cameras by the names of their images.
     stems : names, lower case and without suffix, under which `slopemap batch` looks for such files beside the images.
     files, recognised_by, lenses, converted : the columns of the table in docs/cameras.md, Markdown.
     """

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 from slopecli.errors import InputError
 from slopecli.io.cameras import values
-from slopecli.io.cameras.content import CameraFileContent
+from slopecli.io.cameras.content import Beside, CameraFileContent
 from slopecli.types import Camera, CameraModel
 
 if TYPE_CHECKING:
@@ -28,15 +28,33 @@ def find(content: CameraFileContent) -> dict[str, Element]:
     if root.tag == "calibration":
         return {"": root}
     found: dict[str, Element] = {}
-    for sensor in root.iter("sensor"):
-        calibrations = sensor.findall("calibration")
-        if not calibrations:
-            continue
-        label = sensor.get("label") or sensor.get("id") or str(len(found))
-        name = label if label not in found else f"{label} {sensor.get('id')}"
+    for name, sensor in _sensors(root).items():
         # the result of the bundle adjustment is preferred to its initial value
+        calibrations = sensor.findall("calibration")
         found[name] = next((c for c in calibrations if c.get("class") == "adjusted"), calibrations[0])
     return found
+
+
+def _sensors(root: Element) -> dict[str, Element]:
+    """Sensors with a calibration by their label, or their id."""
+    found: dict[str, Element] = {}
+    for sensor in root.iter("sensor"):
+        if sensor.find("calibration") is not None:
+            label = sensor.get("label") or sensor.get("id") or str(len(found))
+            found[label if label not in found else f"{label} {sensor.get('id')}"] = sensor
+    return found
+
+
+def labelled_images(content: CameraFileContent, _beside: Beside) -> dict[str, str]:
+    """Sensor of every image by the image's label; an id that two sensors have, of two chunks, tells none."""
+    root = content.xml
+    if root is None:
+        return {}
+    names: dict[str | None, list[str]] = {}
+    for name, sensor in _sensors(root).items():
+        names.setdefault(sensor.get("id"), []).append(name)
+    images = [(camera.get("label"), names.get(camera.get("sensor_id"), [])) for camera in root.iter("camera")]
+    return {label: sensors[0] for label, sensors in images if label and len(sensors) == 1}
 
 
 def read(calibration: Element, size: values.Size | None) -> Camera:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Collection, Iterable
+from collections.abc import Callable, Collection, Iterable, Mapping
 from pathlib import PurePath
 
 from slopecli.errors import InputError
@@ -42,9 +42,7 @@ def of_image(cameras: Collection[str], image: str, images_called: Callable[[str]
     ------
     InputError : several fit equally well.
     """
-    ends = {one: _common_end(one, image) for one in cameras if not ID.fullmatch(one)}  # ids are no names of images
-    longest = max(ends.values(), default=0)
-    fitting = [one for one, length in ends.items() if length == longest > 0]
+    fitting = _ending_as([one for one in cameras if not ID.fullmatch(one)], image)  # ids are no names of images
     if not fitting:
         parts = _parts(image)[-4:]
         names = {one: (one, images_called(one) if images_called else "") for one in cameras}
@@ -52,6 +50,31 @@ def of_image(cameras: Collection[str], image: str, images_called: Callable[[str]
     if len(fitting) > 1:
         raise InputError(f"has {len(fitting)} cameras for this image; pick one of them with #NAME: {listed(fitting)}")
     return fitting[0] if fitting else None
+
+
+def of_labelled_image(camera_by_label: Mapping[str, str], image: str) -> str | None:
+    """The camera of the image whose label, a path or the end of one, fits the path of an image; None if none does.
+
+    Raises
+    ------
+    InputError : labels of images of several cameras fit equally well.
+    """
+    fitting = list(dict.fromkeys(camera_by_label[label] for label in _ending_as(camera_by_label, image)))
+    if len(fitting) > 1:
+        raise InputError(f"has images called so of {len(fitting)} cameras; pick one with #NAME: {listed(fitting)}")
+    return fitting[0] if fitting else None
+
+
+def stem_of(path: str) -> str:
+    """The last part of a path without its suffix."""
+    return PurePath(path.replace("\\", "/")).stem
+
+
+def _ending_as(names: Iterable[str], path: str) -> list[str]:
+    """Those names that have the most parts in common with the end of a path."""
+    ends = {name: _common_end(name, path) for name in names}
+    longest = max(ends.values(), default=0)
+    return [name for name, length in ends.items() if length == longest > 0]
 
 
 def listed(names: Iterable[str]) -> str:

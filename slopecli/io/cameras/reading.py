@@ -7,22 +7,28 @@ import os
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
 from dataclasses import replace
+from functools import cached_property
 from os import PathLike
 from pathlib import Path
 from typing import Any, Literal
 
 from slopecli.errors import InputError
 from slopecli.geometry.camera import scale_camera
-from slopecli.io.cameras.content import CameraFileContent, UnknownContent
+from slopecli.io.cameras.content import Beside, CameraFileContent, UnknownContent
 from slopecli.io.cameras.formats import CAMERA_FORMATS, CameraFormat
-from slopecli.io.cameras.picking import listed, named, of_image
+from slopecli.io.cameras.picking import listed, named, of_image, of_labelled_image, stem_of
 from slopecli.io.cameras.unread import looks_like
 from slopecli.io.cameras.values import Size, make_camera
 from slopecli.io.files import read_file
 from slopecli.options import CameraChoice
 from slopecli.types import Camera, Image
 
+MOST_LISTED = 256_000_000  # bytes of a list of images beside a camera file
 NEEDED = f"needed a camera file of one of these formats: {', '.join(form.name for form in CAMERA_FORMATS)}"
+
+
+def nothing_beside(_name: str) -> None:
+    """Nothing is beside a camera file of which only the bytes are known."""
 
 
 def load_camera(path: str | PathLike[str], name: str | None = None, size: Size | None = None) -> Camera:
@@ -75,17 +81,58 @@ def decode_camera(
     name: str | None = None,
     size: Size | None = None,
     image: str | None = None,
+    others: Beside = nothing_beside,
 ) -> Camera:
     """As `load_camera`, from the bytes of the file; `file` is for messages and is not opened.
 
     image : path of the image that the camera is for: it picks one of several cameras where none is named.
+    others : reads files beside it, which may list images.
     """
+    held = CamerasHeld(data, file, others)
     with _one_line(file):
-        content = CameraFileContent(data)
-        form, cameras = _find_cameras(content)
-        key, picked = _pick(form, cameras, name, Path(file).name, size, image)
-        camera: Camera = form.module.read(cameras[key], size)
-        return replace(camera, note="; ".join(filter(None, (*content.notes, picked, camera.note))))
+        count = len(held.cameras)
+        key, picked = _pick(held.cameras, name), ""
+        if key is None and image and (key := held.of_image(image)) is not None:
+            picked = f"of its {count} cameras, {key} is that of {image}"
+        if key is None:
+            key, picked = _alike(held.form, held.cameras, Path(file).name, size), f"its {count} cameras are the same"
+        camera: Camera = held.form.module.read(held.cameras[key], size)
+        return replace(camera, note="; ".join(filter(None, (*held.content.notes, picked, camera.note))))
+
+
+class CamerasHeld:
+    """The cameras of a file by name, "" for one without a name, and which of them took an image.
+
+    Raises InputError as `decode_camera`.
+    """
+
+    def __init__(self, data: bytes, file: str | PathLike[str], others: Beside) -> None:
+        self._file, self._others = file, others
+        with _one_line(file):
+            self.content = CameraFileContent(data)
+            self.form, self.cameras = _find_cameras(self.content)
+
+    @cached_property
+    def _by_stem(self) -> dict[str, dict[str, str]]:
+        """Names of cameras by the labels of their images, these by the last part of the label without its suffix."""
+        found: dict[str, dict[str, str]] = {}
+        of_images = getattr(self.form.module, "labelled_images", None)
+        for label, camera in (of_images(self.content, self._others) if of_images else {}).items():
+            if camera in self.cameras:
+                found.setdefault(stem_of(label), {})[label] = camera
+        return found
+
+    def of_image(self, image: str) -> str | None:
+        """The camera of an image by what the file says of its images, else by the names of its cameras.
+
+        None where none fits. Raises InputError where several fit equally well.
+        """
+        path = os.path.abspath(image)
+        with _one_line(self._file):
+            labelled = of_labelled_image(self._by_stem.get(stem_of(path), {}), path)
+            if labelled is not None:
+                return labelled
+            return of_image(self.cameras, path, getattr(self.form.module, "images_called", None))
 
 
 def camera_format(data: bytes, file: str | PathLike[str]) -> CameraFormat:
@@ -98,6 +145,18 @@ def camera_names(data: bytes, file: str | PathLike[str]) -> tuple[str, ...]:
     """The names of the cameras of a file, "" for one without a name. Raises InputError as `decode_camera`."""
     with _one_line(file):
         return tuple(_find_cameras(CameraFileContent(data))[1])
+
+
+def beside(file: str | PathLike[str]) -> Beside:
+    """Reads files beside a camera file; what is there but cannot be read is as if it were not there."""
+
+    def read(name: str) -> bytes | None:
+        path = Path(file).with_name(name)
+        with suppress(InputError):
+            return read_file(path, "list of images", MOST_LISTED) if path.is_file() else None
+        return None
+
+    return read
 
 
 @contextmanager
@@ -153,7 +212,8 @@ def _camera_of_metadata(image: Image, files: Mapping[str, bytes] | None) -> Came
 def _camera_from_file(image: Image, path: str, files: Mapping[str, bytes] | None) -> tuple[Camera, tuple[str, ...]]:
     size = (image.width, image.height)
     file, name = (path, None) if files and path in files else split_name(path)
-    camera = decode_camera(files[file] if files else read_camera_file(file), file, name, size, image.path)
+    data, others = (files[file], nothing_beside) if files else (read_camera_file(file), beside(file))
+    camera = decode_camera(data, file, name, size, image.path, others)
     notes = [f"{path}: {camera.note}"] if camera.note else []
     try:
         camera, message = fit_camera_to_image(camera, *size)
@@ -232,25 +292,17 @@ def _find_cameras(content: CameraFileContent) -> tuple[CameraFormat, Mapping[str
     raise InputError(f"{kind} camera that is understood{looks_like(content)}; {NEEDED}")
 
 
-def _pick(
-    form: CameraFormat,
-    cameras: Mapping[str, Any],
-    name: str | None,
-    file: str,
-    size: Size | None,
-    image: str | None,
-) -> tuple[str, str]:
-    """The name of the camera meant, and a note where the path of the image picks it."""
+def _pick(cameras: Mapping[str, Any], name: str | None) -> str | None:
+    """The camera of a name, or the only one; None where there are several and none is named."""
     if name is not None:
-        return named(cameras, name), ""
-    if len(cameras) == 1:
-        return next(iter(cameras)), ""
-    called = getattr(form.module, "images_called", None)
-    fitting = of_image(cameras, os.path.abspath(image), called) if image else None
-    if fitting is not None:
-        return fitting, f"of its {len(cameras)} cameras, {fitting} is that of {image}"
+        return named(cameras, name)
+    return next(iter(cameras)) if len(cameras) == 1 else None
+
+
+def _alike(form: CameraFormat, cameras: Mapping[str, Any], file: str, size: Size | None) -> str:
+    """The first of several cameras if they are the same."""
     first = next(iter(cameras))
     with suppress(InputError):
         if len({form.module.read(camera, size) for camera in cameras.values()}) == 1:
-            return first, f"its {len(cameras)} cameras are the same"
+            return first
     raise InputError(f"holds {len(cameras)} cameras ({listed(cameras)}); pick one, for example {file}#{first}")
