@@ -18,7 +18,7 @@ __getattr__, __dir__ = lazy_names(
         "multiview": "cramer_rao_bound_of_views solve_views",
         "reference_change": "LaterViews last_view with_later_views",
         "seen_points": "Sightings changed thinned",
-        "scatter": "scatter_of with_scatter",
+        "scatter": "amplitude_of linearised scatter_of with_scatter",
         "starts": "starting_states",
         "uncertainty": "Covariance cramer_rao_bound small_sample",
     },

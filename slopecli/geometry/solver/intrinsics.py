@@ -86,7 +86,7 @@ class CameraScore(NamedTuple):
 
 class Rows(NamedTuple):
     """Whitened rows: patch points along their epipolar lines, then all across; columns (..., rows) of the motion (5),
-    the camera (4) and the residual (1). normal (3, n): derivatives along by the own normal."""
+    of q other parameters and of the residual (1). normal (3, n): derivatives along by the own normal."""
 
     along: FloatArray
     across: FloatArray
@@ -109,6 +109,8 @@ def score_camera(sightings: Sightings, settled: Settled, prior: MotionPrior | No
     if seen.n_patches != len(settled.scaled_normals):
         raise DegenerateConfiguration("no point of the last patch was kept; nothing to test the cameras with")
     rows = whitened_rows(seen, settled, d1[:, :, seen.order], d2[:, :, seen.order])
+    for part in (rows.along, rows.across):
+        part[5] += part[-1]  # residuals are those of pixels, which are as many more as f is longer
 
     left, response = eliminated(seen, rows)
     on_plane = rows.along.shape[1]
@@ -133,7 +135,7 @@ def score_camera(sightings: Sightings, settled: Settled, prior: MotionPrior | No
 
 
 def eliminated(seen: Observations, rows: Rows) -> tuple[FloatArray, FloatArray]:
-    """Rows (10, along and then across) once the normals have followed, and their response (m, 3, 10) to the columns."""
+    """Rows (6 + q, along and then across) once the normals have followed, and their response (m, 3, 6 + q)."""
     V = seen.sum_patches(rows.normal[:, None] * rows.normal)
     X = seen.sum_patches(rows.normal[:, None] * rows.along)
     response = np.asarray(np.linalg.solve(lifted(V.transpose(2, 0, 1)), X.transpose(2, 0, 1)), float)
@@ -167,7 +169,7 @@ def _by_parameters(camera: Camera, x: FloatArray) -> FloatArray:
 
 
 def whitened_rows(seen: Observations, settled: Settled, d1: FloatArray, d2: FloatArray) -> Rows:
-    """Rows of the linearised problem; d1, d2 (4, 2, k + n): `_by_parameters` of the points, those on no patch first."""
+    """Rows of the linearised problem; d1, d2 (q, 2, k + n): as of `_by_parameters`, points on no patch first."""
     R, T, N = settled.R, settled.T, settled.scaled_normals
     noise = max(settled.noise, FINEST_RESIDUAL)
     prediction = predict(seen, R[None], T[None], N[None])
@@ -176,11 +178,10 @@ def whitened_rows(seen: Observations, settled: Settled, d1: FloatArray, d2: Floa
     e = slide / gain
     k = seen.n_free
 
-    moves = np.empty((10, 2, len(seen.weight)))
-    moves[:9] = _image2_moves(seen, settled, prediction.x2[0], prediction.depth_ratio[0], d1[:, :, k:])
-    moves[9] = prediction.residual[0]
-    moves[5:9] -= d2[:, :, k:]
-    moves[5] += moves[9]  # residuals are those of pixels, which are as many more as f is longer
+    moves = np.empty((6 + len(d2), 2, len(seen.weight)))
+    moves[:-1] = _image2_moves(seen, settled, prediction.x2[0], prediction.depth_ratio[0], d1[:, :, k:])
+    moves[-1] = prediction.residual[0]
+    moves[5:-1] -= d2[:, :, k:]
     lever = gain * prediction.inverse_depth[0]
     weight = np.maximum(seen.weight, np.finfo(float).tiny)
     by_along = 1.0 / np.sqrt(noise**2 / weight + (lever * seen.per_point(settled.relief)) ** 2)
@@ -193,13 +194,13 @@ def whitened_rows(seen: Observations, settled: Settled, d1: FloatArray, d2: Floa
 
 
 def _image2_moves(seen: Observations, settled: Settled, x2: FloatArray, z: FloatArray, d1: FloatArray) -> FloatArray:
-    """(9, 2, n) how predictions x2 (2, n) move with the motion (5) and, through the points of image 1, the camera."""
+    """(5 + q, 2, n) how predictions x2 (2, n) move with the motion and, through the points of image 1, d1 (q, 2, n)."""
     R, T, N = settled.R, settled.T, settled.scaled_normals
     K = R @ T
     y = np.concatenate([x2 * z, z[None]])
     w = (seen.per_point(N.T) * seen.p).sum(axis=0)
     by_point = R[:, :2, None] - K[:, None, None] * seen.per_point(N.T)[None, :2]
-    moves = np.empty((9, 3, len(z)))
+    moves = np.empty((5 + len(d1), 3, len(z)))
     moves[:3] = skew(np.eye(3)) @ y
     moves[3:5] = -(R @ tangent_basis(T)).T[:, :, None] * w
     moves[5:] = (by_point[None] * d1[:, None]).sum(axis=2)
@@ -215,17 +216,16 @@ def _free_rows(
     distance: FloatArray,
     length: FloatArray,
 ) -> FloatArray:
-    """(10, k) derivatives of the distances from epipolar lines by motion (5) and camera (4), and these distances."""
+    """(6 + q, k) derivatives of distances from epipolar lines by the motion and q parameters, and these distances."""
     E = R @ skew(T)
     p2 = homogeneous(seen.free2.T).T
     line2, line1 = E @ seen.free1, E.T @ p2
-    rows = np.empty((10, seen.n_free))
+    rows = np.empty((6 + len(d2), seen.n_free))
     rows[:3] = np.cross(line2, p2, axis=0)
     rows[3:5] = tangent_basis(T).T @ np.cross(seen.free1, R.T @ p2, axis=0)
-    rows[5:9] = (line1[:2] * d1).sum(axis=1) + (line2[:2] * d2).sum(axis=1)
-    rows[:9] /= length
-    rows[9] = distance
-    rows[5] += distance  # in pixels, as those of the patches
+    rows[5:-1] = (line1[:2] * d1).sum(axis=1) + (line2[:2] * d2).sum(axis=1)
+    rows[:-1] /= length
+    rows[-1] = distance
     return rows
 
 

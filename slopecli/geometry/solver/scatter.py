@@ -1,19 +1,26 @@
-"""Covariance of the motion by the scatter of what parts of the image ask for.
+"""Covariance of the motion by errors that many matches share, which residuals of single matches do not show.
 
-Matching noise is not all that moves a motion: lenses are never exactly as modelled, shutters roll, flow errs alike over
-a whole surface. Such errors are shared by far more matches than neighbours are correlated, and residuals of single
-matches do not show them. So the image is divided into blocks, and the steps that these ask of the motion, beside those
-of all the others, are compared with what noise alone would make of them. Source: White, "Maximum likelihood estimation
-of misspecified models", 1982; Liang and Zeger, "Longitudinal data analysis using generalized linear models", 1986.
+Matching noise is not all that moves a motion: lenses are never exactly as modelled, stereo images never exactly
+rectified, shutters roll, flow errs alike over a whole surface. Such errors are shared by far more matches than
+neighbours are correlated. They are told in two ways, and the larger covariance counts:
+
+- The image is divided into blocks, and the steps that these ask of the motion, beside those of all the others, are
+  compared with what noise alone would make of them. Source: White, "Maximum likelihood estimation of misspecified
+  models", 1982; Liang and Zeger, "Longitudinal data analysis using generalized linear models", 1986.
+- Image 2 is displaced by a smooth field of unknown amplitude. What the motion cannot absorb of such fields tells the
+  amplitude, by the largest likelihood; what it does absorb is then its error. Source: Patterson and Thompson, "Recovery
+  of inter-block information when block sizes are unequal", 1971.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 
 from slopecli.errors import DegenerateConfiguration
+from slopecli.geometry.epipolar import tangent_basis
 from slopecli.geometry.solver.intrinsics import Settled, eliminated, lifted, whitened_rows, with_planes
 from slopecli.geometry.solver.observations import observe
 from slopecli.geometry.solver.one_thread import one_blas_thread
@@ -23,35 +30,69 @@ from slopecli.types import FloatArray, IntArray, Solution
 
 @dataclass(frozen=True)
 class ScatterTunables:
-    """How image 1 is divided. Blocks of 64 px told nothing of images of 2 MP: lens errors and surfaces are larger."""
+    """How image 1 is divided, and which fields are smooth. Blocks of 64 px told nothing of images of 2 MP: lens errors
+    and surfaces are larger."""
 
     blocks: tuple[float, float] = (8.0, 5.0)  # along the longer side, two divisions
     outside: float = 3.0  # along each side, for the points on no patch, where every patch is a part of its own
     fewest: int = 8  # parts with matches: fewer do not tell a scatter
+    # degree of the polynomials that smooth fields are sums of: that of radial distortion
+    degree: int = 3
+    # px, least and most 1-sigma of their coefficients: nothing beside noise, and as large as errors of rectification
+    # and rolling shutters are
+    amplitude_px: tuple[float, float] = (1e-3, 1.0)
+    amplitudes: int = 40  # compared between them, each a fifth more than the last: a sigma need not be known better
 
 
 SCATTER = ScatterTunables()
 
 
+class Linear(NamedTuple):
+    """The joint problem linearised at a solution, planes eliminated, in units of the noise of matches and its gain.
+
+    Rows are points of patches along their epipolar lines, then all across, those of patches first.
+
+    motion (5, rows): derivatives by the motion (w, T along `tangent_basis(T)`).  residual (rows,).
+    fields (q, rows): by the coefficients of smooth fields, px.  point (rows,): index in `place`.
+    place (n, 2) px of image 1, the `n_free` points on no patch first.  patch (n - n_free,) of the others.
+    """
+
+    motion: FloatArray
+    residual: FloatArray
+    fields: FloatArray
+    point: IntArray
+    place: FloatArray
+    n_free: int
+    patch: IntArray
+
+
 def with_scatter(solution: Solution, sightings: Sightings) -> Solution:
-    """The solution, covariances of motion and normals larger by the excess of that scatter over noise.
+    """The solution, covariances of motion and normals larger by errors that many matches share.
 
     sightings : the points that the solution kept.  A motion with a prior keeps its covariance.
     """
     if solution.solver != "mle" or solution.prior_chi2 is not None:
         return solution
-    factor = scatter_of(sightings, Settled.of(solution))
-    if factor <= 1.0:
+    linear = linearised(sightings, Settled.of(solution))
+    if linear is None:
         return solution
+    factor, amplitude = scatter_of(linear, sightings), amplitude_of(linear)
     other = solution.ambiguity.alternative
     if other is not None:
-        solution = replace(solution, ambiguity=replace(solution.ambiguity, alternative=_widened(other, factor)))
-    return _widened(solution, factor)
+        there = linearised(sightings, Settled.of(other))
+        other = other if there is None else _widened(other, there, factor, amplitude)
+        solution = replace(solution, ambiguity=replace(solution.ambiguity, alternative=other))
+    return _widened(solution, linear, factor, amplitude)
 
 
-def _widened(root: Solution, factor: float) -> Solution:
-    """One root, the variance of its motion times a factor; normals follow the motion."""
+def _widened(root: Solution, linear: Linear, factor: float, amplitude: float) -> Solution:
+    """One root, the variance of its motion times a factor or with that by smooth fields; normals follow the motion."""
+    turn = np.eye(5)
+    turn[3:, 3:] = root.tangent.T @ tangent_basis(root.T)
+    absorbed, noise = absorbed_of(linear, amplitude)
     added, gain = (factor - 1.0) * root.motion_covariance, root.normal_gain
+    if np.trace(np.linalg.solve(noise, absorbed)) > 5.0 * (factor - 1.0):
+        added = turn @ absorbed @ turn.T
     return replace(
         root,
         motion_covariance=root.motion_covariance + added,
@@ -60,30 +101,85 @@ def _widened(root: Solution, factor: float) -> Solution:
 
 
 @one_blas_thread()
-def scatter_of(sightings: Sightings, settled: Settled) -> float:
-    """Variance of the motion by the scatter of parts of the image over that by noise, mean over its five coordinates.
-
-    The largest of three divisions; 1 where it is less, the parts are too few, or the points determine no motion.
-    """
+def linearised(sightings: Sightings, settled: Settled) -> Linear | None:
+    """The joint problem at a solution; None if the points determine no motion."""
     sightings, settled = with_planes(sightings, settled)
-    still = np.zeros((4, 2, len(sightings.patch)))  # the camera is held fixed
+    camera = sightings.cameras[1]
+    place = sightings.uv1 / max(sightings.cameras[0].width, sightings.cameras[0].height)
+    fields = _smooth_fields(2.0 * (place - place.mean(axis=0))) / camera.focal_px
     try:
         seen = observe(*sightings.rays(), sightings.patch, sightings.weight)
-        left, _ = eliminated(seen, whitened_rows(seen, settled, still, still))
+        rows = whitened_rows(seen, settled, np.zeros_like(fields), fields[:, :, seen.order])
+        left = eliminated(seen, rows)[0] / sightings.gain
     except DegenerateConfiguration:
-        return 1.0
+        return None
     k, n = seen.n_free, len(seen.weight)
-    row = np.concatenate([np.arange(k, k + n), np.arange(k, k + n), np.arange(k)])  # point of each row
-    rows, residual = left[:5], left[9]
+    point = np.concatenate([np.arange(k, k + n), np.arange(k, k + n), np.arange(k)])
+    patch = np.repeat(np.arange(seen.n_patches), seen.count)
+    return Linear(left[:5], left[-1], left[5:-1], point, sightings.uv1[seen.order], k, patch)
+
+
+# ---- smooth fields ----
+
+
+def _smooth_fields(place: FloatArray) -> FloatArray:
+    """(q, 2, n) displacements at places (n, 2), -1..1: products of Chebyshev polynomials along either axis."""
+    u, v = np.polynomial.chebyshev.chebvander(place.T, SCATTER.degree)
+    degrees = [(i, j) for i in range(SCATTER.degree + 1) for j in range(SCATTER.degree + 1 - i)]
+    one = np.array([u[:, i] * v[:, j] for i, j in degrees])
+    none = np.zeros_like(one)
+    return np.concatenate([np.stack([one, none], axis=1), np.stack([none, one], axis=1)])
+
+
+def amplitude_of(linear: Linear) -> float:
+    """1-sigma of the coefficients of smooth fields, px, that is likeliest by what the motion leaves of them; 0 if none
+    is likelier."""
+    across = linear.fields.copy()
+    across[:, : len(linear.patch)] = 0.0  # along the lines, ground that is not flat looks like a smooth field
+    left, _, residual = _beside_motion(linear._replace(fields=across))
+    values, vectors = np.linalg.eigh(left @ left.T)
+    asked = vectors.T @ (left @ residual)
+    told = values > 1e-6 * max(float(values[-1]), np.finfo(float).tiny)  # the rest is rounding
+    values, asked = values[told], asked[told]
+    amplitudes = np.append(0.0, np.geomspace(*SCATTER.amplitude_px, SCATTER.amplitudes))
+    variance = values + values**2 * amplitudes[:, None] ** 2
+    return float(amplitudes[np.argmin((np.log(variance) + asked**2 / variance).sum(axis=1))])
+
+
+def absorbed_of(linear: Linear, amplitude: float) -> tuple[FloatArray, FloatArray]:
+    """Covariances (5, 5) of the motion by smooth fields of this amplitude (px), as far as the residuals leave these
+    open, and by noise."""
+    left, response, _ = _beside_motion(linear)
+    noise = np.asarray(np.linalg.inv(lifted(linear.motion @ linear.motion.T)))
+    if amplitude == 0.0:
+        return np.zeros((5, 5)), noise
+    known = left @ left.T + np.eye(len(left)) / amplitude**2
+    return np.asarray(response @ np.linalg.solve(known, response.T)), noise
+
+
+def _beside_motion(linear: Linear) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Fields (q, rows) beside what the motion absorbs of them, how it does (5, q), and the residual (rows,) alike."""
+    rows, both = linear.motion, np.vstack([linear.fields, linear.residual])
+    response = np.asarray(np.linalg.solve(lifted(rows @ rows.T), rows @ both.T), float)
+    left = both - response.T @ rows
+    return left[:-1], response[:, :-1], left[-1]
+
+
+# ---- scatter of parts ----
+
+
+def scatter_of(linear: Linear, sightings: Sightings) -> float:
+    """Variance of the motion by the scatter of parts of the image over that by noise, mean over its five coordinates.
+
+    The largest of three divisions; 1 where it is less, or the parts are too few.
+    """
+    rows, place, camera = linear.motion, linear.place, sightings.cameras[0]
     covariance = np.asarray(np.linalg.inv(lifted(rows @ rows.T)))
-    asked = rows * (residual - rows.T @ (covariance @ (rows @ residual)))
-    place, camera = sightings.uv1[seen.order], sightings.cameras[0]
+    asked = rows * (linear.residual - rows.T @ (covariance @ (rows @ linear.residual)))
     divisions = [_numbers(place / max(camera.width, camera.height) * blocks) for blocks in SCATTER.blocks]
-    outside = _numbers(place[:k] / (camera.width, camera.height) * SCATTER.outside)
-    patches = np.repeat(np.arange(seen.n_patches), seen.count) + outside.max(initial=-1) + 1
-    divisions.append(np.concatenate([outside, patches]))
-    largest = max(_excess(asked, covariance, parts[row]) for parts in divisions)
-    return max(largest / sightings.gain**2, 1.0)
+    outside = _numbers(place[: linear.n_free] / (camera.width, camera.height) * SCATTER.outside)
+    divisions.append(np.concatenate([outside, linear.patch + outside.max(initial=-1) + 1]))
+    return max(*(_excess(asked, covariance, parts[linear.point]) for parts in divisions), 1.0)
 
 
 def _excess(asked: FloatArray, covariance: FloatArray, part: IntArray) -> float:
