@@ -141,10 +141,10 @@ def test_ground_that_bends_beside_a_gap_is_no_step() -> None:
 
 def test_the_part_across_a_step_tilts_the_whole() -> None:
     gaps = gaps_of(WINDOW, left_part(220), 0.75)
-    assert np.degrees(stepped_rad(gaps, LEVEL, terrace(220, 0.2))) > 10.0
-    assert stepped_rad(gaps, LEVEL, terrace(480, 0.2)) == 0.0
+    assert np.degrees(stepped_rad(gaps, LEVEL, terrace(220, 0.2), FOCAL)) > 10.0
+    assert stepped_rad(gaps, LEVEL, terrace(480, 0.2), FOCAL) == 0.0
     # where the window is matched all over, the overview is mistaken
-    assert stepped_rad(gaps_of(WINDOW, matches(), 1.0), LEVEL, terrace(220, 0.2)) == 0.0
+    assert stepped_rad(gaps_of(WINDOW, matches(), 1.0), LEVEL, terrace(220, 0.2), FOCAL) == 0.0
 
 
 def test_a_strip_along_the_edge_is_not_filled_by_the_matches_beside_it() -> None:

@@ -33,13 +33,14 @@ def with_unmatched_parts(patch: Patch, measured: Patch, scene: Scene) -> Patch:
     w, _ = inverse_depth(scene.R, scene.T, x1, patch.matches.x2)
     normal = np.asarray(np.linalg.lstsq(homogeneous(x1), w, rcond=None)[0])
     gaps = gaps_of(patch.window, measured.matches.uv1, measured.share)
+    gaps = replace(gaps, borne_out=_borne_out(gaps, normal, scene))
     against = max(
         beside_rad(gaps, normal, scene.evidence, focal_px),
         contradicted_rad(gaps, normal, scene),
-        stepped_rad(gaps, normal, scene.evidence),
+        stepped_rad(gaps, normal, scene.evidence, focal_px),
     )
     unseen = max(against, unseen_rad(gaps, _height_px(x1, w, focal_px), scene.evidence))
-    total = patch.tilt_sigma_rad + unseen
+    total = float(np.hypot(patch.tilt_sigma_rad, unseen))
     return replace(patch, tilt_sigma_rad=total, unmatched_sigma_rad=unseen, off_plane_sigma_rad=against)
 
 
@@ -49,7 +50,8 @@ class Gaps:
 
     at, uv1 (k, 2): centres of the cells, px from the window's middle, and px of image 1; seen (k,): holds a match;
     shape: rows and columns of cells; cell_px: side of one; matched (n, 2): px of the matches; per_px: how many of them
-    there are to a square px where there are no gaps.
+    there are to a square px where there are no gaps; borne_out (k,): without a match, but on the plane, as their grey
+    values or the cells around them show.
     """
 
     window: Window
@@ -60,6 +62,12 @@ class Gaps:
     cell_px: float
     matched: FloatArray
     per_px: float
+    borne_out: BoolArray | None = None
+
+    @property
+    def off(self) -> BoolArray:
+        """(g,) of the cells without a match, which may be off the plane."""
+        return np.ones(np.count_nonzero(~self.seen), bool) if self.borne_out is None else ~self.borne_out[~self.seen]
 
     def tilt_rad(self, height_px: FloatArray | float) -> float:
         """Tilt of the least-squares plane of the whole window if its unmatched cells stand off the plane, rad.
@@ -71,9 +79,10 @@ class Gaps:
         return float(np.arctan(np.linalg.norm(np.linalg.lstsq(self.at.T @ self.at, at.T @ height, rcond=None)[0])))
 
     def holds(self, uv1: FloatArray) -> BoolArray:
-        """(k,) whether points (k, 2) px of image 1 lie in a cell with a match."""
+        """(k,) whether points (k, 2) px of image 1 lie in a cell with a match, or one that is borne out."""
         column, row, inside = _cell(self.window, self.shape, uv1)
-        return np.asarray(inside & self.seen[row * self.shape[1] + column])
+        held = self.seen if self.borne_out is None else self.seen | self.borne_out
+        return np.asarray(inside & held[row * self.shape[1] + column])
 
     def filled(self, uv1: FloatArray) -> FloatArray:
         """(k,) density of matches around points (k, 2) px of image 1, relative to that of the matched part.
@@ -127,6 +136,7 @@ def beside_rad(gaps: Gaps, normal: FloatArray, evidence: Evidence, focal1_px: fl
         return 0.0
     near = np.flatnonzero(evidence.near(gaps.window, TUNE.beside))
     near = near[~gaps.holds(evidence.uv1[near])]
+    near = near[_coherent(near, normal, evidence, focal1_px)]
     if len(near) < 3:  # one or two may be mismatches
         return 0.0
     off = np.abs(homogeneous(evidence.x1[near]) @ normal - evidence.w[near])
@@ -138,11 +148,11 @@ def beside_rad(gaps: Gaps, normal: FloatArray, evidence: Evidence, focal1_px: fl
     within = distance < TUNE.beside * max(gaps.window[2:])
     # ground that bends is off the plane, too, increasingly with distance
     step = np.maximum(height[nearest] - distance, 0.0)
-    square = (step**2 * within).sum(1) / np.maximum(within.sum(1), 1)
+    square = gaps.off * (step**2 * within).sum(1) / np.maximum(within.sum(1), 1)
     return min(gaps.tilt_rad(np.sqrt(square)), TUNE.most_rad)
 
 
-def stepped_rad(gaps: Gaps, normal: FloatArray, evidence: Evidence) -> float:
+def stepped_rad(gaps: Gaps, normal: FloatArray, evidence: Evidence, focal1_px: float) -> float:
     """Tilt between the plane of a window's matches and one that also fits overview matches across a step, rad.
 
     The window's own matches lie on one side of a step; the overview has matches on both. Overview matches off the plane
@@ -156,6 +166,9 @@ def stepped_rad(gaps: Gaps, normal: FloatArray, evidence: Evidence) -> float:
     off = inside & (evidence.misfit_px(normal) > ON_PLANE_PX)
     kept = inside & ~off
     off[off] = gaps.filled(evidence.uv1[off]) < 0.5  # half as dense as elsewhere: unmatched
+    if gaps.borne_out is not None:
+        off[off] = ~gaps.holds(evidence.uv1[off])
+    off[off] = _coherent(np.flatnonzero(off), normal, evidence, focal1_px)
     kept |= off
     if np.count_nonzero(off) < max(MIN_ON_PLANE, 0.05 * np.count_nonzero(kept)):  # 5 %: mismatches of the overview
         return 0.0
@@ -163,6 +176,21 @@ def stepped_rad(gaps: Gaps, normal: FloatArray, evidence: Evidence) -> float:
     points -= points.mean(axis=0)
     whole = np.linalg.svd(points, full_matrices=False)[2][2]
     return min(float(np.arccos(min(abs(whole @ normal) / float(np.linalg.norm(normal)), 1.0))), TUNE.most_rad)
+
+
+def _coherent(index: IntArray, normal: FloatArray, evidence: Evidence, focal1_px: float) -> BoolArray:
+    """(k,) overview matches of these indices that lie on some surface, as half of the others next to them do.
+
+    Mismatches lie at any depth, neighbours at quite another.  normal, focal1_px : as in `beside_rad`.
+    """
+    if len(index) < 3:
+        return np.ones(len(index), bool)
+    uv1, rays = evidence.uv1[index], homogeneous(evidence.x1[index])
+    height = (rays @ normal / evidence.w[index] - 1.0) * focal1_px
+    distance = np.sqrt(((uv1[:, None] - uv1[None]) ** 2).sum(2))
+    nearest = np.argsort(distance, axis=1, kind="stable")[:, 1:5]
+    rise = np.abs(height[nearest] - height[:, None])
+    return np.asarray(np.mean(rise <= TUNE.steepest * np.take_along_axis(distance, nearest, 1), axis=1) >= 0.5)
 
 
 def contradicted_rad(gaps: Gaps, normal: FloatArray, scene: Scene) -> float:
@@ -183,7 +211,42 @@ def contradict(uv1: FloatArray, side_px: float, normal: FloatArray, scene: Scene
 
     uv1 : (k, 2) px of image 1, centres of the cells.  side_px : of a cell.  normal : (3,) scaled.
     """
-    found = np.zeros(len(uv1), bool)
+    best = np.nan_to_num(_correlations(uv1, side_px, normal, scene, (-2, -1, 0, 1, 2)), nan=1.0).max(axis=0)
+    return np.asarray(best < TUNE.same_ground_score)
+
+
+def _borne_out(gaps: Gaps, normal: FloatArray, scene: Scene) -> BoolArray:
+    """(k,) unmatched cells of a window that are on the plane (3,): their grey values correlate with image 2 under it,
+    and less so a few spacings along the epipolar line; or they lie amid matched cells."""
+    rows, columns = gaps.shape
+    padded = np.pad(gaps.seen.reshape(rows, columns).astype(float), 1)
+    inside = np.pad(np.ones((rows, columns)), 1)
+    held, around = (
+        sum(one[i : i + rows, j : j + columns] for i in range(3) for j in range(3)) for one in (padded, inside)
+    )
+    found = np.ravel(held >= TUNE.amid * (around - 1.0)) & ~gaps.seen
+    asked = ~gaps.seen & ~found
+    if asked.any():
+        drifts = (-1, 0, 1, -5, -4, 4, 5)  # spacings: on the plane, and far enough off it
+        score = _correlations(gaps.uv1[asked], gaps.cell_px, normal, scene, drifts)
+        near = score[:3].max(axis=0)
+        with np.errstate(invalid="ignore"):  # of cells that cannot be compared
+            found[asked] = (near > TUNE.good_score) & (
+                near - score[3:].max(axis=0) > TUNE.good_score - TUNE.same_ground_score
+            )
+    return found
+
+
+def _correlations(
+    uv1: FloatArray, side_px: float, normal: FloatArray, scene: Scene, drifts: tuple[int, ...]
+) -> FloatArray:
+    """(len(drifts), k) correlation of cells of image 1 with image 2 under a plane, displaced along the epipolar line.
+
+    NaN for cells without texture or out of view.
+
+    uv1, side_px, normal : as in `contradict`.  drifts : displacements, in spacings of the points compared.
+    """
+    found = np.full((len(drifts), len(uv1)), np.nan)
     asked = np.flatnonzero(covered(_imaged(uv1, normal, scene), scene.shape2))
     if not len(asked):
         return found
@@ -195,23 +258,26 @@ def contradict(uv1: FloatArray, side_px: float, normal: FloatArray, scene: Scene
     kept = covered(near, scene.shape2).all(1) & (ours.std(axis=1) > 2 * NOISE_GREY)
     if kept.any():
         drifted = _imaged(points[kept], 0.99 * normal, scene)  # 1 % farther: any small step along the epipolar line
-        found[asked[kept]] = _differ(ours[kept], near[kept], drifted - near[kept], scene)
+        found[:, asked[kept]] = _compared(ours[kept], near[kept], drifted - near[kept], scene, drifts)
     return found
 
 
-def _differ(ours: FloatImage, near: FloatArray, along: FloatArray, scene: Scene) -> BoolArray:
-    """(k,) cells of grey values (k, n) without correlation in image 2, at px near (k, n, 2) and displaced `along`."""
+def _compared(
+    ours: FloatImage, near: FloatArray, along: FloatArray, scene: Scene, drifts: tuple[int, ...]
+) -> FloatArray:
+    """(len(drifts), k) correlation of cells of grey values (k, n) with image 2, at px near (k, n, 2) and displaced
+    `along`; NaN for a cell that is out of view at any of them."""
     apart = median(np.linalg.norm(np.diff(near, axis=1)[:, : TUNE.samples - 1], axis=2))
     along = along * (apart / np.maximum(np.linalg.norm(along, axis=2, keepdims=True), 1e-9))
     layer = scene.pyramid2.at(apart)
-    seen, best = np.ones(len(near), bool), np.full(len(near), -1.0)
-    for drift in range(-2, 3):  # spacings of the points by which ground of some relief may miss the plane
+    seen, found = np.ones(len(near), bool), np.empty((len(drifts), len(near)))
+    for row, drift in zip(found, drifts, strict=True):
         mapping = (near + drift * along).astype(np.float32)
         seen &= covered(mapping, scene.shape2).all(1)
         a, b = (grey - grey.mean(axis=1, keepdims=True) for grey in (ours, sample_layer(layer, mapping)))
-        length = np.sqrt((a * a).sum(axis=1) * (b * b).sum(axis=1))
-        best = np.maximum(best, (a * b).sum(axis=1) / np.maximum(length, 1e-9))
-    return np.asarray(seen & (best < TUNE.same_ground_score))
+        row[:] = (a * b).sum(axis=1) / np.maximum(np.sqrt((a * a).sum(axis=1) * (b * b).sum(axis=1)), 1e-9)
+    found[:, ~seen] = np.nan
+    return found
 
 
 def _imaged(uv1: FloatArray, normal: FloatArray, scene: Scene) -> FloatArray:
@@ -243,7 +309,7 @@ def unseen_rad(gaps: Gaps, height_px: float, evidence: Evidence) -> float:
     if gaps.seen.all():
         return 0.0
     bend = lever(gaps.at, gaps.seen) * bend_rad(evidence, 0.5 * max(gaps.window[2:]))
-    return float(np.hypot(bend, gaps.tilt_rad(height_px)))
+    return float(np.hypot(bend, gaps.tilt_rad(height_px * gaps.off)))
 
 
 @lru_cache(maxsize=4)  # windows of a grid are all of one size
