@@ -47,7 +47,7 @@ class OrientationTunables:
     steps: tuple[int, int] = (12, 100)  # least and most depths swept, 2/3 px of the grid apart
     least_seen: float = 0.75  # share of a window that image 2 must show: planes are compared on nearly the same pixels
     worst_grey: float = 30.0  # difference beyond which it is a thing in the way, not shading
-    alike: float = 0.04  # relative growth of the squared difference by which an orientation gets e times less likely
+    alike: float = 0.02  # relative growth of the squared difference by which an orientation gets e times less likely
     unknown: float = 0.3  # probability beforehand of an orientation that is not among the known
 
 
@@ -206,14 +206,13 @@ class Compared(NamedTuple):
         """Both, one after the other."""
         return Compared(*(np.concatenate(pair) for pair in zip(self, other, strict=True)))
 
-    def chance(self, noise: float, variance: float) -> FloatArray:
+    def chance(self, variance: float) -> FloatArray:
         """(k,) probability of each, one of them being right.
 
-        noise : 1-sigma of grey values of matches.  variance : of the window's; differences tell less where not even the
-            best explains it.
+        variance : of the window's grey values; differences tell less where not even the best explains it.
         """
-        least = float(self.misfit.min())
-        unit = KNOWN.alike * max(least, noise**2) * (1.0 + least / max(variance, ROUNDING_GREY**2))
+        least, rounding = float(self.misfit.min()), ROUNDING_GREY**2
+        unit = KNOWN.alike * max(least, rounding) * (1.0 + least / max(variance, rounding))
         likely = self.prior * np.exp(-(self.misfit - least) / unit)
         return np.asarray(likely / max(float(likely.sum()), 1e-300))
 
@@ -227,13 +226,13 @@ def _settled(patch: Patch, known: list[KnownPlane], exposure: Exposure, scene: S
     normals = np.array([plane.normal for plane in known])
     found = _compared(view, normals, depths, exposure, (1.0 - KNOWN.unknown) * _support(normals, patch, scene))
     found = found.joined(_compared(view, _open_orientations(view), depths, exposure, KNOWN.unknown))
-    contrast = exposure.noise, float(view.grid.grey.var())
+    variance = float(view.grid.grey.var())
     # if no plane explains more than a uniform grey would, grey values tell nothing
-    if not float(found.misfit.min()) < contrast[1] + exposure.noise**2:
+    if not float(found.misfit.min()) < variance + exposure.noise**2:
         return patch
     if patch.origin == "own":
         found = _beside_own(found, patch, view, exposure, scene)
-    chance, apart = found.chance(*contrast), angles(found.normals)
+    chance, apart = found.chance(variance), angles(found.normals)
     mass = (np.exp(-((apart / KNOWN.parallel_rad) ** 2)) @ chance)[:n]
     group = np.flatnonzero(apart[int(np.argmax(mass)), :n] < KNOWN.parallel_rad)
     sigma = np.array([known[k].sigma_rad for k in group])
@@ -246,7 +245,7 @@ def _settled(patch: Patch, known: list[KnownPlane], exposure: Exposure, scene: S
         return patch
     near = depths[np.abs(depths - found.depth[best]) < 6.0 * (depths[1] - depths[0])]
     found = found.joined(_compared(view, _tilted(found.normals[best]), near, exposure, KNOWN.unknown))
-    spread = np.sqrt(found.chance(*contrast) @ angles(found.normals)[best] ** 2)
+    spread = np.sqrt(found.chance(variance) @ angles(found.normals)[best] ** 2)
     return from_elsewhere(patch, scene, known[best].matches, float(spread), known[best].name)
 
 
