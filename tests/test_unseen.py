@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -137,6 +139,27 @@ def test_no_gap_no_step() -> None:
 def test_ground_that_bends_beside_a_gap_is_no_step() -> None:
     """Off the plane by no more than it is away: a slope of less than 45 degrees against the window."""
     assert beside_deg(left_part(244), evidence_of(20.0)) < 0.5
+
+
+def test_a_gap_that_is_borne_out_is_no_step() -> None:
+    uv1 = left_part(220)
+    gaps = gaps_of(WINDOW, uv1, len(uv1) / len(matches()))
+    held = replace(gaps, borne_out=~gaps.seen)
+    assert beside_rad(gaps, LEVEL, terrace(220, 0.3), FOCAL) > 0.05
+    assert beside_rad(held, LEVEL, terrace(220, 0.3), FOCAL) == 0.0
+    assert stepped_rad(held, LEVEL, terrace(220, 0.3), FOCAL) == 0.0
+    assert unseen_rad(held, 5.0, evidence_of(10.0)) < unseen_rad(gaps, 5.0, evidence_of(10.0))
+
+
+def test_mismatches_scattered_beside_a_gap_are_no_step() -> None:
+    """The overview matches level ground right of the column 220 as well, but for mismatches at any depth."""
+    level = terrace(480, 0.0)
+    strip = (level.uv1[:, 0] > 220) & (np.random.default_rng(1).random(len(level)) < 0.1)
+    depth = np.random.default_rng(2).uniform(1.5, 4.0, len(level))
+    mistaken = replace(level, w=np.where(strip, level.w / depth, level.w))
+    assert beside_deg(left_part(220), mistaken) < 0.1 * beside_deg(left_part(220), terrace(220, 0.5))
+    gaps = gaps_of(WINDOW, left_part(220), 0.75)
+    assert stepped_rad(gaps, LEVEL, mistaken, FOCAL) < 0.1 * stepped_rad(gaps, LEVEL, terrace(220, 0.5), FOCAL)
 
 
 def test_the_part_across_a_step_tilts_the_whole() -> None:

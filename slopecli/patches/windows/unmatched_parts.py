@@ -33,7 +33,7 @@ def with_unmatched_parts(patch: Patch, measured: Patch, scene: Scene) -> Patch:
     w, _ = inverse_depth(scene.R, scene.T, x1, patch.matches.x2)
     normal = np.asarray(np.linalg.lstsq(homogeneous(x1), w, rcond=None)[0])
     gaps = gaps_of(patch.window, measured.matches.uv1, measured.share)
-    gaps = replace(gaps, borne_out=_borne_out(gaps, normal, scene))
+    gaps = replace(gaps, borne_out=borne_out(gaps, normal, scene))
     against = max(
         beside_rad(gaps, normal, scene.evidence, focal_px),
         contradicted_rad(gaps, normal, scene),
@@ -215,7 +215,7 @@ def contradict(uv1: FloatArray, side_px: float, normal: FloatArray, scene: Scene
     return np.asarray(best < TUNE.same_ground_score)
 
 
-def _borne_out(gaps: Gaps, normal: FloatArray, scene: Scene) -> BoolArray:
+def borne_out(gaps: Gaps, normal: FloatArray, scene: Scene) -> BoolArray:
     """(k,) unmatched cells of a window that are on the plane (3,): their grey values correlate with image 2 under it,
     and less so a few spacings along the epipolar line; or they lie amid matched cells."""
     rows, columns = gaps.shape
