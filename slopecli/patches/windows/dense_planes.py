@@ -28,6 +28,9 @@ class DenseTunables:
     # share of a window's pixels that must be matched without doubt; the rest is in the covariance
     least_sure: float = 0.6
     same_ground: float = 1.6  # times the relief of the matches: with more, the pixels show what the matches left out
+    # times the variance of the plane through the matches, which lacks that of the ground they leave out: with more, the
+    # pixels are too faint to take its place
+    as_sure: float = 4.0
     agrees: float = 9.21  # chi-square that the difference of two right tilts exceeds once in 100 times
 
 
@@ -68,7 +71,7 @@ def with_dense_planes(joined: Joined, solution: Solution, scene: Scene, focal_si
 
 
 def _better(dense: WindowPlanes, solution: Solution, joined: Joined, index: IntArray) -> BoolArray:
-    """(n,) whether a plane through all pixels is of the same ground as that of the matches, agrees, and is surer."""
+    """(n,) whether a plane through all pixels is of the same ground as that of the matches, agrees, and is as sure."""
     normals = solution.scaled_normals[index]
     sparse, own = (
         _tilt_variance(normals, solution.normal_covariance[index]),
@@ -82,7 +85,7 @@ def _better(dense: WindowPlanes, solution: Solution, joined: Joined, index: IntA
         & (dense.planes.sure[0] >= DENSE.least_sure)
         & (dense.relief < DENSE.same_ground * solution.relief[index])
     )
-    return np.asarray(same & (own < sparse) & (apart**2 < DENSE.agrees * (own + sparse)))
+    return np.asarray(same & (own < DENSE.as_sure * sparse) & (apart**2 < DENSE.agrees * (own + sparse)))
 
 
 def _tilt_variance(normals: FloatArray, covariance: FloatArray) -> FloatArray:
