@@ -309,7 +309,7 @@ def unseen_rad(gaps: Gaps, height_px: float, evidence: Evidence) -> float:
     if gaps.seen.all():
         return 0.0
     bend = lever(gaps.at, gaps.seen) * bend_rad(evidence, 0.5 * max(gaps.window[2:]))
-    return float(np.hypot(bend, gaps.tilt_rad(height_px * gaps.off)))
+    return float(np.hypot(bend, gaps.tilt_rad(np.where(gaps.off, height_px, 0.0))))
 
 
 @lru_cache(maxsize=4)  # windows of a grid are all of one size
