@@ -113,3 +113,27 @@ def test_windows_of_images_are_solved_beside_a_bad_one(monkeypatch: pytest.Monke
     assert [(one.id, one.reason) for one in report.rejected] == [(4, "unsettled")]
     assert all("converge" not in (plane.reason or "") for plane in report.planes)
     assert report.fit.converged
+
+
+@pytest.mark.parametrize(("moved", "seed"), [(2, 1), (3, 0), (3, 2)])
+def test_patches_that_contradict_one_another_are_said(moved: int, seed: int) -> None:
+    """Of six patches each is a plane, but two or three of them moved, each otherwise; one alone is not to blame."""
+    scene = make_scene(np.random.default_rng(seed), grid=(2, 3), points=30, slopes_deg=[5.0, 8, 3, 6, 12, 9])
+    rng, focal, x2 = np.random.default_rng(seed + 50), scene.camera.focal_px, scene.x2.copy()
+    for k in range(moved):
+        x2[scene.patch == k] += rng.uniform(-1.0, 1.0, 2) * 60.0 / focal
+    uv1, uv2 = (x * focal + [scene.camera.cx, scene.camera.cy] for x in (scene.x1, x2))
+    report = solve(Given(uv1, uv2, scene.patch), (scene.camera, scene.camera), Options())
+    said = [d.message for d in report.diagnostics if d.code == "poor-fit"]
+    assert any("contradict one another, and no single one is to blame" in message for message in said)
+    assert not any(plane.verdict == "safe" for plane in report.planes)
+
+
+def test_patches_that_are_noisy_alone_do_not_contradict_one_another() -> None:
+    scene = make_scene(np.random.default_rng(1), grid=(2, 3), points=30, slopes_deg=[5.0, 8, 3, 6, 12, 9])
+    x2 = scene.x2 + 3.0 / scene.camera.focal_px * np.random.default_rng(2).standard_normal(scene.x2.shape)
+    uv1, uv2 = (x * scene.camera.focal_px + [scene.camera.cx, scene.camera.cy] for x in (scene.x1, x2))
+    report = solve(Given(uv1, uv2, scene.patch), (scene.camera, scene.camera), Options())
+    said = [d.message for d in report.diagnostics if d.code == "poor-fit"]
+    assert said
+    assert not any("contradict" in message for message in said)

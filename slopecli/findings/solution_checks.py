@@ -12,6 +12,7 @@ from slopecli.geometry.epipolar import homogeneous
 from slopecli.geometry.motion import inverse_depth
 from slopecli.geometry.statistics import median
 from slopecli.patches.join import MergedGroup
+from slopecli.patches.settling import contradict
 from slopecli.types import Diagnostic, FloatArray, Solution
 
 POOR_FIT_PX = 0.5  # noise of matches beyond which the cameras or the images are suspect
@@ -33,6 +34,13 @@ def large_residuals(facts: AnswerFacts) -> list[Diagnostic]:
         return []
     if remedy := solver_remedy(facts.solution):
         message = f"residuals of the matches are {noise_px:.2f} px, due to the solver or to the matches"
+    elif alone := contradict(facts.joined, facts.solution.noise):
+        alone_px = alone / facts.solution.noise * noise_px
+        message = (
+            f"the patches contradict one another, and no single one is to blame: each alone fits a plane to "
+            f"{alone_px:.2g} px, together they miss their epipolar lines by {noise_px:.2g} px"
+        )
+        remedy = "check the camera file and its distortion; if they are right, leave out what moved or is mismatched"
     else:
         message = f"matches miss their epipolar lines by {noise_px:.2f} px, good pairs by less than {POOR_FIT_PX:g} px"
         remedy = "check the camera file and its distortion; blur, a rolling shutter and moving things do the same"

@@ -80,6 +80,15 @@ def _one_by_one(best: _Trial, rounds: int, tried: Callable[[Joined], _Trial]) ->
     return joined
 
 
+def contradict(joined: Joined, noise: float) -> float | None:
+    """The noise that patches have alone, if together they have clearly more; None where they do not.
+
+    noise : 1-sigma of a match of their joint solution, normalised.
+    """
+    alone = noise_of_each_alone(joined) if len(joined.patches) > 1 else np.inf
+    return alone if noise > CLEARLY * alone else None
+
+
 def noise_of_each_alone(joined: Joined) -> float:
     """Largest noise of a joint solution, normalised, that the patches' own homographies leave room for.
 
