@@ -44,9 +44,18 @@ def make_urban(folder: Path) -> None:
     write_image(folder / "labels.png", labels)
 
 
-def make_packaged(folder: Path) -> None:
-    """The descent as JPEG, a third of the size, which the package carries."""
+def make_small_descent(folder: Path) -> None:
     images, camera, _ = render_descent()
+    write_small(folder, images, camera)
+
+
+def make_small_town(folder: Path) -> None:
+    images, camera, *_ = render_urban()
+    write_small(folder, images, camera)
+
+
+def write_small(folder: Path, images: list[Any], camera: dict[str, Any]) -> None:
+    """A pair as JPEG, a third of the size and less, which the package carries."""
     folder.mkdir(parents=True, exist_ok=True)
     for number, image in enumerate(images, 1):
         if not cv2.imwrite(str(folder / f"image{number}.jpg"), image, [cv2.IMWRITE_JPEG_QUALITY, 85]):
@@ -63,7 +72,8 @@ def write_pair(folder: Path, images: list[Any], camera: dict[str, Any], truth: d
 
 
 SCENES = {"descent": make_descent, "urban": make_urban}
-PACKAGED = {"sample": make_packaged}  # belongs into slopecli/: make_sample_data.py sample --output slopecli
+# `make_sample_data.py small/descent small/town` makes folders that belong into slopecli/sample/
+PACKAGED = {"small/descent": make_small_descent, "small/town": make_small_town}
 
 
 def main() -> None:

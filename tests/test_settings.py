@@ -96,14 +96,26 @@ def test_demo_answers_from_what_the_package_carries(tmp_path: Path) -> None:
     assert "next: look at" in done.stderr
 
 
-def test_the_pair_of_the_demo_is_that_of_the_sample() -> None:
+def test_demo_of_a_town_has_roofs_walls_and_a_page(tmp_path: Path) -> None:
+    done = slopemap("demo", "--town", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    files = {path.name for path in (tmp_path / "slopemap_town").iterdir()}
+    assert {"image1.jpg", "camera.json", "overlay.png", "patches.glb", "report.html", "slopes.json"} <= files
+    kinds = [line.split()[1] for line in done.stdout.splitlines()[1:]]
+    assert kinds.count("roof") >= 5
+    assert kinds.count("wall") >= 3
+    assert "report.html" in done.stderr.splitlines()[-2]
+
+
+@pytest.mark.parametrize(("small_name", "full_name"), [("descent", "descent"), ("town", "urban")])
+def test_the_pair_of_the_demo_is_that_of_the_sample(small_name: str, full_name: str) -> None:
     root = Path(__file__).resolve().parent.parent
     for number in (1, 2):
         small, full = (
             cv2.imread(str(path), cv2.IMREAD_GRAYSCALE).astype(float)
             for path in (
-                root / "slopecli" / "sample" / f"image{number}.jpg",
-                root / "sample_data" / "descent" / f"image{number}.png",
+                root / "slopecli" / "sample" / small_name / f"image{number}.jpg",
+                root / "sample_data" / full_name / f"image{number}.png",
             )
         )
         assert np.abs(small - full).mean() < 4.0

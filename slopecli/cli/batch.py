@@ -66,6 +66,7 @@ worker_options = (
 
 @click.command(
     cls=shared.Command,
+    short_help="Every pair of images of a folder.",
     params=[
         *pair_options,
         *shared.pair_camera_options,

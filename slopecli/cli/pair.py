@@ -97,6 +97,7 @@ def segment(ctx: click.Context, image1: str, image2: str, **parameters: Any) -> 
 @click.command(
     "map",
     cls=shared.Command,
+    short_help="Slopes everywhere in IMAGE1, and where to land.",
     params=[
         *shared.pair_camera_options,
         *shared.map_output_options,

@@ -58,6 +58,7 @@ FILES = (
 
 @click.command(
     cls=shared.Command,
+    short_help="Slopes of windows of the first of many frames.",
     params=[
         shared.camera,
         *shared.intrinsics_options,

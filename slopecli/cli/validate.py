@@ -24,6 +24,7 @@ HEADER = ("id", "slope", "true slope", "difference", "sigmas", "normal off", "di
 
 @click.command(
     cls=shared.Command,
+    short_help="A finished answer against known ground.",
     params=[
         Option(
             TRUTH, "--depth", "FILE", PATH, "Depth along camera 1's axis, one a pixel: NPY, NPZ, PFM, EXR, PNG, TIFF"
