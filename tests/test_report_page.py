@@ -20,6 +20,7 @@ from report_factory import make_ambiguity, make_camera, make_image, make_region_
 
 from slopecli.products import Origin
 from slopecli.products.page import cheapest_remedy, encode, encode_map, seen_from_1
+from slopecli.report import plane_kinds
 from slopecli.types import Diagnostic, Image, Report
 
 CAUSES = {"matches": 0.3, "relief": 0.0, "gaps": 0.4, "motion": 0.0, "up": 0.0, "camera": 0.0}
@@ -86,6 +87,16 @@ def test_the_page_tells_slopes_in_the_unit_asked_for(page: bytes) -> None:
             assert said in text, said
         assert "tolerance 15" not in text
     assert "29.0 ± 0.9°" in text_of(page)
+
+
+def test_planes_that_were_found_are_named() -> None:
+    text = text_of(encode(REGIONS, SMALL, Origin(SMALL)))
+    titles = re.findall(r'<th scope="col"[^>]*><button[^>]*>([^<]*)<', text)
+    assert titles[:4] == ["id", "what", "image", "slope"]
+    row = re.search(r'<tr><td class="number"[^>]*>(\d+)</td><td class=""[^>]*>(\w+|-)</td><td[^>]*>([\d.]+) %', text)
+    kind = plane_kinds(REGIONS)[int(row[1])] or "-"
+    assert row[2] == kind
+    assert "what" not in re.findall(r"<button[^>]*>([^<]*)<", text_of(encode(make_report(), IMAGE, ORIGIN)))
 
 
 def some_map() -> Any:

@@ -21,6 +21,7 @@ from slopecli.products.page import page_texts
 from slopecli.products.page.page_texts import Why, slope_text
 from slopecli.products.page.page_tunables import PAGE
 from slopecli.products.slopes_json import rounded
+from slopecli.report.kinds import plane_kinds, plane_shares
 from slopecli.report.slope_units import SlopeUnit, slope_unit_of
 from slopecli.types import AlternativePlane, Camera, Diagnostic, Image, Plane, Report
 
@@ -89,7 +90,7 @@ def _rendered(report: Report, origin: Origin, *, whys: Sequence[Why], **facts: A
             tolerance=slope_unit_of(report.options).limit(float(report.options["tolerance_deg"])),
             images=[image for image in report.images if image.path],
             header=_header(report),
-            rows=[_row(plane, report) for plane in report.planes[: PAGE.most_rows]],
+            rows=_rows(report),
             left_out=max(len(report.planes) - PAGE.most_rows, 0),
             whys=whys,
             meanings=page_texts.MEANING,
@@ -121,9 +122,11 @@ def _templates() -> Environment:
 
 def _header(report: Report) -> list[tuple[str, str, str]]:
     """Titles of the table of planes, what it is sorted by ("number" or "text"), and an explanation."""
+    what = [("what", "text", "ground, wall or roof"), ("image", "number", "share of image 1")] if report.found else []
     two = [("or slope", "number", "slope in the second answer, with 1 sigma")] if report.ambiguity.others else []
     return [
         ("id", "number", f"number of the {report.noun}"),
+        *what,
         ("slope", "number", "angle to level, with 1 sigma"),
         *two,
         ("sigma", "number", "1 sigma of the slope"),
@@ -135,6 +138,20 @@ def _header(report: Report) -> list[tuple[str, str, str]]:
         ("points", "number", "matches kept, and found"),
         ("note", "text", "what to know"),
     ]
+
+
+def _rows(report: Report) -> list[Row]:
+    """Rows of the table of planes; of planes found also what they are, and how much of image 1 they hold."""
+    kinds, shares = (plane_kinds(report), plane_shares(report)) if report.found else ({}, {})
+    rows = []
+    for plane in report.planes[: PAGE.most_rows]:
+        number, *others = _row(plane, report).cells
+        what: list[tuple[str, str, str]] = []
+        if report.found:
+            kind = str(kinds[plane.id] or "-")
+            what = [(kind, kind, ""), _number(100 * shares[plane.id], 1, " %")]
+        rows.append(Row([number, *what, *others]))
+    return rows
 
 
 def _row(plane: Plane, report: Report) -> Row:
