@@ -1,12 +1,13 @@
 """How often a false focal length is noticed on pairs with known truth, and what it does to slopes.
 
     python benchmarks/cameras.py [--only TEXT] [--factors 1,0.6,0.8,0.9,1.1,1.3] [--free-focal] [--focal-sigma PERCENT]
+                                 [--into docs/cameras.md]
 
 The pairs lie below SLOPEMAP_DATA, as for accuracy.py. Each is answered in this process with its true focal length times
 every factor; with --focal-sigma also with a factor drawn at random from that distribution (seeded). A row a factor
 and kind of pair: pairs answered, flagged, those that tell the focal length to 1 % and are flagged, the median error of
 normals, windows within 2 sigma, and windows truly steeper than 16 degrees that are called safe, flagged or not. Then
-the pairs that cannot tell.
+the pairs that cannot tell. --into writes the table between the marks of a document.
 """
 
 from __future__ import annotations
@@ -16,10 +17,12 @@ import math
 import sys
 import zlib
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 from accuracy import TruePair, angle_deg, data_folder, markdown, true_pairs
+from documents import write_between
 
 from slopecli import Camera, Options, estimate, load_image
 from slopecli.errors import SlopemapError
@@ -91,6 +94,7 @@ def main() -> None:
     parser.add_argument("--factors", default="1,0.6,0.8,0.9,1.1,1.3", metavar="F,F")
     parser.add_argument("--free-focal", action="store_true")
     parser.add_argument("--focal-sigma", type=float, metavar="PERCENT")
+    parser.add_argument("--into", type=Path, metavar="FILE")
     chosen = parser.parse_args()
     if (data := data_folder()) is None:
         return
@@ -108,8 +112,10 @@ def main() -> None:
             found += [one] if one else []
         rows += [row(label, kind, [one for one in found if one.kind == kind]) for kind in ("rendered", "real")]
         untold |= {one.name for one in found if math.isinf(one.factor_sigma)} if label == "1" else set()
-    print(markdown(HEAD, rows))
-    print(f"\nCannot tell the focal length: {', '.join(sorted(untold)) or 'none'}")
+    table = f"{markdown(HEAD, rows)}\n\nCannot tell the focal length: {', '.join(sorted(untold)) or 'none'}"
+    print(table)
+    if chosen.into:
+        write_between(chosen.into, "cameras", table)
 
 
 if __name__ == "__main__":

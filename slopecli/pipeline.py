@@ -35,7 +35,7 @@ if TYPE_CHECKING:
     from slopecli.sequence.frame import Frame, SequenceStep
     from slopecli.sequence.stream import Sequence
 
-AGAIN = 0.002  # change of the focal length, beyond its sigma, from which on images are matched again with it
+AGAIN = 0.002  # change of the focal length, beyond its 1-sigma by the matches, from which on these are found again
 
 LOGGER = logging.getLogger("slopecli")
 OnStage = Callable[[str, float], None]  # called with the name of a stage and its processor time, s
@@ -205,7 +205,7 @@ def _estimated(
     solved = replace(options, windows=(), grid=Options().grid) if windows else options
     answer, changes, scene = _answer(images, cameras, cameras, solved, memory, clock)
     for _ in range(2 if options.free_focal else 0):  # far off, the second time is off by a few percent of that
-        if abs(answer.cameras[0].focal_px / scene.camera1.focal_px - 1.0) <= max(AGAIN, answer.focal_sigma):
+        if abs(answer.cameras[0].focal_px / scene.camera1.focal_px - 1.0) <= max(AGAIN, answer.test.sigma):
             break
         answer, changes, scene = _answer(images, answer.cameras, cameras, solved, memory, clock)
     scene = replace(scene, camera1=answer.cameras[0], camera2=answer.cameras[1])
