@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
+from slopecli import load_camera, load_image
 from slopecli.geometry import MotionEstimate, assess_motion
-from slopecli.look import COARSE, FINE, Matches, Sparse, is_decided, may_suffice, overview_effort
+from slopecli.look import COARSE, FINE, Matches, Sparse, find_scene, is_decided, may_suffice, overview_effort
+from slopecli.options import Options
 from slopecli.windows import Window, grid_windows
 
+PAIR = Path(__file__).parent.parent / "sample_data" / "descent"
 GREY = np.zeros((1000, 1000), np.uint8)
 R, T = np.eye(3), np.array([0.3, 0.1, 1.0]) / np.linalg.norm([0.3, 0.1, 1.0])
 
@@ -49,3 +54,16 @@ def test_many_matches_of_one_motion_decide() -> None:
 def test_the_overview_is_as_fine_as_the_windows_need() -> None:
     assert overview_effort(grid_windows(3, 3, 1000, 1000), GREY) == COARSE
     assert overview_effort(grid_windows(12, 12, 1000, 1000), GREY) == FINE
+
+
+def test_small_windows_have_the_full_overview_without_features_of_large_images() -> None:
+    camera, (image1, image2) = load_camera(PAIR / "camera.json"), (load_image(PAIR / f"image{k}.png") for k in (1, 2))
+    laps: list[str] = []
+
+    def never(n_features: tuple[int, int], n_matches: int, n_agreeing: int) -> None:
+        raise AssertionError("the full search for features has been made")
+
+    images = image1.grey, image2.grey, camera, camera
+    scene, _ = find_scene(*images, Options(), [(300, 200, 64, 64)], check_sparse=never, on_lap=laps.append)
+    assert laps == ["features", "overview"]
+    assert len(scene.evidence) > 0.5 * image1.grey.size / 8**2  # half of the cells of 8 px

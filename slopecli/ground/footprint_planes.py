@@ -56,13 +56,19 @@ class FootprintPlanes:
         return FootprintPlanes(cells, *(array[::step, ::step] for array in arrays))
 
 
-def fit_footprints(points: NDArray[np.float32], known: BoolArray, sure: BoolArray, cells: Cells) -> FootprintPlanes:
-    """Fit the plane of every footprint to its known points (h, w, 3); sure (h, w): those of them without doubt."""
+def fit_footprints(
+    points: NDArray[np.float32], known: BoolArray, sure: BoolArray, cells: Cells, along_radius: float = np.inf
+) -> FootprintPlanes:
+    """Fit the plane of every footprint to its known points (h, w, 3); sure (h, w): those of them without doubt.
+
+    along_radius : see `footprints.disc_sums`.
+    """
     centre = points[known].mean(0, dtype=np.float64) if known.any() else AHEAD
     x, y, z = (np.where(known, points[..., k] - np.float32(centre[k]), np.float32(0.0)) for k in range(3))
     squares = x * x, x * y, x * z, y * y, y * z, z * z
-    n, certain, *sums = disc_sums((known, sure, x, y, z, *squares), cells)
-    share, certain = (np.minimum(pixels / disc_area(cells.radius_px), 1.0) for pixels in (n, certain))
+    n, certain, *sums = disc_sums((known, sure, x, y, z, *squares), cells, along_radius)
+    area = disc_area(cells.radius_px, along_radius)
+    share, certain = (np.minimum(pixels / area, 1.0) for pixels in (n, certain))
     return FootprintPlanes(cells, *planes_of_sums(n, sums, centre), share, certain)
 
 

@@ -16,7 +16,7 @@ from slopecli.geometry.camera import pixels_from_rays, rays_from_pixels
 from slopecli.geometry.epipolar import homogeneous, rotation_from_vector
 from slopecli.geometry.motion import inverse_depth
 from slopecli.ground.footprint_planes import FootprintPlanes
-from slopecli.ground.footprints import disc_sums
+from slopecli.ground.footprints import COARSE, disc_sums
 from slopecli.look.dense_depth import DEPTH, DenseDepth
 from slopecli.types import BoolArray, Camera, FloatArray, Solution
 
@@ -178,7 +178,7 @@ def noise_variance(depth: DenseDepth, planes: FootprintPlanes) -> FloatArray:
     """
     error = np.where(depth.known, np.clip(depth.across_px, -1.0, 1.0) / depth.shift_px, 0.0)
     x, y = depth.rays[..., 0], depth.rays[..., 1]
-    n, total, by_x, by_y = disc_sums((depth.known, error, error * x, error * y), planes.cells)
+    n, total, by_x, by_y = disc_sums((depth.known, error, error * x, error * y), planes.cells, COARSE)
     middle = planes.middle[..., :2] / planes.middle[..., 2:]
     # the ramp of a disc: its second moment about either axis is a fourth of its squared radius
     moment = np.maximum(n, 1.0) * (planes.cells.radius_px / depth.focal_px) ** 2 / 4.0
@@ -201,7 +201,8 @@ def edge_variance(depth: DenseDepth, planes: FootprintPlanes) -> FloatArray:
     independent, and for one and the same ground to the fourth power of the diameter.
     """
     span = depth.span
-    n, first, second = disc_sums((depth.known, span * depth.known, span * span * depth.known), planes.cells)
+    layers = (depth.known, span * depth.known, span * span * depth.known)
+    n, first, second = disc_sums(layers, planes.cells, COARSE)
     n, rise = np.maximum(n, 1.0), rise_of(planes, depth)
     jumps = np.maximum(second / n - 2 * rise * first / n + rise**2, 0.0)
     return np.asarray(TILT.edge**2 * TILT.edge_px * jumps * depth.focal_px**2 / (2 * planes.cells.radius_px) ** 4)
@@ -243,7 +244,7 @@ def across_step(depth: DenseDepth, planes: FootprintPlanes, jump: FloatArray) ->
     diameter = 2 * planes.cells.radius_px
     off_px = min(TILT.step_off_px, TILT.step_off_share * diameter)
     wider = replace(planes.cells, radius_px=planes.cells.radius_px + off_px)
-    pixels = disc_sums((depth.step,), wider)[0]
+    pixels = disc_sums((depth.step,), wider, COARSE)[0]
     high = jump > TILT.step_share * diameter / depth.focal_px
     return np.asarray(high & (pixels > TILT.step_length * diameter))
 
@@ -251,5 +252,5 @@ def across_step(depth: DenseDepth, planes: FootprintPlanes, jump: FloatArray) ->
 def beside_bare(depth: DenseDepth, planes: FootprintPlanes) -> BoolArray:
     """(rows, columns) whether a footprint reaches onto ground without texture, which may be a drop."""
     wider = replace(planes.cells, radius_px=planes.cells.radius_px + TILT.step_margin_px)
-    pixels = disc_sums((depth.bare,), wider)[0]
+    pixels = disc_sums((depth.bare,), wider, COARSE)[0]
     return np.asarray(pixels > TILT.step_length * 2 * planes.cells.radius_px)

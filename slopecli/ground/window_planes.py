@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from slopecli.ground.footprint_planes import AHEAD, FootprintPlanes, fit_footprints, nearest_answered, planes_of_sums
-from slopecli.ground.footprints import Cells
+from slopecli.ground.footprints import COARSE, Cells
 from slopecli.ground.tilt_uncertainty import TILT, Root, edge_variance, noise_variance, normal_covariance, rise_of
 from slopecli.look.dense_depth import DenseDepth
 from slopecli.types import BoolArray, FloatArray, IntArray
@@ -121,7 +121,7 @@ def _matching(depth: DenseDepth, parts: IntArray, radius_px: FloatArray) -> Floa
     gradient = np.full((len(parts), 3, 2, 2), np.nan)
     for radius in np.unique(measured):
         cells = _disc_cells(depth, float(radius))
-        planes = fit_footprints(depth.points, depth.known, depth.sure, cells)
+        planes = fit_footprints(depth.points, depth.known, depth.sure, cells, COARSE)
         nearest = nearest_answered(planes)
         if nearest is not None:
             here = measured == radius
@@ -169,29 +169,33 @@ def _gaps(depth: DenseDepth, first: IntArray, size_px: IntArray, relief: FloatAr
     rows, columns = (first[:, k, None] + np.arange(size_px[k]) for k in (0, 1))
     at = rows[:, :, None], columns[:, None, :]
     span2, known, sure = depth.span[at].astype(float) ** 2, depth.known[at], depth.sure[at]
-    rays = depth.rays[at].astype(float)
+    x = np.stack([depth.rays[..., axis][at].astype(float) for axis in (0, 1)])
+    x -= x.mean((2, 3), keepdims=True)
     variance = np.zeros((len(first), 2, 2))
     for part, in_jumps, in_relief in ((~known, 1.0, FIT.off_plane), (known & ~sure, FIT.in_doubt, 0.0)):
-        jumps = (span2 * part).sum((1, 2)) / np.maximum(part.sum((1, 2)), 1)
-        off_plane2 = (in_relief * relief) ** 2 + in_jumps**2 * jumps
-        variance += off_plane2[:, None, None] * _lever(rays, part)
+        if part.any():
+            jumps = (span2 * part).sum((1, 2)) / np.maximum(part.sum((1, 2)), 1)
+            off_plane2 = (in_relief * relief) ** 2 + in_jumps**2 * jumps
+            variance += off_plane2[:, None, None] * _lever(x, part)
     return variance
 
 
-def _lever(rays: FloatArray, part: BoolArray) -> FloatArray:
-    """(n, 2, 2) variance of the gradient fitted to windows (n, h, w) per variance of the ground in a part of each.
+def _lever(x: FloatArray, part: BoolArray) -> FloatArray:
+    """(n, 2, 2) variance of the gradient fitted to windows per variance of the ground in a part (n, h, w) of each.
 
     Either all of that part is off to one side, or every hole of `FIT.hole_px` independently; the sum of both is taken.
+
+    x : (2, n, h, w) normalised coordinates from the middle of the window.
     """
     n, height, width = part.shape
-    x = (rays - rays.mean((1, 2), keepdims=True)).reshape(n, -1, 2)
-    inverse = np.linalg.inv(x.swapaxes(1, 2) @ x + 1e-18 * np.eye(2))
-    shifted = x.reshape(rays.shape) * part[..., None]
-    common = (inverse @ shifted.sum((1, 2))[..., None])[..., 0]
+    inverse = np.linalg.inv(np.einsum("inhw,jnhw->nij", x, x) + 1e-18 * np.eye(2))
+    shifted = x * part
+    common = np.einsum("nij,jn->ni", inverse, shifted.sum((2, 3)))
     together = common[:, :, None] * common[:, None]
     rows, columns = height // FIT.hole_px, width // FIT.hole_px
     if not rows or not columns:
         return together
-    whole = shifted[:, : rows * FIT.hole_px, : columns * FIT.hole_px]
-    holes = whole.reshape(n, rows, FIT.hole_px, columns, FIT.hole_px, 2).sum((2, 4)).reshape(n, -1, 2)
-    return np.asarray(together + inverse @ (holes.swapaxes(1, 2) @ holes) @ inverse)
+    # rows first: NumPy adds long lines many times faster than short ones
+    lines = shifted[:, :, : rows * FIT.hole_px].reshape(2, n, rows, FIT.hole_px, width).sum(3)
+    holes = lines[..., : columns * FIT.hole_px].reshape(2, n, rows * columns, FIT.hole_px).sum(3)
+    return np.asarray(together + inverse @ np.einsum("inh,jnh->nij", holes, holes) @ inverse)

@@ -1,7 +1,9 @@
 """First stage of the pipeline: from two images and their cameras to a scene and the motions that may explain it.
 
-A quick pass, on features of small images and a coarse overview, takes about half the time of the full one. It is tried
-if the windows are large enough for it; its scene is used only if matches and motion are clear.
+A quick pass, on features of small images and a coarse overview, takes about half the time of the full one. Its scene
+is used only if matches and motion are clear. Where windows are large enough to determine the motion themselves, the
+coarse overview is all they need; elsewhere it takes the place of the features of larger images, as a guide for the
+full overview: its matches are more, and lie wherever there is texture.
 """
 
 from __future__ import annotations
@@ -64,9 +66,10 @@ def find_scene(
     motions : that motion and the other roots, best first.
     """
     images = Images(grey1, grey2, camera1, camera2)
-    # planes that have yet to be found need the full overview
-    if options.planes == "windows" and options.features == "sift" and may_suffice(windows, grey1):
-        found = _quick_scene(images, windows, options.seed, memory, on_lap)
+    # planes that have yet to be found need features of every small surface as a guide
+    if options.planes == "windows" and options.features == "sift":
+        effort = overview_effort(windows, grey1) if may_suffice(windows, grey1) else WHOLE
+        found = _quick_scene(images, effort, options.seed, memory, on_lap)
         if found is not None:
             return found
     sparse = find_motions(images, feature_matchers(options.features, memory), options.seed)
@@ -83,7 +86,7 @@ def feature_matchers(name: str, memory: FeatureMemory | None = None) -> Sequence
 
 
 def _quick_scene(
-    images: Images, windows: list[Window], seed: int, memory: FeatureMemory | None, on_lap: OnLap
+    images: Images, effort: OverviewEffort, seed: int, memory: FeatureMemory | None, on_lap: OnLap
 ) -> Found | None:
     """The result of the quick pass; None where matches or motion are not clear."""
     with single_threaded():
@@ -91,9 +94,12 @@ def _quick_scene(
         on_lap("features")
         if not is_decided(sparse):
             return None
-        found = build_scene(images, sparse, seed, overview_effort(windows, images.grey1))
+        scene, motions = build_scene(images, sparse, seed, COARSE if effort == WHOLE else effort)
+        if _is_clear(scene) and effort == WHOLE:
+            guide = replace(sparse, matches=scene.evidence, motions=motions)
+            scene, motions = build_scene(images, guide, seed)
         on_lap("overview")
-    return found if _is_clear(found[0]) else None
+    return (scene, motions) if _is_clear(scene) else None
 
 
 def may_suffice(windows: list[Window], grey1: Grey) -> bool:

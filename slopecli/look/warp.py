@@ -158,10 +158,11 @@ def sample_layer(layer: Layer, mapping: FloatImage, *, cubic: bool = False) -> F
 
     cubic : interpolate with a cubic kernel and do not round, which takes twice as long.
     """
-    local = (mapping + 0.5) * layer.scale.astype(np.float32) - 0.5
+    whole = bool((layer.scale == 1.0).all())
+    local = mapping if whole else (mapping + 0.5) * layer.scale.astype(np.float32) - np.float32(0.5)
     grey = layer.grey.astype(np.float32) if cubic else layer.grey
     kernel = cv2.INTER_CUBIC if cubic else cv2.INTER_LINEAR
-    found = cv2.remap(grey, local[..., 0], local[..., 1], kernel, borderMode=cv2.BORDER_REPLICATE)
+    found = cv2.remap(grey, local, None, kernel, borderMode=cv2.BORDER_REPLICATE)  # type: ignore[call-overload]
     return np.asarray(found, np.float32)
 
 

@@ -6,7 +6,7 @@ files that QGIS itself writes.
 
 from __future__ import annotations
 
-from xml.sax.saxutils import quoteattr
+from html import escape
 
 from slopecli.ground.slope_map import SlopeMap
 from slopecli.products.drawing.classes import slope_classes
@@ -23,7 +23,7 @@ def map_to_qml(slope_map: SlopeMap) -> str:
     classes = slope_classes(slope_map)
     ends = [*(f"{edge:g}" for edge in classes.edges_deg), "inf"]
     items = "\n".join(
-        f'          <item alpha="255" color="#{red:02x}{green:02x}{blue:02x}" label={quoteattr(name)} value="{end}"/>'
+        f'          <item alpha="255" color="#{red:02x}{green:02x}{blue:02x}" label="{escape(name)}" value="{end}"/>'
         for end, name, (red, green, blue) in zip(ends, classes.names, classes.colours.tolist(), strict=True)
     )
     return f"""<!DOCTYPE qgis PUBLIC 'http://mrcc.com/qgis.dtd' 'SYSTEM'>

@@ -128,16 +128,24 @@ def _least_length(value: dict[str, Any] | list[Any]) -> int:
 _encoded = json.JSONEncoder(allow_nan=False).encode  # one encoder: a value alone takes less time than to make one
 
 
+@cache
+def _key(name: str) -> str:
+    return f"{_encoded(name)}: "
+
+
 def _layout(value: Any, indent: str = "", before: str = "") -> str:
     """Indent by two, but keep on one line whatever fits: a matrix reads better in a row than in nine."""
-    if not isinstance(value, dict | list):
-        return before + (repr(value) if type(value) is float else _encoded(value))
+    kind = type(value)
+    if kind is float:
+        return before + repr(value)
+    if kind is not dict and kind is not list:
+        return before + _encoded(value)
     line = 110 - len(indent)  # characters
     if _least_length(value) <= line and len(compact := before + _encoded(value)) <= line:
         return compact
     inner = indent + "  "
-    if isinstance(value, dict):
-        brackets, lines = "{}", [_layout(item, inner, f"{_encoded(key)}: ") for key, item in value.items()]
+    if kind is dict:
+        brackets, lines = "{}", [_layout(item, inner, _key(key)) for key, item in value.items()]
     else:
         brackets, lines = "[]", [_layout(item, inner) for item in value]
     return before + brackets[0] + ",".join([f"\n{inner}{line}" for line in lines]) + f"\n{indent}{brackets[1]}"
