@@ -17,6 +17,7 @@ from fuzzing import checks
 from fuzzing.blocks import block
 from fuzzing.case import FIFO, Case, read_case
 from fuzzing.kinds import KINDS
+from fuzzing.pool import state_of
 from fuzzing.samples import camera_binaries, camera_texts, pair
 
 from slopecli.io.cameras import CAMERA_FORMATS, CameraFileContent
@@ -150,6 +151,22 @@ def test_a_process_that_dies_is_known_by_its_input(tmp_path: Path) -> None:
     )
     assert "the process died: SIGKILL" in ended.stdout
     assert list((tmp_path / "fuzz_failures").glob("pose-0-*/case.json"))
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="reads /proc")
+def test_a_process_without_processor_time_is_not_taken_for_stuck() -> None:
+    loops = subprocess.Popen([sys.executable, "-c", "while True: pass"])
+    waits = subprocess.Popen([sys.executable, "-c", "input()"], stdin=subprocess.PIPE)
+    try:
+        while state_of(loops.pid)[1] == 0.0 or state_of(waits.pid)[0] == "R":
+            pass
+        assert state_of(loops.pid)[0] == "R"
+        assert state_of(waits.pid)[0] == "S"
+        assert state_of(2**30) == ("", 0.0)
+    finally:
+        for process in (loops, waits):
+            process.kill()
+            process.communicate()
 
 
 def test_a_worker_of_a_batch_is_stood_for_in_this_process() -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -13,7 +14,7 @@ from slopecli.options import Options
 from slopecli.patches import Given
 from slopecli.pipeline import solve
 from slopecli.study import Scene, make_scene
-from slopecli.types import IntArray, Report
+from slopecli.types import Camera, IntArray, Report
 
 FLIGHTS = (0.0, 45.0, 90.0)
 
@@ -45,6 +46,16 @@ def test_nine_planes_called_one_are_no_plane(flight: float, noise: float | None)
         assert (plane.status, plane.verdict) == ("poor", "undecided")
         assert "non-planar-patch" in warnings(report)
         assert noise is None or "poor-fit" in warnings(report)
+
+
+def test_rows_of_two_planes_on_one_are_told_how_to_part_them() -> None:
+    """Two planes that one and a wrong motion nearly explain: residuals of 3 px are all that shows it."""
+    rows = np.loadtxt(Path(__file__).parents[1] / "sample_data" / "matches.csv", delimiter=",", skiprows=1)[:60]
+    camera = Camera(1024, 768, 800, 800, 511.5, 383.5)
+    one = Given(rows[:, :2], rows[:, 2:4], np.zeros(len(rows), np.int64))
+    report = solve(one, (camera, camera), Options(), None)
+    remedies = [found.remedy for found in report.diagnostics if found.code == "poor-fit"]
+    assert any(remedy and "--planes found" in remedy for remedy in remedies)
 
 
 @pytest.mark.parametrize("flight", FLIGHTS)

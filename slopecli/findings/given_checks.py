@@ -102,11 +102,17 @@ def review(
         residuals = f"{measured * per:.3g} px"
         reasons = [f"residuals of {residuals}"] * len(reasons)
         message = f"residuals are {residuals}, those of matches below {NOISY_PX:g} px, so no plane is called safe"
-        remedy = remedy or "check the camera and the rows; if the points are no better, say so with --noise"
+        remedy = remedy or noisy_remedy(len(joined.patches))
         found.append(finding("poor-fit", message, measured * per, remedy))
     found += cameras_of_rows(joined, camera1, camera2)
     patches = [replace(patch, reason=reason) for patch, reason in zip(joined.patches, reasons, strict=True)]
     return replace(joined, patches=tuple(patches)), [*found, *_rough(solved, joined, reasons)]
+
+
+def noisy_remedy(planes: int) -> str:
+    """What to try where residuals are larger than those of matches."""
+    several = "if the rows lie on several planes, --planes found tells them apart; " if planes == 1 else ""
+    return f"{several}check the camera and the rows; if the points are no better, say so with --noise"
 
 
 def _off_plane(solved: GivenSolution, noise: float | None) -> list[str]:

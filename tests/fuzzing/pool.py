@@ -18,10 +18,10 @@ from pathlib import Path
 from typing import NamedTuple
 
 from fuzzing.case import Case
-from fuzzing.checks import complaints, limit_memory
+from fuzzing.checks import MOST_S, complaints, limit_memory
 
 CURRENT = "case.pickle"  # in the folder of a process: what it runs, should it die of it
-PATIENCE_S = 120.0  # without a word from a process
+PATIENCE_S = 120.0  # without a word from a process, unless it was given no processor time
 THREADS = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "OPENCV_FOR_THREADS_NUM")
 
 
@@ -39,6 +39,21 @@ class _Process:
     pipe: Connection
     folder: Path
     number: int = -1
+    used_s: float = 0.0  # processor time at its last word
+
+    def is_stuck(self) -> bool:
+        """Whether it waits for nothing, or used more time than an input may; on a busy machine it may just be slow."""
+        state, used_s = state_of(self.process.pid or 0)
+        return state != "R" or used_s - self.used_s > 2 * MOST_S
+
+
+def state_of(pid: int) -> tuple[str, float]:
+    """State of a process, "R" where it runs or would run, and its processor time, s; ("", 0) where nothing says so."""
+    try:
+        fields = Path(f"/proc/{pid}/stat").read_text().rpartition(") ")[2].split()
+    except OSError:
+        return "", 0.0
+    return fields[0], sum(map(int, fields[11:13])) / os.sysconf("SC_CLK_TCK")
 
 
 class Pool:
@@ -82,7 +97,7 @@ class Pool:
 
     def _collect(self, running: list[_Process], numbers: Iterator[int], size: int) -> Iterator[Failure]:
         ready = wait([one.pipe for one in running], PATIENCE_S)
-        silent = [one for one in running if one.pipe not in ready] if not ready else []
+        silent = [] if ready else [one for one in running if one.is_stuck()]
         for one in [*(one for one in running if one.pipe in ready), *silent]:
             try:
                 if one in silent:
@@ -102,6 +117,7 @@ class Pool:
                 yield message
             else:
                 self.done += 1
+                one.used_s = state_of(one.process.pid or 0)[1]
                 if self.done % 1000 == 0:
                     print(f"{self.done} inputs", file=sys.stderr, flush=True)
                 kind, seconds = message
