@@ -17,6 +17,7 @@ from typing import NoReturn
 
 from slopecli.errors import InputError
 from slopecli.io import tiff_directories as tiff
+from slopecli.io.tiff_directories import TiffTag
 
 PNG_SIGNATURE = b"\x89PNG\r\n\x1a\n"
 JPEG_SIGNATURE = b"\xff\xd8\xff"
@@ -25,8 +26,7 @@ COLOUR_FILTERS = 32803  # PhotometricInterpretation of raw pixels
 MAX_TIFF_BANDS = 4
 USUAL_COMPRESSIONS = (0, 1, 2, 3, 4, 5, 6, 7, 8, 32773, 32946)
 COMPRESSIONS = {34712: "JPEG 2000", 34887: "LERC", 34925: "LZMA", 50000: "Zstandard", 50001: "WebP", 50002: "JPEG XL"}
-FLOATING = 3  # of SampleFormat
-SAMPLE_KINDS = {4: "undefined", 5: "complex", 6: "complex"}  # of SampleFormat, that are not read
+SAMPLE_KINDS = {4: "undefined", 5: "complex", 6: "complex"}  # of SampleFormat, that are not read; 3 is floating point
 SEVERAL_PICTURES = "is animated; its first picture is used"
 
 
@@ -131,8 +131,8 @@ def _tiff_header(data: bytes) -> ImageHeader:
     image = tiff.full_image(directories)
     if image is None:
         return ImageHeader()
-    bands, bits = image.number(tiff.SAMPLES, 1), image.number(tiff.BITS, 1)
-    if bands > 1 and bits != 8 and image.number(tiff.PLANAR, 1) == 2:  # OpenCV mixes them up
+    bands, bits = image.number(TiffTag.SAMPLES, 1), image.number(TiffTag.BITS, 1)
+    if bands > 1 and bits != 8 and image.number(TiffTag.PLANAR, 1) == 2:  # OpenCV mixes them up
         what = f"keeps its {bands} bands of {bits} bits one after the other (planar)"
         raise InputError(f"{what}, which is not read; save it with interleaved bands, or one band of it")
     sizes = [one.size for one in directories if min(one.size) > 0 and not one.is_reduced]
@@ -140,13 +140,14 @@ def _tiff_header(data: bytes) -> ImageHeader:
     if len(sizes) > 1:
         which = "the first" if len(set(sizes)) == 1 else f"the largest ({image.size[0]}x{image.size[1]} px)"
         note = f"holds {len(sizes)} images; {which} is used"
-    orientation = image.number(tiff.ORIENTATION, 1)
+    orientation = image.number(TiffTag.ORIENTATION, 1)
     return ImageHeader(
         image.size,
         orientation if 1 <= orientation <= 8 else 1,
-        image.number(tiff.PHOTOMETRIC) == COLOUR_FILTERS or any(tiff.DNG_VERSION in one.tags for one in directories),
+        image.number(TiffTag.PHOTOMETRIC) == COLOUR_FILTERS
+        or any(TiffTag.DNG_VERSION in one.tags for one in directories),
         note,
-        _nodata(image.text(tiff.NODATA)),
+        _nodata(image.text(TiffTag.NODATA)),
         image,
         _unusual_tiff(image),
     )
@@ -154,11 +155,11 @@ def _tiff_header(data: bytes) -> ImageHeader:
 
 def _unusual_tiff(image: tiff.Directory) -> str:
     """What decoders may not read of an image, "" if it is of the usual kind."""
-    bands, bits = image.number(tiff.SAMPLES, 1), image.number(tiff.BITS, 1)
-    kind, compression = image.number(tiff.SAMPLE_FORMAT, 1), image.number(tiff.COMPRESSION, 1)
+    bands, bits = image.number(TiffTag.SAMPLES, 1), image.number(TiffTag.BITS, 1)
+    kind, compression = image.number(TiffTag.SAMPLE_FORMAT, 1), image.number(TiffTag.COMPRESSION, 1)
     if bands > MAX_TIFF_BANDS:
         return f"has {bands} bands, needed 1 (grey), 3 (colour) or 4; export one band, or three of them"
-    if kind in SAMPLE_KINDS or (kind == FLOATING and bits not in (32, 64)):
+    if kind in SAMPLE_KINDS or (kind == 3 and bits not in (32, 64)):
         what = SAMPLE_KINDS.get(kind, "floating-point")
         return f"holds {what} values of {bits} bits, needed 8 or 16-bit integers or 32-bit floats; convert it"
     if compression not in USUAL_COMPRESSIONS:
@@ -264,5 +265,5 @@ def _other_size(data: bytes) -> tuple[int, int] | None:
 def _orientation(exif: bytes) -> int:
     """Orientation in an EXIF block, 1 if there is none."""
     directories = tiff.read_directories(exif)
-    value = directories[0].number(tiff.ORIENTATION, 1) if directories else 1
+    value = directories[0].number(TiffTag.ORIENTATION, 1) if directories else 1
     return value if 1 <= value <= 8 else 1

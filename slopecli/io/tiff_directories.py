@@ -7,17 +7,30 @@ from __future__ import annotations
 
 import struct
 from dataclasses import dataclass
+from enum import IntEnum
 from typing import NamedTuple
 
 TIFF_SIGNATURES = (b"II*\x00", b"MM\x00*", b"II+\x00", b"MM\x00+")
-SUBFILE_TYPE, OLD_SUBFILE_TYPE, WIDTH, HEIGHT, BITS, COMPRESSION = 254, 255, 256, 257, 258, 259
-PHOTOMETRIC, ORIENTATION, SAMPLES, PLANAR, SUB_DIRECTORIES, SAMPLE_FORMAT = 262, 274, 277, 284, 330, 339
-NODATA, DNG_VERSION = 42113, 50706
-REDUCED_OR_MASK = 0b101  # bits of SUBFILE_TYPE
 INTEGER_TYPES = {1: "B", 3: "H", 4: "I", 13: "I", 16: "Q", 18: "Q"}
-TEXT_TYPE = 2
-MAX_VALUES = 256  # of one tag: counts, offsets and texts that are looked at are shorter
-MAX_DIRECTORIES = 1000
+
+
+class TiffTag(IntEnum):
+    """Numbers of the tags that are looked at."""
+
+    SUBFILE_TYPE = 254
+    OLD_SUBFILE_TYPE = 255
+    WIDTH = 256
+    HEIGHT = 257
+    BITS = 258
+    COMPRESSION = 259
+    PHOTOMETRIC = 262
+    ORIENTATION = 274
+    SAMPLES = 277
+    PLANAR = 284
+    SUB_DIRECTORIES = 330
+    SAMPLE_FORMAT = 339
+    NODATA = 42113
+    DNG_VERSION = 50706
 
 
 class Layout(NamedTuple):
@@ -56,12 +69,12 @@ class Directory:
     @property
     def size(self) -> tuple[int, int]:
         """Width and height, px."""
-        return self.number(WIDTH), self.number(HEIGHT)
+        return self.number(TiffTag.WIDTH), self.number(TiffTag.HEIGHT)
 
     @property
     def is_reduced(self) -> bool:
         """Whether it says that it is a smaller version of another image, or a mask."""
-        return bool(self.number(SUBFILE_TYPE) & REDUCED_OR_MASK) or self.number(OLD_SUBFILE_TYPE) == 2
+        return bool(self.number(TiffTag.SUBFILE_TYPE) & 0b101) or self.number(TiffTag.OLD_SUBFILE_TYPE) == 2
 
 
 def read_directories(data: bytes) -> list[Directory]:
@@ -74,12 +87,12 @@ def read_directories(data: bytes) -> list[Directory]:
     layout = Layout("<" if data.startswith(b"II") else ">", b"+" in data[2:4])
     found: dict[int, Directory] = {}
     waiting = [_number(data, layout, 8 if layout.is_big else 4)]
-    while waiting and len(found) < MAX_DIRECTORIES:
+    while waiting and len(found) < 1000:  # a file that points to itself again and again has no end
         start = waiting.pop()
         directory, following = _directory(data, layout, start) if start and start not in found else (None, 0)
         if directory is not None:
             found[start] = directory
-            below = [offset for offset in directory.tags.get(SUB_DIRECTORIES, ()) if isinstance(offset, int)]
+            below = [offset for offset in directory.tags.get(TiffTag.SUB_DIRECTORIES, ()) if isinstance(offset, int)]
             waiting += [following, *reversed(below)]
     return [directory for directory in found.values() if directory.tags]
 
@@ -96,9 +109,9 @@ def with_one_image(data: bytes, directory: Directory) -> bytes:
     layout = Layout("<" if data.startswith(b"II") else ">", b"+" in data[2:4])
     changed = bytearray(data)
     struct.pack_into(layout.order + layout.offset, changed, 8 if layout.is_big else 4, directory.start)
-    if ORIENTATION in directory.entries:
+    if TiffTag.ORIENTATION in directory.entries:
         entry = struct.Struct(f"{layout.order}HH{layout.offset}H")  # the type SHORT, one value
-        entry.pack_into(changed, directory.entries[ORIENTATION], ORIENTATION, 3, 1, 1)
+        entry.pack_into(changed, directory.entries[TiffTag.ORIENTATION], TiffTag.ORIENTATION, 3, 1, 1)
     return bytes(changed)
 
 
@@ -122,8 +135,8 @@ def _directory(data: bytes, layout: Layout, start: int) -> tuple[Directory | Non
 def _values(data: bytes, layout: Layout, entry: int) -> tuple[int | str, ...]:
     """The values of an entry; () for other types than integers and text, and if they lie outside of the file."""
     kind, count = struct.unpack_from(f"{layout.order}H{layout.offset}", data, entry + 2)
-    code = INTEGER_TYPES.get(kind, "s" if kind == TEXT_TYPE else "")
-    if not code or not 0 < count <= MAX_VALUES:
+    code = INTEGER_TYPES.get(kind, "s" if kind == 2 else "")
+    if not code or not 0 < count <= 256:  # texts, offsets and counts that are looked at are shorter
         return ()
     values = struct.Struct(f"{layout.order}{count}{code}")
     place = entry + (12 if layout.is_big else 8)
