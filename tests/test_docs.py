@@ -36,6 +36,9 @@ BATCH = (ROOT / "docs" / "batch.md").read_text(encoding="utf-8")
 PLAN = (ROOT / "docs" / "plan.md").read_text(encoding="utf-8")
 SOLVE = (ROOT / "docs" / "solve.md").read_text(encoding="utf-8")
 MAP = (ROOT / "docs" / "map.md").read_text(encoding="utf-8")
+# by which numbers in a document may differ from those of another version of OpenCV, which moves matches: a sigma
+# of 0.12 may be 0.13; degrees and the like by 0.1, counts by 5 %
+OTHER_OPENCV = {"abs": 0.1, "rel": 0.05}
 LARGE_PERCENT = 2.0  # planes of the example that any build of OpenCV finds alike
 
 
@@ -59,8 +62,7 @@ def test_readme_example_is_what_the_command_prints(tmp_path: Path) -> None:
     output = GENERATE["run_example"](example["command"], tmp_path)
     assert NUMBER.sub("#", " ".join(example["output"].split())) == NUMBER.sub("#", " ".join(output.split()))
     shown, now = (list(map(float, NUMBER.findall(text))) for text in (example["output"], output))
-    # another OpenCV build may move a match: 0.1 degrees, or 5 % of a count
-    assert now == pytest.approx(shown, abs=0.1, rel=0.05)
+    assert now == pytest.approx(shown, **OTHER_OPENCV)
 
 
 @pytest.mark.parametrize("document", DOCUMENTS, ids=lambda path: path.name)
