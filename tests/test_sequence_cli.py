@@ -113,11 +113,14 @@ def test_a_video_gives_what_its_frames_give(descent: Path, answered: Path, tmp_p
 
 
 def test_it_stops_when_every_window_is_settled(descent: Path, tmp_path: Path) -> None:
-    done = slopemap(*arguments(descent, tmp_path), "--stop-when", "settled")
-    assert done.returncode == 0
+    done = slopemap(*arguments(descent, tmp_path), "--stop-when", "settled", "--report")
+    assert done.returncode == 0, done.stderr
     lines = read_lines(tmp_path / "sequence.jsonl")
     assert len(lines) < 5
     assert [one["verdict"] for one in lines[-1]["settled"]] == ["safe"] * 4
+    page = (tmp_path / "report.html").read_text()
+    assert Path(lines[-1]["image"]).name in page
+    assert page.count("data:image") > 1  # both images of the last state
 
 
 def test_interrupted_it_keeps_what_it_has(descent: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

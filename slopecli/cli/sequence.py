@@ -25,7 +25,7 @@ from slopecli.cli.map_table import print_sites, say_ground
 from slopecli.cli.parameter_types import PATH, POSITIVE
 from slopecli.cli.report_table import print_report, say_place
 from slopecli.cli.shared_options import INPUT, OUTPUT, Flag, Option
-from slopecli.cli.talk import Talk, print_result
+from slopecli.cli.talk import Talk, origin_of, print_result
 
 if TYPE_CHECKING:
     from slopecli.io.frame_sources import FrameSource
@@ -50,6 +50,7 @@ FILES = (
     Option(OUTPUT, "-o --output", "DIR", PATH, "Folder for the results"),
     shared.json_flag,
     Flag(OUTPUT, "--no-overlay", "Leave out overlay.png"),
+    shared.report_flag,
     Flag(OUTPUT, "--video", "Also write sequence.mp4, the overlay on every frame"),
     Flag(OUTPUT, "--map with_map", "Also map the slope of every place, and landing sites"),
     Option(OUTPUT, "--stop-when", "settled", STOPS, "End when every window is safe or unsafe for good"),
@@ -259,11 +260,12 @@ def _written(answer: SequenceAnswer, runner: Sequence, parameters: dict[str, Any
     if not output or not isinstance(first, Image):
         return []
     from slopecli.io.outputs import store_outputs
-    from slopecli.products import SEQUENCE_PRODUCTS, VIDEO, encode_products
+    from slopecli.products import SEQUENCE_PRODUCTS, VIDEO, encode_products, kept_choices
 
     with talk.timed("write"):
-        keep = frozenset() if parameters["no_overlay"] else frozenset({"overlay"})
-        contents = encode_products(answer, first, keep, SEQUENCE_PRODUCTS)
+        keep, last = kept_choices(parameters, SEQUENCE_PRODUCTS), runner.current
+        shown = last if last is not None and last.path == answer.report.images[1].path else None
+        contents = encode_products(answer, first, keep, SEQUENCE_PRODUCTS, origin_of(talk, shown))
         if parameters.get("film"):
             contents[VIDEO] = parameters["film"]
         return [Path(output, LINES), *store_outputs(contents, output)]

@@ -120,11 +120,17 @@ class DenseDepth:
         return (len(row) - 1) / float(row[-1] - row[0])
 
 
-def measure_depth(scene: Scene, windows: Sequence[Window] = (), max_pixels: float = DEPTH.most_pixels) -> DenseDepth:
+def measure_depth(
+    scene: Scene,
+    windows: Sequence[Window] = (),
+    max_pixels: float = DEPTH.most_pixels,
+    start: FloatImage | None = None,
+) -> DenseDepth:
     """Measure the inverse depth of every pixel of image 1 under the motion of the scene.
 
     windows : px of image 1; with some, only the rectangle around them is measured.
     max_pixels : of the working grid; what is measured is shrunk to it.
+    start : inverse depths of its pixels to begin with, right to a pixel or two; None for evidence and flow.
     """
     grid = _grid_around(scene, windows, max_pixels) if windows else whole_grid(scene, max_pixels)
     transfer = DepthTransfer(scene, grid)
@@ -132,7 +138,7 @@ def measure_depth(scene: Scene, windows: Sequence[Window] = (), max_pixels: floa
     shifts = transfer.shifts(nodes)
     w = spread_table(nodes, grid.shape)
     pair = _Alignment(scene, grid, transfer, shifts)
-    w, across = pair.by_flow(w)
+    w, across = pair.by_flow(w) if start is None else (start, np.zeros_like(w))
     for _ in range(DEPTH.rounds):
         w = pair.along(w)
     uv2, told, own, left = pair.check(w)

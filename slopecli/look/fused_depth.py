@@ -7,9 +7,11 @@ farthest away tells most. Planes are to be fitted to the fused depth; planes of 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
+import cv2
 import numpy as np
+from numpy.typing import NDArray
 
 from slopecli.geometry.statistics import robust_sigma
 from slopecli.look.dense_depth import DenseDepth
@@ -17,7 +19,20 @@ from slopecli.look.noise import SYSTEMATIC_PX
 from slopecli.look.warp import FloatImage
 from slopecli.types import BoolArray
 
-FAR_OFF = 3.0  # sigmas: a depth farther from the mean than this is a mismatch, or is hidden in that image
+
+@dataclass(frozen=True)
+class FusionTunables:
+    """How depths of several pairs are compared."""
+
+    far_off: float = 3.0  # sigmas: a depth farther from the mean is a mismatch, or is hidden in that image
+    # baseline, of the distance, at which the displacement that makes a step (`DEPTH.step_gradient`) tells steps from
+    # slopes: with three times as much all ground seen at an angle would be one
+    steps_at: float = 0.15
+    beside_px: int = 5  # grid px to either side over which a depth to begin with is smoothed, see `to_begin_with`
+    like_px: float = 1.0  # displacement, under the longest baseline so far, by which pixels smoothed together differ
+
+
+FUSION = FusionTunables()
 
 
 def fuse_depths(depths: Sequence[DenseDepth], baselines: Sequence[float]) -> DenseDepth:
@@ -47,9 +62,8 @@ def fuse_depths(depths: Sequence[DenseDepth], baselines: Sequence[float]) -> Den
         kept = [_near(value, weight, mean) for value, weight in zip(logarithms, information, strict=True)]
         mean = _mean(logarithms, kept)
     total = np.sum(kept, axis=0)
-    sure = np.sum([weight * depth.sure for weight, depth in zip(kept, depths, strict=True)], axis=0) > 0.5 * total
-    step = np.sum([weight * depth.step for weight, depth in zip(kept, depths, strict=True)], axis=0) > 0.5 * total
     known = total > 0.0
+    sure, step = _steps(depths, kept)
     # pairs share the noise and the smoothing of image 1, so the mean is trusted like one of them: the first where it
     # is known, else the best
     trusted = np.where(kept[0] > 0.0, 0, np.argmax(kept, axis=0))
@@ -62,6 +76,37 @@ def fuse_depths(depths: Sequence[DenseDepth], baselines: Sequence[float]) -> Den
         shifts=np.take_along_axis(np.stack([d.shifts for d in depths]), trusted[None, ..., None], axis=0)[0],
         across_px=np.take_along_axis(np.stack([d.across_px for d in depths]), trusted[None], axis=0)[0],
     )
+
+
+def to_begin_with(depths: Sequence[DenseDepth], baselines: Sequence[float]) -> FloatImage:
+    """(h, w) inverse depth, one over the unit of the baselines, for the alignment of an image from farther away.
+
+    The longest baseline first. Noise would stay where that image has little texture, so it is smoothed, but not across
+    steps: a bilateral filter.
+    """
+    fused = fuse_depths(depths, baselines)
+    shift_px = float(np.median(fused.shift_px[fused.known])) if fused.known.any() else 1.0
+    reach, like = FUSION.beside_px, FUSION.like_px / max(shift_px, 1e-3)
+    smooth = cv2.bilateralFilter(np.log(fused.w), 2 * reach + 1, like, reach / 1.5)
+    return np.asarray(np.exp(smooth) / np.float32(baselines[0]), np.float32)
+
+
+def _steps(depths: Sequence[DenseDepth], weights: Sequence[FloatImage]) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+    """(h, w) pixels that are beside no step, and those on one: as the pair of the most telling baseline has it, or
+    where that does not show them, most of the others by weight."""
+    away = [abs(np.log(max(_separation(depth), 1e-9) / FUSION.steps_at)) for depth in depths]
+    judge = depths[int(np.argmin(away))]
+    half = 0.5 * np.sum(weights, axis=0)
+    found = []
+    for name in ("sure", "step"):
+        votes = np.sum([w * getattr(depth, name) for w, depth in zip(weights, depths, strict=True)], axis=0)
+        found.append(np.where(judge.known, getattr(judge, name), votes > half))
+    return found[0], found[1]
+
+
+def _separation(depth: DenseDepth) -> float:
+    """Displacement per change of ln w, over the focal length: the baseline across the view, over the distance."""
+    return float(np.median(depth.shift_px[depth.known])) / depth.focal_px if depth.known.any() else 0.0
 
 
 def _noise(depth: DenseDepth) -> float:
@@ -79,5 +124,5 @@ def _mean(logarithms: Sequence[FloatImage], weights: Sequence[FloatImage]) -> Fl
 
 def _near(value: FloatImage, weight: FloatImage, mean: FloatImage) -> FloatImage:
     """The weight where a value is near the mean, within its noise and a hundredth of the depth; else 0."""
-    off: BoolArray = np.abs(value - mean) > FAR_OFF * np.sqrt(1.0 / np.maximum(weight, 1e-12) + 1e-6)
+    off: BoolArray = np.abs(value - mean) > FUSION.far_off * np.sqrt(1.0 / np.maximum(weight, 1e-12) + 1e-6)
     return np.asarray(np.where(off, 0.0, weight), np.float32)

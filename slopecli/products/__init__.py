@@ -139,6 +139,7 @@ SEQUENCE_PRODUCTS = (
         "slope_map_geo.tif", "the map from above, at its place on the earth", "sequence_files:encode_map_geotiff"
     ),
     _OfPlacedMap("slope_map_geo.qml", "its colours in QGIS", "sequence_files:encode_map_style"),
+    _Page(encoder="sequence_files:encode_page"),
     Product(OVERLAY, "the first frame with slopes, sigmas and verdicts", "sequence_files:draw_last", "overlay"),
     Product("trajectory.txt", "where the camera was, in TUM format", "sequence_files:encode_trajectory"),
     _Csv(encoder="sequence_files:encode_planes"),

@@ -12,7 +12,9 @@ from slopecli.ground.slope_map import SlopeMap
 from slopecli.products import geojson, map_geotiff, map_style, map_tiff, planes_csv
 from slopecli.products.drawing.canvas import Picture
 from slopecli.products.map_picture import draw_map, draw_sigma
+from slopecli.products.origin import Origin
 from slopecli.products.overlay import draw_overlay
+from slopecli.products.page import report_page
 from slopecli.products.slopes_json import map_keys, plain, report_document, to_json
 from slopecli.sequence.frame import SequenceAnswer, SequenceStep
 from slopecli.types import FloatArray, Image
@@ -68,6 +70,13 @@ def _map_of(answer: SequenceAnswer) -> SlopeMap:
     if answer.map is None:
         raise InputError("no map was asked for")
     return answer.map
+
+
+def encode_page(answer: SequenceAnswer, image: Image, origin: Origin | None = None) -> bytes:
+    """report.html of the last state: that of its map, where there is one."""
+    if answer.map is not None:
+        return report_page.encode_map(answer.map, image, origin)
+    return report_page.encode(answer.report, image, origin)
 
 
 def draw_last(answer: SequenceAnswer, image: Image) -> Picture:

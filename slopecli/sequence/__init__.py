@@ -11,6 +11,7 @@ from slopecli.face import lazy_names
 __getattr__, __dir__ = lazy_names(
     __name__,
     {
+        "depth_frames": "DepthFrames",
         "frame": "Frame FrameMotion FrameState SequenceAnswer SequenceStep",
         "frame_gates": "FrameGates",
         "settling_test": "SettlingTest",

@@ -54,6 +54,7 @@ class Sequence:
         self._later: Follower | None = None  # what follows a later reference, which took its place
         self._next: LaterReference | None = None
         self._depth = DepthFrames() if keep_depth else None
+        self._depth_then: DepthFrames | None = None  # as of the frame that is to be the next reference
         self.current: Image | None = None
         self._reference_image: Image | ImageInfo = ImageInfo("", None, None, "")
         self._infos: dict[int, ImageInfo] = {}  # of frames used, by number
@@ -78,7 +79,9 @@ class Sequence:
             and state.R is not None
             and state.T is not None
         ):
-            self._depth.add(frame, state.R, state.T, self._shown())
+            self._depth.add(frame, state.R, state.T)
+            if self._next is not None and self._next.frame == state.frame:
+                self._depth_then = self._depth.kept()
         state = replace(state, image=image, time_s=time_s)
         self.frames.append(state)
         return state
@@ -158,16 +161,12 @@ class Sequence:
             replace(state, later=True) if state.status == "used" and state.frame > reference.frame else state
             for state in self.frames
         ]
-        self._later, self._next = begun, None
+        self._later, self._next, self._depth = begun, None, self._depth_then or self._depth
 
     def _reference(self) -> Aligner:
         if self._aligner is None:
             raise InputError("no frame was taken yet")
         return self._aligner
-
-    def _shown(self) -> float:
-        """Share of the points of the reference that the last frame used shows."""
-        return 0.0 if self._first is None else self._first.shown
 
     @property
     def started(self) -> bool:

@@ -41,6 +41,7 @@ class TrackingTunables:
     later_points: int = (
         64  # of each ninth of a later reference: for its motions, a quarter of those for slopes suffices
     )
+    next_depth: float = 1.25  # times the baseline of the last frame kept for depth, from which on another is kept
     slope_points: int = 8  # tracks that a window needs for an answer
 
 
