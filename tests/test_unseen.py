@@ -147,8 +147,21 @@ def test_a_gap_that_is_borne_out_is_no_step() -> None:
     held = replace(gaps, borne_out=~gaps.seen)
     assert beside_rad(gaps, LEVEL, terrace(220, 0.3), FOCAL) > 0.05
     assert beside_rad(held, LEVEL, terrace(220, 0.3), FOCAL) == 0.0
-    assert stepped_rad(held, LEVEL, terrace(220, 0.3), FOCAL) == 0.0
     assert unseen_rad(held, 5.0, evidence_of(10.0)) < unseen_rad(gaps, 5.0, evidence_of(10.0))
+
+
+def test_amid_matches_only_what_lies_in_the_gap_itself_counts() -> None:
+    """A gap in the window, and ground off the plane beside the window or in the gap only."""
+    uv1 = matches()
+    gap = np.abs(uv1 - [225, 160]).max(axis=1) < 8
+    gaps = gaps_of(WINDOW, uv1[~gap], 1.0)
+    seen = terrace(480, 0.0)
+    outside = ~seen.near(WINDOW, 0.0)
+    inside = np.abs(seen.uv1 - [225, 160]).max(axis=1) < 20
+    beyond, within = (replace(seen, w=np.where(off, seen.w / 1.3, seen.w)) for off in (outside, inside))
+    assert not gaps.seen.all()
+    assert beside_rad(gaps, LEVEL, beyond, FOCAL) == 0.0
+    assert beside_rad(gaps, LEVEL, within, FOCAL) > 0.0
 
 
 def test_mismatches_scattered_beside_a_gap_are_no_step() -> None:

@@ -40,7 +40,7 @@ class WindowTunables:
     poor_rad: float = float(np.radians(10.0))  # of a window matched over nothing of it, or with a score of 0
     most_rad: float = float(np.radians(30.0))  # upper bound for a window of which some part is matched
     samples: int = 9  # points a side, on which an unmatched cell is compared with image 2
-    amid: float = 0.75  # share of the cells around an unmatched one, with which it lies amid matched ones
+    amid: float = 0.75  # share of the cells around an unmatched one that, matched, tell more than what lies farther off
     beside: float = 0.25  # longer sides: overview matches as near to an unmatched cell tell its height
     steepest: float = 6.0  # rise per distance of a surface seen beside a window (80 degrees): steeper, it is mismatched
     off_plane: float = 0.45  # longer sides: height of what contradicts the plane, if nothing else tells it

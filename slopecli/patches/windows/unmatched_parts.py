@@ -33,14 +33,18 @@ def with_unmatched_parts(patch: Patch, measured: Patch, scene: Scene) -> Patch:
     w, _ = inverse_depth(scene.R, scene.T, x1, patch.matches.x2)
     normal = np.asarray(np.linalg.lstsq(homogeneous(x1), w, rcond=None)[0])
     gaps = gaps_of(patch.window, measured.matches.uv1, measured.share)
-    gaps = replace(gaps, borne_out=borne_out(gaps, normal, scene))
+    held = np.zeros(len(gaps.seen), bool)
+    held[~gaps.seen] = borne_out(gaps.uv1[~gaps.seen], gaps.cell_px, normal, scene)
+    gaps = replace(gaps, borne_out=held)
     against = max(
         beside_rad(gaps, normal, scene.evidence, focal_px),
         contradicted_rad(gaps, normal, scene),
         stepped_rad(gaps, normal, scene.evidence, focal_px),
     )
-    unseen = max(against, unseen_rad(gaps, _height_px(x1, w, focal_px), scene.evidence))
-    total = float(np.hypot(patch.tilt_sigma_rad, unseen))
+    hidden = unseen_rad(gaps, _height_px(x1, w, focal_px), scene.evidence)
+    unseen = max(against, hidden)
+    # what is hidden knows nothing of the matches; an object beside them may have led some of these astray as well
+    total = patch.tilt_sigma_rad + against if against > hidden else float(np.hypot(patch.tilt_sigma_rad, hidden))
     return replace(patch, tilt_sigma_rad=total, unmatched_sigma_rad=unseen, off_plane_sigma_rad=against)
 
 
@@ -51,7 +55,7 @@ class Gaps:
     at, uv1 (k, 2): centres of the cells, px from the window's middle, and px of image 1; seen (k,): holds a match;
     shape: rows and columns of cells; cell_px: side of one; matched (n, 2): px of the matches; per_px: how many of them
     there are to a square px where there are no gaps; borne_out (k,): without a match, but on the plane, as their grey
-    values or the cells around them show.
+    values show.
     """
 
     window: Window
@@ -68,6 +72,16 @@ class Gaps:
     def off(self) -> BoolArray:
         """(g,) of the cells without a match, which may be off the plane."""
         return np.ones(np.count_nonzero(~self.seen), bool) if self.borne_out is None else ~self.borne_out[~self.seen]
+
+    @property
+    def amid(self) -> BoolArray:
+        """(g,) of the cells without a match: whether most of those around one have some."""
+        rows, columns = self.shape
+        seen = np.pad(self.seen.reshape(rows, columns).astype(float), 1)
+        inside = np.pad(np.ones((rows, columns)), 1)
+        shifts = [(slice(i, i + rows), slice(j, j + columns)) for i in range(3) for j in range(3)]
+        held, around = (sum(one[shift] for shift in shifts) for one in (seen, inside))
+        return np.asarray(np.ravel(held >= TUNE.amid * (around - 1.0)))[~self.seen]
 
     def tilt_rad(self, height_px: FloatArray | float) -> float:
         """Tilt of the least-squares plane of the whole window if its unmatched cells stand off the plane, rad.
@@ -145,7 +159,10 @@ def beside_rad(gaps: Gaps, normal: FloatArray, evidence: Evidence, focal1_px: fl
     distance = np.sqrt(((gaps.uv1[~gaps.seen][:, None] - evidence.uv1[near][None]) ** 2).sum(2))
     nearest = np.argsort(distance, axis=1, kind="stable")[:, :8]  # 8: to average out their noise
     distance = np.take_along_axis(distance, nearest, 1)
-    within = distance < TUNE.beside * max(gaps.window[2:])
+    # amid matches, only others in the same place tell more, and one or two may be mismatches
+    amid = gaps.amid[:, None]
+    within = distance < np.where(amid, 1.5 * gaps.cell_px, TUNE.beside * max(gaps.window[2:]))
+    within &= ~amid | (within.sum(axis=1, keepdims=True) >= 3)
     # ground that bends is off the plane, too, increasingly with distance
     step = np.maximum(height[nearest] - distance, 0.0)
     square = gaps.off * (step**2 * within).sum(1) / np.maximum(within.sum(1), 1)
@@ -166,8 +183,6 @@ def stepped_rad(gaps: Gaps, normal: FloatArray, evidence: Evidence, focal1_px: f
     off = inside & (evidence.misfit_px(normal) > ON_PLANE_PX)
     kept = inside & ~off
     off[off] = gaps.filled(evidence.uv1[off]) < 0.5  # half as dense as elsewhere: unmatched
-    if gaps.borne_out is not None:
-        off[off] = ~gaps.holds(evidence.uv1[off])
     off[off] = _coherent(np.flatnonzero(off), normal, evidence, focal1_px)
     kept |= off
     if np.count_nonzero(off) < max(MIN_ON_PLANE, 0.05 * np.count_nonzero(kept)):  # 5 %: mismatches of the overview
@@ -215,26 +230,17 @@ def contradict(uv1: FloatArray, side_px: float, normal: FloatArray, scene: Scene
     return np.asarray(best < TUNE.same_ground_score)
 
 
-def borne_out(gaps: Gaps, normal: FloatArray, scene: Scene) -> BoolArray:
-    """(k,) unmatched cells of a window that are on the plane (3,): their grey values correlate with image 2 under it,
-    and less so a few spacings along the epipolar line; or they lie amid matched cells."""
-    rows, columns = gaps.shape
-    padded = np.pad(gaps.seen.reshape(rows, columns).astype(float), 1)
-    inside = np.pad(np.ones((rows, columns)), 1)
-    held, around = (
-        sum(one[i : i + rows, j : j + columns] for i in range(3) for j in range(3)) for one in (padded, inside)
-    )
-    found = np.ravel(held >= TUNE.amid * (around - 1.0)) & ~gaps.seen
-    asked = ~gaps.seen & ~found
-    if asked.any():
-        drifts = (-1, 0, 1, -5, -4, 4, 5)  # spacings: on the plane, and far enough off it
-        score = _correlations(gaps.uv1[asked], gaps.cell_px, normal, scene, drifts)
-        near = score[:3].max(axis=0)
-        with np.errstate(invalid="ignore"):  # of cells that cannot be compared
-            found[asked] = (near > TUNE.good_score) & (
-                near - score[3:].max(axis=0) > TUNE.good_score - TUNE.same_ground_score
-            )
-    return found
+def borne_out(uv1: FloatArray, side_px: float, normal: FloatArray, scene: Scene) -> BoolArray:
+    """(k,) cells of image 1 that are on a plane: they correlate with image 2 under it, and less so a few spacings along
+    the epipolar line.
+
+    uv1, side_px, normal : as in `contradict`.
+    """
+    drifts = (-1, 0, 1, -5, -4, 4, 5)  # spacings: on the plane, and far enough off it
+    score = _correlations(uv1, side_px, normal, scene, drifts)
+    near, far = score[:3].max(axis=0), score[3:].max(axis=0)
+    with np.errstate(invalid="ignore"):  # of cells that cannot be compared
+        return np.asarray((near > TUNE.good_score) & (near - far > TUNE.good_score - TUNE.same_ground_score))
 
 
 def _correlations(
