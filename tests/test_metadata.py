@@ -349,6 +349,7 @@ def test_35_mm_equivalent_is_within_its_sigma_of_both_conventions(size: tuple[in
         ((300, 300), {FOCAL_35: 24, WIDTH: 400, HEIGHT: 300}, {}, "was cut"),
         ((3648, 5472), {WIDTH: 5472, HEIGHT: 3648}, {"DewarpData": DEWARP}, "was turned"),
         (SIZE, {FOCAL_35: 65535}, {}, "cannot be used"),
+        (WHOLE, {}, {"DewarpData": DEWARP.replace("11.25,-7.5", "2736,1824")}, "from a corner"),
     ],
 )
 def test_a_lens_that_cannot_be_used_is_named(size: Any, exif: Any, xmp: Any, said: str) -> None:

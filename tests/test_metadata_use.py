@@ -338,7 +338,8 @@ def test_the_page_runs(tmp_path: Path, scene: Pair, monkeypatch: pytest.MonkeyPa
     assert command
     assert code
     for image, name in zip(write(tmp_path, scene), ("DJI_0031.JPG", "DJI_0032.JPG"), strict=True):
-        (tmp_path / image).rename(tmp_path / name)
+        (tmp_path / "flight").mkdir(exist_ok=True)
+        (tmp_path / image).rename(tmp_path / "flight" / name)
     monkeypatch.chdir(tmp_path)
     assert slopemap(*command[1].split()).returncode == 0
     values: dict[str, Any] = {}

@@ -11,6 +11,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from slopecli.errors import InputError
+from slopecli.io.cameras.values import refuse_off_middle
 from slopecli.io.metadata.attitudes import DJI
 from slopecli.io.metadata.image_metadata import Lens
 from slopecli.io.metadata.image_tags import ImageTags, Tag, number_of
@@ -148,6 +149,7 @@ def lens_of(tags: ImageTags) -> tuple[Lens | None, str]:
             each = f"{first.source} is {first.fx:.4g} px, {other.source} is {other.fx:.4g} px"
             return None, f"its focal lengths contradict each other: {each}"
     try:
+        refuse_off_middle(first.centre_px, first.size, "DJI measures it from there: is it from a corner?")
         lens = _as_stored(first, tags.size)
         lens.camera()
     except InputError as error:
