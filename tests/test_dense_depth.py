@@ -177,3 +177,11 @@ def test_ground_without_texture_is_bare_whatever_lies_beside_it() -> None:
 def test_textured_ground_is_not_bare() -> None:
     depth = measure_depth(scene_of(render(R, T, [Surface(GROUND)])))
     assert depth.bare.mean() < 0.005
+
+
+def test_a_narrow_drop_without_texture_at_the_border_of_the_image_is_bare() -> None:
+    """Ten pixels of it: the edge of the plate is within reach of the windows of half of them."""
+    drop = Surface(tilted(0.0, 0.0, 9.0), (310, 0, 10, 240), contrast=0.0)
+    depth = measure_depth(scene_of(render(R, T, [Surface(GROUND), drop], noise=1.0)))
+    assert depth.bare[20:220, 315:].mean() > 0.6
+    assert depth.bare[:, 30:290].mean() < 0.02

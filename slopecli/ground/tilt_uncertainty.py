@@ -25,8 +25,8 @@ from slopecli.types import BoolArray, Camera, FloatArray, Solution
 class TiltTunables:
     """Tunables of the uncertainty of planes of footprints; they are fitted to rendered ground with known depth."""
 
-    noise: float = 0.9  # error of a plane by noise over that measured by ramps across the epipolar lines
-    edge: float = 1.1  # of edges of relief, see `edge_variance`
+    noise: float = 0.85  # error of a plane by noise over that measured by ramps across the epipolar lines
+    edge: float = 0.9  # of edges of relief, see `edge_variance`
     edge_px: float = 64.0  # grid px, diameter of the footprints that it was fitted to
     unmatched: float = 3.0  # 1-sigma of ground that is not matched, in the relief of its footprint
     unmatched_jump: float = 1.0  # the same, in the largest jump nearby
@@ -250,7 +250,11 @@ def across_step(depth: DenseDepth, planes: FootprintPlanes, jump: FloatArray) ->
 
 
 def beside_bare(depth: DenseDepth, planes: FootprintPlanes) -> BoolArray:
-    """(rows, columns) whether a footprint reaches onto ground without texture, which may be a drop."""
-    wider = replace(planes.cells, radius_px=planes.cells.radius_px + TILT.step_margin_px)
+    """(rows, columns) whether a footprint reaches onto ground without texture, which may be a drop.
+
+    Or nearly so: where the window of the alignment, which reaches four of its sigmas, still has an edge beside the
+    bare ground, that has the depth of the edge.
+    """
+    wider = replace(planes.cells, radius_px=planes.cells.radius_px + 4.0 * DEPTH.window_px)
     pixels = disc_sums((depth.bare,), wider, COARSE)[0]
     return np.asarray(pixels > TILT.step_length * 2 * planes.cells.radius_px)

@@ -27,7 +27,6 @@ class WindowPlaneTunables:
     largest_px: float = 64.0  # radius of these discs; what larger windows have follows from it
     # power of the length by which the variance of a ramp falls: 4 for independent errors, some of which are not
     falls: int = 3
-    widened: float = 1.2  # of sigmas: without it, intervals of faint ground hold 92 instead of 95 %
     hole_px: int = 8  # grid px, side of the holes in the ground matched that are wrong independently of each other
     in_doubt: float = 0.5  # 1-sigma of ground in doubt, in the jumps there
     off_plane: float = 2.0  # 1-sigma of ground that is not matched, in the RMS relief of the rest
@@ -129,7 +128,7 @@ def _matching(depth: DenseDepth, parts: IntArray, radius_px: FloatArray) -> Floa
             at = (np.abs(axis[:, None] - place).argmin(0) for axis, place in ((cells.v, v), (cells.u, u)))
             edges = edge_variance(depth, planes)[..., None, None] * np.eye(2)
             kinds = np.stack([noise_variance(depth, planes), edges, np.zeros_like(edges)], axis=2)
-            variance = FIT.widened**2 * kinds.reshape(-1, 3, 2, 2)
+            variance = kinds.reshape(-1, 3, 2, 2)
             smaller = (radius / radius_px[here]) ** FIT.falls
             gradient[here] = smaller[:, None, None, None] * variance[nearest[tuple(at)]]
     return gradient

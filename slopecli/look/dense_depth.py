@@ -54,10 +54,12 @@ class DepthTunables:
     relief: float = 0.05
     reach_px: float = 0.5  # grid px, 1-sigma of what is left to align after the flow
     told: float = 0.3  # least share of a correction that the images determine, rather than these two assumptions
-    least_correlation: float = 0.4  # of the images over the window; 1 % of what is matched rightly has less than 0.5
-    own_px: float = 1.0  # grid px, sigma of the Gaussian over which texture counts as a pixel's own
-    own_share: float = 0.03  # of the texture in the window, least that must be its own
-    bare_px: int = 7  # grid px, side of the smallest area that counts as bare: smooth texture has smaller flat spots
+    own_px: float = 1.0  # grid px, sigma of the Gaussian over which gradients count as a pixel's own
+    grain_px: float = 0.7  # grid px, sigma of the Gaussian that takes the noise of single pixels out of gradients
+    rounding: float = 0.03  # sum of the squares of both gradients, that rounding to whole grey values makes
+    least_alike: float = 0.6  # see `_alike`; images without common texture have more in 1 of 1000 places
+    bare_px: int = 5  # grid px, side of the smallest area that counts as bare: smooth texture has smaller flat spots
+    untold_px: int = 7  # the same of ground whose depth the images do not tell
     most_change: float = 0.5  # largest change of the logarithm of inverse depth by the flow
     most_step: float = 0.2  # the same by a round of alignment
     across_px: float = 1.0  # grid px, largest residual across the epipolar line that is believed
@@ -80,7 +82,8 @@ class DenseDepth:
     step (h, w): pixels on such a step.  bare (h, w): pixels without texture of their own, which may have any depth,
     though an edge beside them makes it look known.  rays (h, w, 2): normalised coordinates.
     uv2 (h, w, 2): full px of image 2.  shifts (h, w, 2): displacement, grid px, per change of ln w.
-    across_px (h, w): residual across the epipolar line after alignment, grid px.
+    across_px (h, w): residual across the epipolar line after alignment, as large as texture allows it along the line,
+    grid px.
     """
 
     grid: Grid
@@ -141,15 +144,15 @@ def measure_depth(
     w, across = pair.by_flow(w) if start is None else (start, np.zeros_like(w))
     for _ in range(DEPTH.rounds):
         w = pair.along(w)
-    uv2, told, own, left = pair.check(w)
+    uv2, told, own, left, noise = pair.check(w)
     shown = covered(uv2, scene.shape2, 1.0)
-    bare = shown & _in_one_piece(~(told & own))
+    bare = shown & (_in_one_piece(~own, DEPTH.bare_px) | _in_one_piece(~told, DEPTH.untold_px))
     known = shown & told & (np.abs(across) < DEPTH.across_px) & (np.abs(left) < DEPTH.across_px)
     known &= ~_hidden(w, uv2, known, scene)
     step = _steps(w, shifts) & shown
     side = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * DEPTH.beside_px + 1, 2 * DEPTH.beside_px + 1))
     sure = known & ~bare & (cv2.dilate(step.astype(np.uint8), side) == 0)
-    return DenseDepth(grid, w, known, sure, step, bare, transfer.rays, uv2, shifts, left)
+    return DenseDepth(grid, w, known, sure, step, bare, transfer.rays, uv2, shifts, noise)
 
 
 def depth_cells(scene: Scene, grid: Grid, cell: int) -> Cells:
@@ -224,31 +227,45 @@ class _Alignment:
             cv2.medianBlur(w * np.exp(np.clip(step, -DEPTH.most_step, DEPTH.most_step)), DEPTH.median_px), np.float32
         )
 
-    def check(self, w: FloatImage) -> tuple[FloatImage, NDArray[np.bool_], NDArray[np.bool_], FloatImage]:
-        """Px of image 2, whether the images tell the depth, whether by texture of the pixel's own that both show,
-        and the residual across the line, grid px."""
+    def check(self, w: FloatImage) -> tuple[FloatImage, NDArray[np.bool_], NDArray[np.bool_], FloatImage, FloatImage]:
+        """Px of image 2, whether the images tell the depth, whether by texture of the pixel's own that both show, the
+        residual across the line, and what noise alike would be along the line, grid px.
+
+        The residual is held back where texture is faint, as a step of alignment is; in its rounds depth is not.
+        """
         uv2, difference, gx, gy = self._compared(w)
         length = np.sqrt(self._length2 + 1e-12)
         slope = gx * self._shifts[..., 0] + gy * self._shifts[..., 1]
         side = (gy * self._shifts[..., 0] - gx * self._shifts[..., 1]) / length
         told = _window(slope * slope)
-        own = (cv2.GaussianBlur(slope * slope, (0, 0), DEPTH.own_px) > DEPTH.own_share * told) & self._agrees(
-            difference
+        own = self._alike(difference, length) > DEPTH.least_alike
+        seen, pull = _window(side * side), _window(side * difference)
+        settled = 1.0 - (self._hold / (told + self._hold)) ** DEPTH.rounds
+        alike = settled * pull * length / np.sqrt((seen + np.float32(1e-3)) * (told + np.float32(1e-3)))
+        across = pull / (seen + DEPTH.window_noise / DEPTH.reach_px**2)
+        return uv2, told > DEPTH.told * (told + self._hold), own, across, alike
+
+    def _alike(self, difference: FloatImage, length: FloatImage) -> FloatImage:
+        """(h, w) correlation of the gradients of the images along the epipolar lines over the window around a pixel.
+
+        Every pixel of the window counts alike, by the correlation over its own surroundings: an edge that the window
+        reaches would outdo all other texture. difference : of the grey values.
+        """
+        first, second = (
+            (gx * self._shifts[..., 0] + gy * self._shifts[..., 1]) / length
+            for gx, gy in (
+                image_gradient(cv2.GaussianBlur(grey, (0, 0), DEPTH.grain_px))
+                for grey in (self._grey, self._grey - difference)
+            )
         )
-        across = _window(side * difference) / (_window(side * side) + DEPTH.window_noise / DEPTH.reach_px**2)
-        return uv2, told > DEPTH.told * (told + self._hold), own, across
-
-    def _agrees(self, difference: FloatImage) -> NDArray[np.bool_]:
-        """(h, w) whether the images correlate over the window around a pixel; difference: of their grey values."""
-        first, second, left = (
-            _window((values - _shading(values)) ** 2) for values in (self._grey, self._grey - difference, difference)
-        )
-        return np.asarray(left < (1.0 - DEPTH.least_correlation) * (first + second))
+        own = cv2.GaussianBlur(first * first + second * second, (0, 0), DEPTH.own_px)
+        rounding = np.float32(DEPTH.rounding)
+        return np.asarray(1.0 - _window(((first - second) ** 2 + rounding) / (own + rounding)))
 
 
-def _in_one_piece(mask: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """(h, w) the mask without specks, as where texture happens to vanish for a few pixels."""
-    square = np.ones((DEPTH.bare_px, DEPTH.bare_px), np.uint8)
+def _in_one_piece(mask: NDArray[np.bool_], side_px: int) -> NDArray[np.bool_]:
+    """(h, w) the mask without specks smaller than squares of this side, as where texture happens to vanish."""
+    square = np.ones((side_px, side_px), np.uint8)
     return np.asarray(cv2.morphologyEx(mask.astype(np.uint8), cv2.MORPH_OPEN, square), bool)
 
 
