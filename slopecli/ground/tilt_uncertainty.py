@@ -256,5 +256,5 @@ def beside_bare(depth: DenseDepth, planes: FootprintPlanes) -> BoolArray:
     bare ground, that has the depth of the edge.
     """
     wider = replace(planes.cells, radius_px=planes.cells.radius_px + 4.0 * DEPTH.window_px)
-    pixels = disc_sums((depth.bare,), wider, COARSE)[0]
+    pixels = disc_sums((depth.bare,), wider)[0]
     return np.asarray(pixels > TILT.step_length * 2 * planes.cells.radius_px)

@@ -254,7 +254,7 @@ class _Alignment:
         first, second = (
             (gx * self._shifts[..., 0] + gy * self._shifts[..., 1]) / length
             for gx, gy in (
-                image_gradient(cv2.GaussianBlur(grey, (0, 0), DEPTH.grain_px))
+                image_gradient(np.asarray(cv2.GaussianBlur(grey, (0, 0), DEPTH.grain_px), np.float32))
                 for grey in (self._grey, self._grey - difference)
             )
         )
