@@ -41,7 +41,7 @@ class CameraTestTunables:
     unlikely: float = 2.58  # sigmas that 1 in 100 exceeds: enough where the matches are clearly nearer with another one
     systematic: float = 0.015  # 1-sigma of the focal length that photographs of right cameras ask for, beyond their own
     # of what is called wrong: step of the score that is looked into where lines see nothing; wrong ones reach 1
-    nearly: float = 0.8
+    nearly: float = 0.9
     faint: float = 0.5  # of the noise: change of residuals by a parameter below which a large sigma is no fault of it
     far: float = 4.0  # times as far from epipolar lines as the matches, for cells of the overview
     farthest_share: float = 0.1  # the farthest tenth of the cells
