@@ -11,7 +11,7 @@ import pytest
 from campaign import seeds
 
 from slopecli import load_camera, load_image
-from slopecli.geometry import rotation_angle, rotation_from_vector, solve_planes
+from slopecli.geometry import rays_from_pixels, rotation_angle, rotation_from_vector, solve_planes
 from slopecli.geometry.solver import (
     Settled,
     Sightings,
@@ -47,6 +47,19 @@ def seen_through(scene: Scene, camera: Camera, relief: bool = False) -> tuple[Si
 def report_of(scene: Scene, camera: Camera, **options: object) -> Report:
     given = Given(scene.uv1, scene.uv2, scene.patch)
     return solve(given, (camera, camera), Options(**options))  # type: ignore[arg-type]
+
+
+def test_rays_that_are_known_are_those_of_these_cameras_only() -> None:
+    scene, longer = scene_of(camera=LENS), changed(LENS, "f", 0.1)
+    every = Sightings(scene.uv1, scene.uv2, scene.patch, np.ones(len(scene.patch)), (LENS, LENS))
+    known, some = every.with_rays(), np.arange(3, 40, 5)
+    for seen in (
+        known.take(some),
+        known.take(some).seen_by((longer, longer)),
+        known.seen_by((longer, longer)).take(some),
+    ):
+        for x, uv, camera in zip(seen.rays(), (scene.uv1, scene.uv2), seen.cameras, strict=True):
+            np.testing.assert_array_equal(x, rays_from_pixels(camera, uv[some]))
 
 
 @pytest.mark.parametrize("factor", [0.6, 0.9, 1.3])
