@@ -44,7 +44,7 @@ def with_unmatched_parts(patch: Patch, measured: Patch, scene: Scene) -> Patch:
     hidden = unseen_rad(gaps, _height_px(x1, w, focal_px), scene.evidence)
     unseen = max(against, hidden)
     # what is hidden knows nothing of the matches; an object beside them may have led some of these astray as well
-    total = patch.tilt_sigma_rad + against if against > hidden else float(np.hypot(patch.tilt_sigma_rad, hidden))
+    total = float(np.hypot(patch.tilt_sigma_rad + against, hidden))
     return replace(patch, tilt_sigma_rad=total, unmatched_sigma_rad=unseen, off_plane_sigma_rad=against)
 
 
