@@ -60,7 +60,8 @@ def _cells(site: Site, metres: str, unit: SlopeUnit) -> tuple[str, ...]:
     in_image2 = "-" if site.centre_image2_px is None else "{:.1f}, {:.1f}".format(*site.centre_image2_px)
     lander = "-"
     if site.lander_slope_deg is not None and site.lander_clearance is not None:
-        lander = f"{site.lander_slope_deg:.1f}°, {length(site.lander_clearance)}"
+        tilt = site.lander_slope_deg
+        lander = f"{unit.text(tilt) if unit.has(tilt) else f'{tilt:.1f}°'}, {length(site.lander_clearance)}"
     return (
         str(site.id),
         "{:.1f}, {:.1f}".format(*site.centre_px),

@@ -107,7 +107,8 @@ def draw_legend(report: Report, width: int, text_px: int, with_focus: bool) -> P
 def _ticks(unit: SlopeUnit) -> list[tuple[float, str]]:
     """Angles, deg, and texts of round numbers of a unit within `SLOPE_RANGE_DEG`; the last has no end."""
     low, high = SLOPE_RANGE_DEG
-    rises = np.arange(low, high + 1, 5) if not unit.run else unit.run * np.arange(0.0, 1.0, 0.1)
+    step = 10 if unit.run > 50 else 1
+    rises = np.arange(0, unit.run, step) if unit.run else np.arange(low, high + 1, 5)
     angles = [(unit.angle_deg(float(rise)), f"{rise:.3g}{unit.suffix}") for rise in rises]
     inside = [one for one in angles if one[0] <= high]
     return [*inside[:-1], (inside[-1][0], f"{inside[-1][1]}+")]

@@ -21,6 +21,7 @@ from slopecli.products.page import page_texts
 from slopecli.products.page.page_texts import Why, slope_text
 from slopecli.products.page.page_tunables import PAGE
 from slopecli.products.slopes_json import rounded
+from slopecli.report.camera_summary import LENSES, camera_facts
 from slopecli.report.kinds import plane_kinds, plane_shares
 from slopecli.report.slope_units import SlopeUnit, slope_unit_of
 from slopecli.types import AlternativePlane, Camera, Diagnostic, Image, Plane, Report
@@ -210,16 +211,16 @@ def _site_row(slope_map: SlopeMap, k: int) -> list[str]:
 
 def _camera_facts(camera: Camera) -> dict[str, str]:
     """What was read of a camera, by name."""
-    across = 2.0 * math.degrees(math.atan(0.5 * camera.width / camera.fx)) if camera.width else math.nan
+    across = camera_facts(camera).horizontal_deg if camera.width else None
     lens = ", ".join(f"{value:.6g}" for value in camera.distortion) or "none"
     return {
         "source": camera.source,
         "size": f"{camera.width}{JOINED}{camera.height} px" if camera.width else "not given",
         "focal length": f"{camera.fx:.2f}, {camera.fy:.2f} px",
         "principal point": f"{camera.cx:.2f}, {camera.cy:.2f} px",
-        "lens": camera.model,
+        "lens": LENSES[camera.model],
         "distortion": lens,
-        "field of view": f"{across:.1f}° across" if math.isfinite(across) else "-",
+        "field of view": "-" if across is None else f"{across:.1f}° across",
     }
 
 
