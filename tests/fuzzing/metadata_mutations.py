@@ -19,6 +19,7 @@ SPACES = (
         factory.DJI,
         "http://pix4d.com/camera/1.0",
         "http://ns.sensefly.com/sensefly/1.0/",
+        "http://www.parrot.com/drone-parrot/1.0/",
         "http://ns.adobe.com/exif/1.0/",
     ),
     "",
@@ -72,6 +73,8 @@ def odd_photograph(rng: Random, number: int) -> bytes:
     packet = factory.xmp_packet({name: _plain(value) for name, value in values.items()}, _space(rng))
     packet = _odd_packet(rng, packet)[:LONGEST]
     exif = {tag: _odd_number(rng) for tag in rng.sample(EXIF_TAGS, rng.choice((0, 0, 0, 1, 2, 5)))}
+    if rng.random() < 0.2:
+        exif |= _telephone(rng)
     gps = factory.gps_tags(rng.choice((47.3769, -90.0, 91.0)), 8.5417 + 1e-4 * number, rng.choice((412.0, -3.0, None)))
     if rng.random() < 0.3:
         gps[rng.choice(list(gps))] = rng.choice(("X", b"\xff", (IFDRational(1, 0),) * 3, (IFDRational(1, 2),), 1, ""))
@@ -84,6 +87,16 @@ def odd_photograph(rng: Random, number: int) -> bytes:
         except Exception:
             file = factory.photograph(grey, xmp=packet)
     return changed(rng, file, change_structure, change_bytes) if rng.random() < 0.2 else file
+
+
+def _telephone(rng: Random) -> dict[int, Any]:
+    """What Apple writes of gravity, mostly changed."""
+    note = factory.apple_note(*(rng.choice((0.0, -1.0, 0.7, 2.0, 2000.0)) for _ in range(3)))
+    lens = rng.choice(("iPhone 7 back camera 3.99mm f/1.8", "front", "", "\x1bback", "é" * 3000))
+    return {
+        factory.MAKER_NOTE: changed(rng, note, change_bytes) if rng.random() < 0.8 else note,
+        factory.LENS_MODEL: lens,
+    }
 
 
 def _space(rng: Random) -> str:
