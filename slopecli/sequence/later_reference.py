@@ -132,9 +132,9 @@ class LaterReference:
             return None
         tracks = chosen.tracks
         plane = np.linalg.lstsq(rays.T, u, rcond=None)[0]
-        apart = ((tracks.p[:2].T[:, None] - rays[:2].T[None]) ** 2).sum(axis=2)
-        nearest = apart.argmin(axis=1)
-        near = apart[np.arange(len(nearest)), nearest] < (0.1 * camera.width / camera.focal_px) ** 2
+        # |a - b|^2 without |a|^2, which is the same for all b
+        nearest = ((rays[:2] ** 2).sum(axis=0) - 2.0 * tracks.p[:2].T @ rays[:2]).argmin(axis=1)
+        near = np.hypot(*(tracks.p[:2] - rays[:2, nearest])) < 0.1 * camera.width / camera.focal_px
         depth = np.where(near, u[nearest], plane @ tracks.p)
         normals = np.repeat(plane[None], len(chosen.parts), axis=0)
         aligner = Aligner(frame, camera, chosen.parts, tracks)

@@ -73,12 +73,11 @@ def _best_corners(corner: FloatArray, window: Window, wanted: int, least: float)
     side = max(np.sqrt(w * h / wanted), TRACKING.least_cell_px)
     columns, rows = max(round(w / side), 1), max(round(h / side), 1)
     xs, ys = np.linspace(x, x + w, columns + 1).astype(int), np.linspace(y, y + h, rows + 1).astype(int)
-    places, cells = [], []
-    for r in range(rows):
-        for c in range(columns):
-            part = corner[ys[r] : ys[r + 1], xs[c] : xs[c + 1]]
-            if part.size and part.max() > least:
-                row, column = divmod(int(part.argmax()), part.shape[1])
-                places.append((xs[c] + column, ys[r] + row))
-                cells.append((r, c))
-    return np.array(places, float).reshape(-1, 2), np.array(cells, np.int64).reshape(-1, 2), rows * columns
+    part = corner[y : y + h, x : x + w]
+    best = np.maximum.reduceat(np.maximum.reduceat(part, ys[:-1] - y, axis=0), xs[:-1] - x, axis=1)
+    row_of, column_of = np.repeat(np.arange(rows), np.diff(ys)), np.repeat(np.arange(columns), np.diff(xs))
+    v, u = np.nonzero((part == best[row_of][:, column_of]) & (part > least))
+    # the first of equal ones
+    cell, first = np.unique(row_of[v] * columns + column_of[u], return_index=True)
+    places = np.stack([x + u[first], y + v[first]], axis=1).astype(float)
+    return places, np.stack(np.divmod(cell, columns), axis=1), rows * columns
