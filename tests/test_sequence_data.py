@@ -43,12 +43,13 @@ def errors_of_pair(number: int) -> FloatArray:
 
 
 def test_a_descent_is_as_good_as_its_best_pair() -> None:
-    """Medians of nine windows: those of the first pair, which is the best, and of frames of the sequence."""
-    pair = float(np.median(errors_of_pair(1)))
-    errors = [float(np.median(row.errors)) for row in rows()]
-    assert len(errors) == 11
-    assert errors[0] < 2.2 * pair  # from 225 points of a window; the pair has all its pixels
-    assert max(errors[4:]) < 1.1 * pair
+    """`estimate` has all pixels of nine windows in the first pair, which is the best; a sequence 225 points of each."""
+    pair, found = errors_of_pair(1), np.array([row.errors for row in rows()])
+    assert found.shape == (11, 9)
+    for share, later in ((0.5, 1.2), (0.9, 1.1)):
+        best, errors = np.quantile(pair, share), np.quantile(found, share, axis=1)
+        assert errors[0] < 2.0 * best
+        assert errors[3:].max() < later * best
     assert all((row.errors <= 2.0 * row.sigmas).all() for row in rows())
 
 
@@ -106,7 +107,8 @@ def test_a_photographed_descent_is_no_worse_than_its_pair(pair: str, names: str)
     errors = errors_of(report, tiles)
     assert errors.keys() >= alone.keys()
     for plane in report.planes:
-        assert errors[plane.id] < alone.get(plane.id, np.inf) + (plane.slope_sigma_deg or 0.0)
+        doubt = np.hypot(plane.slope_sigma_deg or 0.0, tiles[plane.id - 1]["normal_sigma_deg"])
+        assert errors[plane.id] < alone.get(plane.id, np.inf) + doubt
     assert np.median(list(errors.values())) < 0.5
 
 

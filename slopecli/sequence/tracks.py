@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import cv2
 import numpy as np
@@ -15,16 +16,26 @@ from slopecli.types import BoolArray, Camera, FloatArray, IntArray
 from slopecli.windows import Window
 
 
+class Lattice(NamedTuple):
+    """Places all over one window, half as far apart as its points: uv (k, 2) px, rays (3, k); apart: of points, px."""
+
+    uv: FloatArray
+    rays: FloatArray
+    apart: float
+
+
 @dataclass(frozen=True, eq=False)
 class Tracks:
     """uv (n, 2) px of the reference, p (3, n) rays, patch (n,) window of each, -1 outside; points of a window in turn,
-    those outside last; cell (n, 2) row and column on the lattice of its window; cells (m,) of each window."""
+    those outside last; cell (n, 2) row and column on the lattice of its window; cells (m,) of each window; lattices:
+    places all over each."""
 
     uv: FloatArray
     p: FloatArray
     patch: IntArray
     cell: IntArray
     cells: IntArray
+    lattices: list[Lattice]
 
     def __len__(self) -> int:
         return len(self.uv)
@@ -33,7 +44,8 @@ class Tracks:
         """The points kept (n,) of some windows, by number in rising order, which are numbered anew from 0."""
         kept = kept & np.isin(self.patch, planes)
         patch = np.searchsorted(planes, self.patch[kept])
-        return Tracks(self.uv[kept], self.p[:, kept], patch, self.cell[kept], self.cells[planes])
+        lattices = [self.lattices[i] for i in planes]
+        return Tracks(self.uv[kept], self.p[:, kept], patch, self.cell[kept], self.cells[planes], lattices)
 
 
 def choose_tracks(grey: Grey, windows: list[Window], camera: Camera, wanted: list[int] | None = None) -> Tracks:
@@ -64,7 +76,19 @@ def choose_tracks(grey: Grey, windows: list[Window], camera: Camera, wanted: lis
     seen = np.isfinite(rays).all(axis=1)
     cell = np.concatenate([*(part[1] for part in parts), outside[1]])
     cells = np.array([part[2] for part in parts])
-    return Tracks(uv[seen], homogeneous(rays[seen]).T, patch[seen], cell[seen], cells)
+    lattices = [_lattice(window, number, camera) for window, number in zip(windows, wanted, strict=True)]
+    return Tracks(uv[seen], homogeneous(rays[seen]).T, patch[seen], cell[seen], cells, lattices)
+
+
+def _lattice(window: Window, wanted: int, camera: Camera) -> Lattice:
+    """Places over a window in which so many points are wanted."""
+    x, y, w, h = window
+    side = max(np.sqrt(w * h / wanted), TRACKING.least_cell_px)
+    u, v = (first + np.arange(0.25 * side, extent, 0.5 * side) - 0.5 for first, extent in ((x, w), (y, h)))
+    uv = np.stack(np.meshgrid(u, v), axis=-1).reshape(-1, 2)
+    rays = rays_from_pixels(camera, uv)
+    seen = np.isfinite(rays).all(axis=1)
+    return Lattice(uv[seen], homogeneous(rays[seen]).T, float(side))
 
 
 def _best_corners(corner: FloatArray, window: Window, wanted: int, least: float) -> tuple[FloatArray, IntArray, int]:

@@ -24,7 +24,7 @@ from slopecli.geometry.solver.view_roots import judged
 from slopecli.geometry.solver.views import Summed, ViewPoints, ViewState
 from slopecli.look.noise import correlation_gain
 from slopecli.sequence.frame_alignment import Found
-from slopecli.sequence.fused_planes import fused_normals, halves_ratio, noise_alone
+from slopecli.sequence.fused_planes import Ground, fused_normals, halves_ratio, noise_alone
 from slopecli.sequence.tracking_tunables import TRACKING
 from slopecli.sequence.tracks import Tracks
 from slopecli.types import BoolArray, FloatArray, IntArray, Solution
@@ -56,6 +56,7 @@ class ViewEstimator:
         self.tracks = tracks
         self._focal_px = focal_px
         self._floor = TRACKING.least_sigma_px / focal_px
+        self._ground = Ground(tracks)
         self._lines: list[Line] = []
         self.alive = np.ones(len(tracks), bool)
         self._missed = np.zeros(len(tracks), np.int64)
@@ -262,7 +263,7 @@ class ViewEstimator:
         return self._solution
 
     def _fused(self, line: Line) -> FloatArray:
-        return fused_normals(line.points, line.root, line.root.q > 0.0)
+        return fused_normals(line.points, line.root, line.root.q > 0.0, self._ground)
 
     def _gain(self, line: Line) -> float:
         """Factor on standard errors for errors that neighbouring points have in common."""
