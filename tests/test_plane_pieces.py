@@ -75,6 +75,25 @@ def test_two_planes_that_meet_in_an_edge_are_two(degrees: float) -> None:
         assert piece.cells[side].mean() > 0.9
 
 
+@pytest.mark.parametrize("seed", range(3))
+def test_a_fold_that_one_plane_nearly_explains_is_two(seed: int) -> None:
+    """Two small sides, eight degrees apart: their common plane is off by less than a coarse tolerance."""
+    number = np.zeros(SHAPE, np.int32)
+    number[12:26, 18:33], number[12:26, 33:48] = 1, 2
+    hinge = (33 - SHAPE[1] / 2) * REGION.cell_px / FOCAL
+    pieces = explained(lattice_on([leaning(0, hinge), leaning(8, hinge)], number, seed))
+    assert len(pieces) == 2
+    assert sorted(off_deg(piece, FACING) for piece in pieces) == pytest.approx([0.0, 8.0], abs=1.5)
+
+
+def test_a_merged_piece_has_the_tolerance_of_its_cells_not_that_of_a_scrap() -> None:
+    number = everywhere()
+    number[:4, :4] = 2
+    pieces = [Piece(FACING, 1.0, number == 1), Piece(FACING * 1.001, 5.0, number == 2)]
+    (piece,) = merged(lattice_on([FACING, FACING * 1.001], number), pieces, 1.0)
+    assert piece.tolerance == 1.0
+
+
 def test_a_surface_with_relief_is_one_piece_with_its_tolerance() -> None:
     (piece,) = explained(lattice_on([leaning(20)], everywhere(), relief=0.003))
     assert piece.tolerance > 1.0

@@ -9,9 +9,17 @@ import numpy as np
 import pytest
 from scenery import Pair, Surface, make_camera, pixel_grid, render, tilted, turn, unit
 
-from slopecli.look import Images, Scene, build_scene, depth_cells, feature_matchers, find_motions, whole_grid
+from slopecli.look import (
+    Images,
+    Scene,
+    build_scene,
+    depth_cells,
+    feature_matchers,
+    find_motions,
+    whole_grid,
+)
 from slopecli.patches import Patch, region_footprints
-from slopecli.patches.regions import REGION, lattice_of, match_labelled, match_regions
+from slopecli.patches.regions import REGION, Piece, lattice_of, match_labelled, match_regions, sharpened
 from slopecli.types import FloatArray
 
 CELL = REGION.cell_px
@@ -91,3 +99,20 @@ def test_cells_are_no_worse_than_their_sigmas_say_whatever_the_size_of_image_2(s
     off = lattice.off(GROUND)[lattice.known]
     assert len(off) > 500
     assert 1.4826 * np.median(off) < 1.0
+
+
+@pytest.mark.parametrize("explained", [True, False])
+def test_borders_by_cells_move_to_an_edge_of_the_image_if_the_plane_explains_it(explained: bool) -> None:
+    """A slanted edge between two surfaces, borders in steps of cells: with planes that fit, and with others."""
+    x, y = pixel_grid(90, 90).transpose(2, 0, 1)
+    true = 1 + (x + y / 3 > 60)
+    grey = (80 * true + np.random.default_rng(0).normal(0, 2, true.shape)).astype(np.uint8)
+
+    class Alike:
+        def cost(self, plane: FloatArray, box: tuple[slice, slice]) -> FloatArray:
+            return np.full(true[box].shape, 0.0 if explained else 9.0, np.float32)
+
+    by_cells = true[CELL // 2 :: CELL, CELL // 2 :: CELL].repeat(CELL, 0).repeat(CELL, 1)
+    found = sharpened(by_cells, grey, Alike(), [Piece(plane, 1.0, true > 0) for plane in PLANES])  # type: ignore[arg-type]
+    assert np.array_equal(found == by_cells, found == found) != explained
+    assert np.mean(found != true) <= (0.4 if explained else 1.0) * np.mean(by_cells != true)

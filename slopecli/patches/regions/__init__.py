@@ -6,6 +6,7 @@ __getattr__, __dir__ = lazy_names(
     __name__,
     {
         "block_labels": "BorderCost cheapest_labels enlarged",
+        "borders": "sharpened",
         "cell_lattice": "CellLattice lattice_of",
         "merging": "merged",
         "plane_pieces": "Piece fewest_pieces grown_pieces",

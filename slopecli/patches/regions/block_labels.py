@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from slopecli.look.gradient_components import Labels, grown
 from slopecli.look.transfer_error import OUTSIDE, Box, Comparison
 from slopecli.look.warp import NODE_STEP, FloatImage
-from slopecli.patches.regions.cell_lattice import CellLattice
+from slopecli.patches.regions.cell_lattice import CellLattice, component_of_cells
 from slopecli.patches.regions.plane_pieces import Piece, around
 from slopecli.patches.regions.region_tunables import REGION
 from slopecli.types import BoolArray, FloatArray
@@ -65,7 +65,7 @@ def label_cells(
         layer = cost[(*box, number)]
         layer[near[box]] = (depth + REGION.pixels * pixels)[near[box]]
     labels = cheapest_labels(cost, borders.of_blocks(REGION.cell_px))
-    inside = _inside(components, lattice.shape)
+    inside = component_of_cells(components, lattice.shape)
     for number, piece in enumerate(pieces, 1):
         own = labels == number
         matched = own & lattice.on_plane(piece.plane, piece.tolerance)
@@ -102,13 +102,6 @@ def _among(matched: BoolArray) -> BoolArray:
     mask = np.pad(matched.astype(np.uint8), margin)
     closed = cv2.morphologyEx(mask, cv2.MORPH_CLOSE, _disk(REGION.hole_cells))
     return np.asarray(cv2.dilate(closed, _disk(1))[margin:-margin, margin:-margin] > 0)
-
-
-def _inside(components: Labels, shape: tuple[int, int]) -> Labels:
-    """Return the component (h, w) that a cell lies wholly in, 0 for none."""
-    side = REGION.cell_px
-    blocks = components[: shape[0] * side, : shape[1] * side].reshape(shape[0], side, shape[1], side)
-    return np.where(blocks.min((1, 3)) == blocks.max((1, 3)), blocks[:, 0, :, 0], 0)
 
 
 def _reached(start: BoolArray, inside: BoolArray) -> BoolArray:

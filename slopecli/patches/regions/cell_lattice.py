@@ -10,8 +10,9 @@ from slopecli.geometry.epipolar import homogeneous
 from slopecli.geometry.motion import epipolar_residual, inverse_depth
 from slopecli.geometry.statistics import median, robust_sigma
 from slopecli.look.dense import Cells
+from slopecli.look.gradient_components import Labels
 from slopecli.look.matches import pair_rays
-from slopecli.look.noise import DIFFERENCE_GREY, correlation_gain
+from slopecli.look.noise import correlation_gain
 from slopecli.look.scene import Scene, axis_variance
 from slopecli.look.warp import FloatImage
 from slopecli.patches.regions.region_tunables import REGION
@@ -68,7 +69,7 @@ def lattice_of(cells: Cells, shape: tuple[int, int], scene: Scene) -> CellLattic
     x1, x2, seen = pair_rays(scene.camera1, scene.camera2, cells.uv1, cells.uv2)
     across = epipolar_residual(scene.R, scene.T, x1, x2) * focal
     w, leverage = inverse_depth(scene.R, scene.T, x1, x2)
-    texture = axis_variance(cells.information, cells.uv1, scene, 0.0, DIFFERENCE_GREY)
+    texture = axis_variance(cells.information, cells.uv1, scene, 0.0, REGION.grey)
     good = seen & (w > 0) & (leverage > 0) & (cells.agreement > REGION.least_agreement)
     noise = _noise_px(across[good], texture[good, 1])
     good &= np.abs(across) < 3.0 * np.sqrt(noise**2 + texture[:, 1])
@@ -103,3 +104,10 @@ def _unexplained(w: FloatArray, scale: FloatArray) -> float:
     low, high = np.quantile(w, [0.01, 0.99])
     span = max((high - low) * median(scale), 10.0 * max(REGION.tolerances))
     return float(2.0 * np.log(span / np.sqrt(2.0 * np.pi)))
+
+
+def component_of_cells(components: Labels, shape: tuple[int, int]) -> Labels:
+    """Return the component (h, w) that a cell lies wholly in, 0 for none."""
+    side = REGION.cell_px
+    blocks = components[: shape[0] * side, : shape[1] * side].reshape(shape[0], side, shape[1], side)
+    return np.where(blocks.min((1, 3)) == blocks.max((1, 3)), blocks[:, 0, :, 0], 0)

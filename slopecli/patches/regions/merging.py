@@ -15,7 +15,7 @@ from slopecli.patches.labelling.depth_planes import solve_regular
 from slopecli.patches.regions.cell_lattice import CellLattice
 from slopecli.patches.regions.plane_pieces import Piece, weighted_system
 from slopecli.patches.regions.region_tunables import REGION
-from slopecli.types import FloatArray
+from slopecli.types import BoolArray, FloatArray
 
 
 def merged(lattice: CellLattice, pieces: list[Piece], merge_px: float) -> list[Piece]:
@@ -67,13 +67,12 @@ def _joined(lattice: CellLattice, one: _Member, other: _Member, limit: float) ->
         return None
     cells = one.piece.cells | other.piece.cells
     plane = solve_regular(one.system + other.system, one.right + other.right)
-    tolerance = max(one.piece.tolerance, other.piece.tolerance)
     own = small.piece.cells & lattice.known
     between = lattice.rows[own] @ (large.piece.plane - small.piece.plane)
     lost = sum(_quadratic(member.system, member.piece.plane - plane) for member in (one, other))
     same, step = lost / (REGION.apart * lattice.sharing + REGION.alike * small.count), np.median(np.abs(between))
     if same < 1.0 and step <= limit:
-        return same, Piece(plane, tolerance, cells)
+        return same, Piece(plane, _tolerance(lattice, plane, cells), cells)
     if apart > 2.0 or step > max(REGION.tolerances) * limit:
         return None
     if np.degrees(normal_angle(large.piece.plane, small.piece.plane)) > REGION.parallel_deg:
@@ -82,8 +81,14 @@ def _joined(lattice: CellLattice, one: _Member, other: _Member, limit: float) ->
     unlike = float(offset / (REGION.relief * np.sqrt(small.count) * lattice.width))
     if unlike > 1.0:
         return None
+    return 1.0 + unlike, Piece(plane, _tolerance(lattice, plane, cells), cells)
+
+
+def _tolerance(lattice: CellLattice, plane: FloatArray, cells: BoolArray) -> float:
+    """Return the likeliest tolerance of a surface, sigmas, by the distance of its cells (h, w) from its plane."""
     off = lattice.off(plane)[cells & lattice.known]
-    return 1.0 + unlike, Piece(plane, max(tolerance, float(np.sqrt(np.mean(off**2)))), cells)
+    tried = [*REGION.tolerances, max(1.0, float(np.sqrt(np.mean(off**2))))]
+    return min(tried, key=lambda tolerance: float(lattice.cost(off, tolerance).sum()))
 
 
 def _quadratic(system: FloatArray, step: FloatArray) -> float:

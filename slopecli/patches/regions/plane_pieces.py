@@ -30,6 +30,7 @@ def grown_pieces(lattice: CellLattice, components: Labels) -> list[Piece]:
     """Return compact pieces, each grown from a proposed plane; they overlap.
 
     The proposals that may save most, beside the pieces grown so far, come first. Each grows at several tolerances.
+    Of the pieces that would be chosen, those that two planes explain better propose these, too.
     components : (h, w) working px.
     """
     seeds, density = plane_seeds(lattice, components), around(lattice.known)
@@ -42,18 +43,64 @@ def grown_pieces(lattice: CellLattice, components: Labels) -> list[Piece]:
         if saving[k] < lattice.price:
             break
         waiting[k] = False
-        part = seeds.part(k)
-        costs = []
-        for tolerance in REGION.tolerances:
-            piece = _grown(lattice, seeds.planes[k], tolerance, part, density)
-            if piece is not None:
-                cost = _cost_with(lattice, piece, none)
-                if (none - cost).sum() >= lattice.price:
-                    pieces.append(piece)
-                    costs.append(np.minimum(current, cost))
-        if costs:
-            current = min(costs, key=np.sum)
+        grown = _at_tolerances(lattice, seeds.planes[k], seeds.part(k), density)
+        pieces += grown
+        if grown:
+            current = min((np.minimum(current, _cost_with(lattice, piece, none)) for piece in grown), key=np.sum)
+    halves = [half for piece in fewest_pieces(lattice, pieces) for half in _folded(lattice, piece)]
+    return [*pieces, *(piece for plane, part in halves for piece in _at_tolerances(lattice, plane, part, density))]
+
+
+def _at_tolerances(lattice: CellLattice, plane: FloatArray, part: BoolArray, density: FloatArray) -> list[Piece]:
+    """Return the pieces on a plane (3,) that grow from a part (h, w) at each tolerance and save their price.
+
+    Each also grows from the plane of the piece of the next larger tolerance; the one that saves more is returned.
+    """
+    pieces, starts = list[Piece](), [plane]
+    for tolerance in sorted(REGION.tolerances, reverse=True):
+        grown = (_grown(lattice, start, tolerance, part, density) for start in starts)
+        best = max(
+            (piece for piece in grown if piece is not None), key=lambda piece: _saved(lattice, piece), default=None
+        )
+        if best is not None:
+            starts = [plane, best.plane]
+            if _saved(lattice, best) >= lattice.price:
+                pieces.append(best)
     return pieces
+
+
+def _saved(lattice: CellLattice, piece: Piece) -> float:
+    """Return the cost that a piece saves of its cells on no plane."""
+    own = piece.cells & lattice.known
+    return float((lattice.unexplained - lattice.cost(lattice.off(piece.plane)[own], piece.tolerance)).sum())
+
+
+def _folded(lattice: CellLattice, piece: Piece) -> list[tuple[FloatArray, BoolArray]]:
+    """Return two planes (3,), each with its part (h, w) of a piece, that save more than a plane costs; else none."""
+    own = piece.cells & lattice.known
+    rows, target = lattice.rows[own].astype(float), lattice.target[own].astype(float)
+    best, found = float(lattice.cost(lattice.off(piece.plane)[own], piece.tolerance).sum()) - lattice.price, None
+    at = np.argwhere(own)
+    for direction in ((0, 1), (1, 0), (1, 1), (1, -1)):
+        first = (at - at.mean(0)) @ direction > 0
+        planes: list[FloatArray] = []
+        for _ in range(5):  # settles in three or four
+            if min(np.count_nonzero(first), np.count_nonzero(~first)) < REGION.least_cells:
+                break
+            planes = [solve_regular(rows[k].T @ rows[k], rows[k].T @ target[k]) for k in (first, ~first)]
+            off = [np.abs(rows @ plane - target) for plane in planes]
+            nearer = np.zeros(lattice.shape, np.float32)
+            nearer[own] = np.clip(off[0] - off[1], -REGION.gate, REGION.gate)
+            first = cv2.blur(nearer, (3, 3))[own] < 0  # neighbours are on one side
+        else:
+            cost = float(lattice.cost(np.where(first, *off), 1.0).sum())
+            if cost < best:
+                best, found = cost, (planes, first)
+    if found is None:
+        return []
+    parts = np.zeros((2, *lattice.shape), bool)
+    parts[:, own] = found[1], ~found[1]
+    return list(zip(found[0], parts, strict=True))
 
 
 def fewest_pieces(lattice: CellLattice, pieces: list[Piece]) -> list[Piece]:

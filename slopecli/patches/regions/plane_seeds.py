@@ -95,7 +95,7 @@ def _fitted(sums: FloatArray) -> tuple[FloatArray, FloatArray]:
     planes = solve_regular(system, sums[:, 6:9])
     squares = np.maximum(sums[:, 9] - (planes * sums[:, 6:9]).sum(1), 0.0)
     variance = np.maximum(squares / np.maximum(sums[:, 10] - 3.0, 1.0), 1.0)
-    return planes, sums[:, 10] * (1.0 + np.log(variance))
+    return planes, squares / variance + sums[:, 10] * np.log(variance)
 
 
 def _component_of_cells(components: Labels, shape: tuple[int, int]) -> Labels:

@@ -24,10 +24,10 @@ from slopecli.look.gradient_components import (
 from slopecli.look.scene import Scene, whole_grid
 from slopecli.look.threads import single_threaded
 from slopecli.look.transfer_error import Comparison
-from slopecli.look.warp import Grid
 from slopecli.options import Options
 from slopecli.patches.patch import Found, Patch, region_footprints
 from slopecli.patches.regions.block_labels import BorderCost, enlarged, label_cells
+from slopecli.patches.regions.borders import sharpened
 from slopecli.patches.regions.cell_lattice import CellLattice, lattice_of
 from slopecli.patches.regions.merging import merged
 from slopecli.patches.regions.plane_pieces import Piece, fewest_pieces, grown_pieces
@@ -79,8 +79,9 @@ def region_stages(scene: Scene, options: Options) -> RegionStages:
         chosen = fewest_pieces(lattice, proposed)
         pieces = merged(lattice, chosen, options.merge_px)
         borders = BorderCost.along_edges(gradient, threshold)
-        cells = _label_cells(scene, grid, lattice, pieces, borders, components)
-        labels, kept = _label_pixels(cells, grid, pieces, options)
+        comparison = Comparison(scene.view(grid), (scene.camera1.focal_px, scene.camera2.focal_px))
+        cells = _label_cells(comparison, lattice, pieces, borders, components)
+        labels, kept = _label_pixels(cells, comparison, pieces, options)
         matches = match_labelled(labels, [piece.plane for piece in kept], scene)
     patches = [Patch(k, "region", footprint) for k, footprint in enumerate(region_footprints(labels, scene.shape1), 1)]
     patches = match_regions(labels, matches, patches, scene)
@@ -106,19 +107,20 @@ def _account(lattice: CellLattice, stages: tuple[list[Piece], ...], cells: Label
 
 
 def _label_cells(
-    scene: Scene, grid: Grid, lattice: CellLattice, pieces: list[Piece], borders: BorderCost, components: Labels
+    comparison: Comparison, lattice: CellLattice, pieces: list[Piece], borders: BorderCost, components: Labels
 ) -> Labels:
     """Return the label (h, w) of every cell, 1..k by piece, 0 for none."""
     if not pieces:
         return np.zeros(lattice.shape, np.int32)
-    comparison = Comparison(scene.view(grid), (scene.camera1.focal_px, scene.camera2.focal_px))
     cells = label_cells(comparison, lattice, pieces, borders, components)
     return without_small_pieces(cells, REGION.least_piece * cells.size)
 
 
-def _label_pixels(cells: Labels, grid: Grid, pieces: list[Piece], options: Options) -> tuple[Labels, list[Piece]]:
+def _label_pixels(
+    cells: Labels, comparison: Comparison, pieces: list[Piece], options: Options
+) -> tuple[Labels, list[Piece]]:
     """Return the labels (h, w) of the grid's pixels, largest first from 1, and the piece of each."""
-    labels = enlarged(cells, REGION.cell_px, grid.shape)
+    labels = sharpened(enlarged(cells, REGION.cell_px, comparison.shape), comparison.grid.grey, comparison, pieces)
     labels, order = renumbered_by_size(labels, options.min_region_percent / 100 * labels.size)
     if not labels.any():
         raise NoAnswer(

@@ -14,6 +14,7 @@ from slopecli.look.gradient_components import Labels, grown
 from slopecli.look.matches import Matches
 from slopecli.look.scene import Scene, whole_grid
 from slopecli.look.warp import FloatImage, Grid
+from slopecli.patches.labelling.depth_planes import solve_regular
 from slopecli.patches.patch import Patch
 from slopecli.patches.regions.region_tunables import REGION
 from slopecli.patches.windows.window_finder import with_cells
@@ -31,7 +32,7 @@ def match_labelled(labels: Labels, planes: list[FloatArray], scene: Scene) -> Ce
     grid = whole_grid(scene, REGION.working_pixels)
     # flow needs to see past a region's border, and over the holes in it
     mapping = _mapping(grid, grown(labels, REGION.reach_px), planes, scene)
-    return dense_cells(grid, mapping, scene.pyramid2, scene.shape2, REGION.cell_px, finest=0)
+    return dense_cells(grid, mapping, scene.pyramid2, scene.shape2, REGION.cell_px, finest=0, thorough=False)
 
 
 def match_regions(labels: Labels, cells: Cells, patches: list[Patch], scene: Scene) -> list[Patch]:
@@ -71,7 +72,7 @@ def _matched(patch: Patch, cells: Cells, scene: Scene) -> Patch:
     if matched.share < REGION.scarce_share and matched.score < REGION.faint_score:
         return patch.unmatched("too little texture: few of its pixels can be matched, and those agree poorly")
     reason = "faint: its matches agree poorly" if matched.score < REGION.faint_score else ""
-    sigma = matched.tilt_sigma_rad + _repeated_rad(matched.matches, scene)
+    sigma = matched.tilt_sigma_rad + np.hypot(_repeated_rad(matched.matches, scene), _uneven_rad(matched, scene))
     return replace(matched, tilt_sigma_rad=sigma, reason=reason)
 
 
@@ -90,6 +91,27 @@ def _repeated_rad(matches: Matches, scene: Scene) -> float:
     drift *= REGION.repeated_px / scene.camera2.focal_px / drift.std(0)
     tilts = np.asarray(np.linalg.lstsq(rows, drift, rcond=None)[0].T, float)
     return float(np.hypot(*(normal_angle(normal, normal + tilt) for tilt in tilts)))
+
+
+def _uneven_rad(patch: Patch, scene: Scene) -> float:
+    """Return the 1-sigma of the tilt, rad, by the delete-one jackknife over the four quarters of a region.
+
+    Residuals of a surface that is not quite one plane are shared by whole quarters, which single matches do not show.
+    """
+    w, leverage = inverse_depth(scene.R, scene.T, patch.matches.x1, patch.matches.x2)
+    root = leverage * np.sqrt(patch.weight)
+    rows, target = homogeneous(patch.matches.x1) * root[:, None], w * root
+    centred = patch.matches.x1 - np.median(patch.matches.x1, axis=0)
+    axes = np.linalg.svd(centred, full_matrices=False)[2]
+    quarter = (centred @ axes[0] > 0) * 2 + (centred @ axes[1] > 0)
+    systems = np.array([rows[quarter == k].T @ rows[quarter == k] for k in range(4)])
+    rights = np.array([rows[quarter == k].T @ target[quarter == k] for k in range(4)])
+    whole = solve_regular(systems.sum(0), rights.sum(0))
+    tilts = [
+        float(normal_angle(solve_regular(systems.sum(0) - system, rights.sum(0) - right), whole))
+        for system, right in zip(systems, rights, strict=True)
+    ]
+    return float(np.sqrt(0.75 * np.sum(np.square(tilts)) / 2.0))
 
 
 def _spread(x1: FloatArray) -> bool:

@@ -20,7 +20,8 @@ class RegionTunables:
     # cells
     cell_px: int = 6  # working px a side: several fit in a region of a thousandth of the image
     least_noise_px: float = 0.04  # 1-sigma of a cell of ideal texture, working px: less is not believed of flow
-    textured_px: float = 0.05  # 1-sigma by texture alone, working px, below which residuals tell the noise of the pair
+    grey: float = 1.0  # 1-sigma of a grey value that explains the errors of faint cells: flow sees more than the cell
+    textured_px: float = 0.02  # 1-sigma by texture alone, working px, below which residuals tell the noise of the pair
     most_noise_px: float = 1.0  # 1-sigma along the epipolar line: cells known worse do not help to find a plane
     least_agreement: float = 0.3  # correlation of a cell: below it, what is matched is other ground
     # planes proposed, and the pieces grown from them
