@@ -1,10 +1,10 @@
 """Everything that is compared with other programs, in one run, into docs/benchmarks.md: `make bench`.
 
-    OPENBLAS_NUM_THREADS=1 python benchmarks/compare.py [--into docs/benchmarks.md]
+    OPENBLAS_NUM_THREADS=1 python benchmarks/compare.py [--only program,commands] [--into docs/benchmarks.md]
 
-Accuracy of the solvers beside OpenCV, PoseLib and pycolmap (solvers.py), time of the solver (solver_speed.py) and of
-the whole program, stage by stage (whole_program.py). Times are of the processor, so other work on the machine matters
-little.
+Accuracy of the solvers beside OpenCV, PoseLib and pycolmap (solvers.py), time of the solver (solver_speed.py), of the
+whole program, stage by stage (whole_program.py), and of every command for a pair (command_times.py). Times are of the
+processor, so other work on the machine matters little.
 """
 
 from __future__ import annotations
@@ -17,6 +17,7 @@ import sys
 from collections.abc import Callable
 from pathlib import Path
 
+import command_times
 import solver_speed
 import solvers
 import whole_program
@@ -56,6 +57,7 @@ def _version(package: str) -> str:
 SECTIONS: dict[str, Callable[[], str]] = {
     "machine": machine,
     "program": whole_program.report,
+    "commands": command_times.report,
     "time": solver_speed.report,
     "solvers": solvers.report,
 }
@@ -64,11 +66,15 @@ SECTIONS: dict[str, Callable[[], str]] = {
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--into", type=Path, metavar="FILE")
-    document = parser.parse_args().into
+    parser.add_argument("--only", default=",".join(SECTIONS), metavar="SECTION,..", help="%(default)s")
+    arguments = parser.parse_args()
+    document, wanted = arguments.into, arguments.only.split(",")
+    if unknown := set(wanted) - set(SECTIONS):
+        parser.error(f"no section {', '.join(sorted(unknown))}; there are {', '.join(SECTIONS)}")
     if os.environ.get("OPENBLAS_NUM_THREADS") != "1":
         print("set OPENBLAS_NUM_THREADS=1, as the program does: more threads only wait for each other", file=sys.stderr)
-    for name, report in SECTIONS.items():
-        text = report()
+    for name in (name for name in SECTIONS if name in wanted):
+        text = SECTIONS[name]()
         print(f"== {name}\n{text}\n", flush=True)
         if document:
             write_between(document, name, f"```text\n{text}\n```")
