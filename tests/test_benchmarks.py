@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import compare
@@ -60,6 +61,25 @@ def test_page_has_a_place_for_every_table() -> None:
         table = after.split(f"<!-- {name}: end -->")[0]
         assert table.strip().startswith("```text"), f"{name} was never filled in"
         assert before.count("```") % 2 == 0
+
+
+def test_the_first_page_states_the_times_of_the_table() -> None:
+    """Within a tenth, as the table is measured anew on other machines than the words are written on."""
+    table = (ROOT / "docs" / "benchmarks.md").read_text(encoding="utf-8").split("<!-- commands: begin -->")[1]
+    words = (ROOT / "README.md").read_text(encoding="utf-8")
+    stated = re.search(
+        r"takes `estimate` ([\d.]+) s of processor time and `map` ([\d.]+) s.*?([\d.]+) s a megapixel", words, re.S
+    )
+    assert stated is not None
+    rows = (
+        r"estimate, 3x3 windows +[\d.]+ +([\d.]+) s",
+        r"\nmap +[\d.]+ +([\d.]+) s",
+        r"large pair +[\d.]+ +[\d.]+ s +([\d.]+) s",
+    )
+    for number, row in zip(stated.groups(), rows, strict=True):
+        measured = re.search(row, table)
+        assert measured is not None
+        assert float(number) == pytest.approx(float(measured[1]), rel=0.1)
 
 
 def test_a_document_without_marks_is_left_alone(tmp_path: Path) -> None:
