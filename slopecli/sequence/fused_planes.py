@@ -22,7 +22,8 @@ class Ground:
 
     def __init__(self, tracks: Tracks) -> None:
         self._tracks = tracks
-        self._near: dict[int, NDArray[np.float32]] = {}
+        self._near: dict[int, NDArray[np.float32]] = {}  # weights of points at places, and their squares
+        self._square: dict[int, NDArray[np.float32]] = {}
 
     def between(self, i: int, kept: BoolArray, height: FloatArray, sigma: FloatArray) -> Spread:
         """Places of window i near the points kept (n,) of it, and the height and its sigma there, from theirs (n,)."""
@@ -31,11 +32,14 @@ class Ground:
             uv = self._tracks.uv[self._tracks.patch == i]
             away = (lattice.uv**2).sum(axis=1)[:, None] - 2.0 * lattice.uv @ uv.T + (uv**2).sum(axis=1)
             self._near[i] = np.exp(-2.0 * away / lattice.apart**2).astype(np.float32)
-        near = self._near[i][:, kept]
-        total = near.sum(axis=1)
+            self._square[i] = self._near[i] ** 2
+        near, square = self._near[i], self._square[i]
+        total = near @ kept.astype(np.float32)
         shown = total > np.exp(-2.0)  # that of a point a cell away
-        share = (near[shown] / total[shown, None]).astype(float)
-        return Spread(lattice.rays[:, shown], share @ height[kept], np.sqrt((share**2) @ sigma[kept] ** 2))
+        spread = near @ np.where(kept, height, 0.0).astype(np.float32)
+        noise = square @ np.where(kept, sigma**2, 0.0).astype(np.float32)
+        spread, noise = spread[shown] / total[shown], np.sqrt(noise[shown]) / total[shown]
+        return Spread(lattice.rays[:, shown], spread.astype(float), noise.astype(float))
 
 
 class Spread(NamedTuple):
