@@ -33,21 +33,28 @@ if TYPE_CHECKING:
     from slopecli.types import Camera, Image
 
 
+def _options(*own: shared.Option, up: str = "camera") -> list[click.Parameter]:
+    """Options of a command that answers a pair: those of its own among those of all; `up` is its default vertical."""
+    return [
+        *shared.pair_camera_options,
+        *own,
+        *shared.pair_frame_options(up),
+        *shared.place_options,
+        *shared.pair_solving_options,
+        *shared.matching_options,
+        *shared.talk_options(),
+    ]
+
+
 @click.command(
     cls=shared.Command,
-    params=[
-        *shared.pair_camera_options,
+    params=_options(
         *shared.output_options,
         shared.all_flag,
         *shared.window_options,
         *shared.finder_options,
         *shared.region_options,
-        *shared.pair_frame_options(),
-        *shared.place_options,
-        *shared.pair_solving_options,
-        *shared.matching_options,
-        *shared.talk_options(),
-    ],
+    ),
 )
 @click.argument("image1", type=PATH)
 @click.argument("image2", type=PATH)
@@ -66,17 +73,7 @@ def estimate(ctx: click.Context, image1: str, image2: str, **parameters: Any) ->
 
 @click.command(
     cls=shared.Command,
-    params=[
-        *shared.pair_camera_options,
-        *shared.output_options,
-        shared.all_flag,
-        *shared.region_options,
-        *shared.pair_frame_options("dominant-plane"),
-        *shared.place_options,
-        *shared.pair_solving_options,
-        *shared.matching_options,
-        *shared.talk_options(),
-    ],
+    params=_options(*shared.output_options, shared.all_flag, *shared.region_options, up="dominant-plane"),
 )
 @click.argument("image1", type=PATH)
 @click.argument("image2", type=PATH)
@@ -98,16 +95,7 @@ def segment(ctx: click.Context, image1: str, image2: str, **parameters: Any) -> 
     "map",
     cls=shared.Command,
     short_help="Slopes everywhere in IMAGE1, and where to land.",
-    params=[
-        *shared.pair_camera_options,
-        *shared.map_output_options,
-        *shared.map_options,
-        *shared.pair_frame_options(),
-        *shared.place_options,
-        *shared.pair_solving_options,
-        *shared.matching_options,
-        *shared.talk_options(),
-    ],
+    params=_options(*shared.map_output_options, *shared.map_options),
 )
 @click.argument("image1", type=PATH)
 @click.argument("image2", type=PATH)
