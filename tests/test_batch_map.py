@@ -92,8 +92,7 @@ def test_the_table_says_the_same(flight: Run) -> None:
         "undecided",
         "unknown",
         "sites",
-        "largest",
-        "site",
+        "radius",
         "slope",
         "note",
     ]
