@@ -271,6 +271,18 @@ def test_what_is_no_answer_is_refused_in_one_line(tmp_path: Path, text: str) -> 
     assert "fault of slopemap" not in done.stderr
 
 
+@pytest.mark.parametrize(("where", "name"), [("motion", "baseline_cam1"), ("up", "vector_cam1")])
+def test_an_answer_of_lengths_that_overflow_is_refused_in_one_line(
+    answer: Path, tmp_path: Path, where: str, name: str
+) -> None:
+    document = json.loads((answer / "slopes.json").read_text())
+    document[where][name][1] = 1e200
+    (tmp_path / "slopes.json").write_text(json.dumps(document))
+    done = slopemap("validate", str(tmp_path), "--depth", as_npy(tmp_path / "d.npy", depth()))
+    assert (done.returncode, len(done.stderr.splitlines())) == (1, 1), done.stderr
+    assert "1e+200" in done.stderr
+
+
 @pytest.mark.parametrize(
     "options",
     [

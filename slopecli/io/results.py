@@ -72,8 +72,8 @@ def _camera(values: dict[str, Any]) -> Camera:
 
 
 def _number(value: Any) -> float:
-    """A finite number; ValueError for anything else."""
-    if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
+    """A number whose square is finite, as lengths of vectors need it; ValueError for anything else."""
+    if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(float(value) * value):
         raise ValueError(f"{str(value)[:20]!r} in place of a number")
     return float(value)
 
