@@ -80,7 +80,7 @@ def sequence(ctx: click.Context, frames: tuple[str, ...], **parameters: Any) -> 
     """Slopes of windows of the first of many images, of a folder or a video.
 
     Prints a line a frame, then the table; -o DIR also writes sequence.jsonl while it runs, and slopes.json, overlay.png
-    and trajectory.txt at the end. Vectors are in axes of the first frame: x right, y down. Ctrl-C ends it early.
+    and trajectory.txt at the end. Ctrl-C ends it early.
 
     \b
     Example:
