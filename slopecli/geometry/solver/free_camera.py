@@ -116,27 +116,34 @@ def free_focal(
     every : all points, mismatches included.  start : the solution under the cameras given.  far : whether the first
     value found is worth a second look; None for any.  lines : what `focal_by_lines` found, if it is known.
     """
-    freed, given = None, _solved(every, 0.0, (start.R, start.T))
+    given = _solved(every, 0.0, (start.R, start.T))
     if given is None:
         return None
     lines = lines or focal_by_lines(every, given.solution.noise)
-    anew = _begun_anew(every, given, *lines.start) if lines.start and lines.elsewhere else None
     near = lines.start is not None and not lines.elsewhere
-    last, total = anew or given, anew.value if anew else 0.0
+    last = (lines.start and lines.elsewhere and _begun_anew(every, given, *lines.start)) or given
     for number in range(_ANEW.rounds):
-        first = not number and anew is None
-        kept = thinned(last.left.take(last.solution.inlier), gain=every.gain)
-        freed = free_parameter(*with_planes(kept, Settled.of(last.solution)), "f", steps=first and not near)
-        if freed is None or abs(total + freed.value) > FOCAL_STEPS[-1]:  # beyond what is tried nothing holds it
+        first = not number and last is given
+        freed = _freed_again(every, last, steps=first and not near)
+        if freed is None:
             return None
-        total += freed.value
-        if abs(freed.value) < max(0.001, 0.3 * float(freed.score.sigma[0])) or (first and far and not far(freed)):
-            break
-        again = _solved(every, total, (freed.settled.R, freed.settled.T))
+        stays = abs(freed.value - last.value) < max(0.001, 0.3 * float(freed.score.sigma[0]))
+        again = None
+        if not stays and not (first and far and not far(freed)):
+            again = _solved(every, freed.value, (freed.settled.R, freed.settled.T))
         if again is None:
             break
         last = again
-    return freed and freed._replace(value=total, less_noise=given.noise_px / max(last.noise_px, FINEST_RESIDUAL))
+    return freed and freed._replace(less_noise=given.noise_px / max(last.noise_px, FINEST_RESIDUAL))
+
+
+def _freed_again(every: Sightings, last: _Solved, steps: bool) -> Freed | None:
+    """The value that fits the points which fit `last`; None where there is none, or beyond the values tried."""
+    kept = thinned(last.left.take(last.solution.inlier), gain=every.gain)
+    freed = free_parameter(*with_planes(kept, Settled.of(last.solution)), "f", steps=steps)
+    if freed is None or abs(last.value + freed.value) > FOCAL_STEPS[-1]:  # beyond what is tried nothing holds it
+        return None
+    return freed._replace(value=last.value + freed.value)
 
 
 class _Solved(NamedTuple):
