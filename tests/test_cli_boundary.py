@@ -118,6 +118,7 @@ def test_streams_and_folders_that_are_gone(command: str, line: str, tmp_path: Pa
 
 INTERRUPTED_WHILE_LOADING = """
 import signal, sys
+signal.signal(signal.SIGINT, signal.default_int_handler)  # ignored where the tests themselves run in the background
 class Loader:
     def find_spec(self, name, *_):
         if name == "slopecli.cli.app":
