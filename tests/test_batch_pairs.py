@@ -127,6 +127,8 @@ def test_a_pattern_chooses_images_of_a_folder_and_of_every_folder(tmp_path: Path
     }
     assert of_folders["sub"] is None
     assert "none of its 2 images is called left_?.png; check --glob" in of_folders["other"]
+    with pytest.raises(InputError, match=r"holds 1 image called left_1\*, needed at least 2"):
+        find_pairs(folder, pattern="left_1*", cameras=GIVEN)
 
 
 # ---- a folder per pair ----

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import tracemalloc
 from dataclasses import replace
 
 import numpy as np
@@ -173,6 +174,21 @@ def test_mismatches_scattered_beside_a_gap_are_no_step() -> None:
     assert beside_deg(left_part(220), mistaken) < 0.1 * beside_deg(left_part(220), terrace(220, 0.5))
     gaps = gaps_of(WINDOW, left_part(220), 0.75)
     assert stepped_rad(gaps, LEVEL, mistaken, FOCAL) < 0.1 * stepped_rad(gaps, LEVEL, terrace(220, 0.5), FOCAL)
+
+
+def test_many_overview_matches_off_the_plane_of_a_large_window_take_little_memory() -> None:
+    window, wide = (0, 0, 480, 480), evidence_of(0.0)
+    uv1 = matches(4.0) * 480 / 160 - (300, 240)
+    left = uv1[uv1[:, 0] < 120]
+    across = wide.uv1[:, 0] > 120
+    stepped = replace(wide, w=np.where(across, wide.w / 1.3, wide.w))
+    gaps = gaps_of(window, left, len(left) / len(uv1))
+    tracemalloc.start()
+    tilt = stepped_rad(gaps, LEVEL, stepped, FOCAL)
+    most = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert tilt > 0.05
+    assert most < 60e6
 
 
 def test_the_part_across_a_step_tilts_the_whole() -> None:

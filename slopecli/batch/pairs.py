@@ -117,7 +117,8 @@ def _along_the_folder(folder: str, stride: int, pattern: str, output: str | None
         raise InputError(f"{folder}: holds no images; {why_no_images(folder)}")
     if len(names) <= stride:
         images = "1 image" if len(names) == 1 else f"{len(names)} images"
-        raise InputError(f"{folder}: holds {images}, needed at least {stride + 1}")
+        called = f" called {pattern}" if pattern else ""
+        raise InputError(f"{folder}: holds {images}{called}, needed at least {stride + 1}")
     return [
         Candidate(f"{PurePath(one).stem}-{PurePath(two).stem}", os.path.join(folder, one), os.path.join(folder, two))
         for one, two in zip(names, names[stride:], strict=False)

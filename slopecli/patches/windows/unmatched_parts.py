@@ -198,14 +198,17 @@ def _coherent(index: IntArray, normal: FloatArray, evidence: Evidence, focal1_px
 
     Mismatches lie at any depth, neighbours at quite another.  normal, focal1_px : as in `beside_rad`.
     """
-    if len(index) < 3:
-        return np.ones(len(index), bool)
-    uv1, rays = evidence.uv1[index], homogeneous(evidence.x1[index])
-    height = (rays @ normal / evidence.w[index] - 1.0) * focal1_px
-    distance = np.sqrt(((uv1[:, None] - uv1[None]) ** 2).sum(2))
-    nearest = np.argsort(distance, axis=1, kind="stable")[:, 1:5]
-    rise = np.abs(height[nearest] - height[:, None])
-    return np.asarray(np.mean(rise <= TUNE.steepest * np.take_along_axis(distance, nearest, 1), axis=1) >= 0.5)
+    every, neighbours = np.arange(len(index)), min(4, len(index) - 1)
+    uv1, coherent = evidence.uv1[index], np.ones(len(index), bool)
+    height = (homogeneous(evidence.x1[index]) @ normal / evidence.w[index] - 1.0) * focal1_px
+    # a million distances at a time; of one or two matches nothing is told
+    for some in np.array_split(every, 1 + len(index) ** 2 // 2**20) if len(index) > 2 else ():
+        distance = np.sqrt(((uv1[some, None] - uv1[None]) ** 2).sum(2)) + 1e-9 * every  # the first of equal ones
+        distance[every[: len(some)], some] = np.inf
+        nearest = np.argpartition(distance, neighbours - 1, axis=1)[:, :neighbours]
+        most = TUNE.steepest * np.take_along_axis(distance, nearest, 1)
+        coherent[some] = np.mean(np.abs(height[nearest] - height[some, None]) <= most, axis=1) >= 0.5
+    return coherent
 
 
 def contradicted_rad(gaps: Gaps, normal: FloatArray, scene: Scene) -> float:
