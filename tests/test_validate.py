@@ -212,7 +212,7 @@ def test_a_region_needs_its_labels(answer: Path, tmp_path: Path) -> None:
 def bad_truths(folder: Path) -> dict[str, tuple[list[str], str]]:
     """Options of a truth that is none, and a part of what is said of it."""
     files = {"wide": np.ones((240, 100)), "empty": np.zeros((240, 320)), "cube": np.ones((3, 240, 320)),
-             "flat": np.ones(7), "away": -np.ones((50, 3))}  # fmt: skip
+             "flat": np.ones(7), "away": -np.ones((50, 3)), "no rows": np.ones((0, 320))}  # fmt: skip
     for name, values in files.items():
         np.save(folder / f"{name}.npy", values)
     (folder / "junk.pfm").write_bytes(b"Pf\n5 x\n")
@@ -224,6 +224,7 @@ def bad_truths(folder: Path) -> dict[str, tuple[list[str], str]]:
     return {
         "wide": (["--depth", at["wide.npy"]], "100x240"),
         "empty": (["--depth", at["empty.npy"]], "no positive number"),
+        "no rows": (["--depth", at["no rows.npy"]], "320x0"),
         "cube": (["--depth", at["cube.npy"]], "3x240x320"),
         "flat": (["--depth", at["flat.npy"]], "one number for every pixel"),
         "8 bits": (["--depth", at["grey.png"]], "8 bits"),
@@ -242,6 +243,7 @@ def bad_truths(folder: Path) -> dict[str, tuple[list[str], str]]:
     [
         "wide",
         "empty",
+        "no rows",
         "cube",
         "flat",
         "8 bits",

@@ -47,8 +47,7 @@ def from_depth(depth: NDArray[np.floating], camera: Camera, *, in_disparity: boo
     InputError : the shape is not that of image 1, or no depth is a positive number.
     """
     rows, columns = depth.shape
-    ratio = columns / camera.width / (rows / camera.height)
-    if abs(np.log(ratio)) > SHOWN.like:
+    if not depth.size or abs(np.log(columns / camera.width / (rows / camera.height))) > SHOWN.like:
         raise InputError(
             f"the truth is {columns}x{rows} px, and image 1 {camera.width}x{camera.height}; needed one value for every "
             "pixel of image 1, or of image 1 enlarged or reduced"
