@@ -17,6 +17,8 @@ from jsonschema import validate
 from slopecli.io import LineFile, load_schema, read_lines
 from slopecli.sequence import Sequence
 
+SAMPLE = Path(__file__).resolve().parents[1] / "sample_data" / "descent"
+
 
 @pytest.fixture(scope="module")
 def descent(tmp_path_factory: pytest.TempPathFactory) -> Path:
@@ -227,3 +229,15 @@ def test_positions_give_metres(descent: Path, tmp_path: Path) -> None:
     done = slopemap(*arguments(descent, out), "--positions", str(tmp_path / "positions.txt"))
     assert done.returncode == 1
     assert "4 lines for 5 frames" in done.stderr
+
+
+def test_slopes_of_rough_ground_are_as_sure_as_they_say(tmp_path: Path) -> None:
+    """Points sit on the edges of rocks, and neighbours err alike: less than half of the windows held before."""
+    pair = [str(SAMPLE / f"image{number}.png") for number in (1, 2)]
+    done = slopemap("sequence", *pair, "--camera", str(SAMPLE / "camera.json"), "-o", str(tmp_path / "out"))
+    assert done.returncode == 0, done.stderr
+    planes = json.loads((tmp_path / "out" / "slopes.json").read_text())["planes"]
+    truth = json.loads((SAMPLE / "truth.json").read_text())["windows"]
+    z = [abs(p["slope_deg"] - t["slope_deg"]) / p["slope_sigma_deg"] for p, t in zip(planes, truth, strict=True)]
+    assert sum(one <= 2.0 for one in z) >= 8
+    assert max(z) < 3.0

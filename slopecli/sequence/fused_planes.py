@@ -12,6 +12,8 @@ from slopecli.geometry.solver.views import ViewPoints
 from slopecli.sequence.tracks import Tracks
 from slopecli.types import BoolArray, FloatArray, IntArray
 
+SHARED = 3  # cells along the side of a square whose points err alike: windows are 15 cells wide
+
 
 class Ground:
     """The ground of every window between its points: their heights off the plane, spread by a Gaussian of half a cell.
@@ -121,6 +123,37 @@ def noise_alone(points: ViewPoints, root: Root) -> FloatArray:
     information = points.sum_planes((V * p)[:, None, :n] * p[None, :, :n]).transpose(2, 0, 1)
     lift = 1e-9 * np.trace(root.system.plane, axis1=1, axis2=2) + np.finfo(float).tiny
     return np.asarray(root.noise**2 * np.linalg.inv(information + lift[:, None, None] * np.eye(3)))
+
+
+def neighbours_ratio(points: ViewPoints, root: Root, cell: IntArray) -> float:
+    """Variance of planes by errors that neighbouring points share, over that of independent errors; at least 1.
+
+    Heights of points off their plane are those of rocks and slopes between them, larger than a cell, and tracks err
+    alike where they see the same edges. So the errors of squares of `SHARED` cells by as many are added up, and
+    squares are taken as independent of each other (the cluster-robust covariance of Liang and Zeger). Two windows'
+    worth of a ratio of 1 are counted in, so that a few windows do not say more than they know.
+
+    cell : (n, 2) row and column of the points in their window.
+    """
+    system, state = root.system, root.state
+    V = np.maximum(system.V, np.finfo(float).tiny)
+    off = state.u - system.h / V - (points.per_point(state.N.T) * points.p).sum(axis=0)
+    weight = V * system.s * (system.V > 0.0)
+    row, column = (cell // SHARED).T
+    square = row * (int(column.max(initial=0)) + 1) + column
+    total, count = 6.0, 6
+    for first, number in zip(points.first.tolist(), points.count.tolist(), strict=True):
+        own = slice(first, first + number)
+        p, w = points.p[:, own], weight[own]
+        if np.count_nonzero(w) < 2 * SHARED**2:
+            continue
+        information = (p * w) @ p.T
+        information += 1e-12 * (np.trace(information) + np.finfo(float).tiny) * np.eye(3)
+        pulls = p * (w * off[own])
+        sums = np.stack([np.bincount(square[own], pull) for pull in pulls])
+        total += float((sums * np.linalg.solve(information, sums)).sum()) / root.noise**2
+        count += 3
+    return max(total / count, 1.0)
 
 
 class _Half(NamedTuple):

@@ -189,7 +189,9 @@ class Sequence:
         """The solution, and the number of its view that reports are of."""
         if self._first is None:
             raise InputError("there is no answer yet: no frame has moved far enough from the first")
-        return (self._first.estimator.solution(), -1) if self._later is None else (self._later.known(), 0)
+        first = self._first.estimator
+        found, view = (first.solution(), -1) if self._later is None else (self._later.known(), 0)
+        return first.with_shared_errors(found), view
 
     def take(self, frame: Frame) -> FrameState:
         """Take in a frame with its name and time; one that could not be read is skipped."""

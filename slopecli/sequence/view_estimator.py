@@ -24,7 +24,7 @@ from slopecli.geometry.solver.view_roots import judged
 from slopecli.geometry.solver.views import Summed, ViewPoints, ViewState
 from slopecli.look.noise import correlation_gain
 from slopecli.sequence.frame_alignment import Found
-from slopecli.sequence.fused_planes import Ground, fused_normals, halves_ratio, noise_alone
+from slopecli.sequence.fused_planes import Ground, fused_normals, halves_ratio, neighbours_ratio, noise_alone
 from slopecli.sequence.tracking_tunables import TRACKING
 from slopecli.sequence.tracks import Tracks
 from slopecli.types import BoolArray, FloatArray, IntArray, Solution
@@ -61,6 +61,7 @@ class ViewEstimator:
         self.alive = np.ones(len(tracks), bool)
         self._missed = np.zeros(len(tracks), np.int64)
         self._solution: ViewsSolution | None = None
+        self._shared = np.zeros((0, 3, 3))
 
     # ---- start ----
 
@@ -254,13 +255,28 @@ class ViewEstimator:
     def solution(self) -> ViewsSolution:
         """Motions of the views kept and normals, with covariance and the second root if one is left."""
         if self._solution is None:
-            found = self._resampled(self._judged(self._lines), self._lines[0])
+            line, alone = self._lines[0], self._judged(self._lines)
+            found = self._resampled(alone, line)
+            ratio = neighbours_ratio(line.points, line.root, self.tracks.cell)
+            self._shared = ratio * alone.own_covariance - found.own_covariance
             other = found.alternative
             if other is not None:
                 other = self._resampled(other, self._lines[1])
                 other = replace(other, scaled_normals=self._fused(self._lines[1]))
             self._solution = replace(found, scaled_normals=self._fused(self._lines[0]), alternative=other)
         return self._solution
+
+    def with_shared_errors(self, found: ViewsSolution) -> ViewsSolution:
+        """A solution of these windows, widened by errors that neighbouring points share: more frames do not cut them.
+
+        `solution` weighs windows and references against each other without them.
+        """
+        self.solution()
+        more = self._shared
+        other = found.alternative
+        if other is not None:
+            other = replace(other, own_covariance=other.own_covariance + more)
+        return replace(found, own_covariance=found.own_covariance + more, alternative=other)
 
     def _fused(self, line: Line) -> FloatArray:
         return fused_normals(line.points, line.root, line.root.q > 0.0, self._ground)
