@@ -99,6 +99,11 @@ class ByLines(NamedTuple):
         """Whether it is another focal length than the one given, farther off than Gauss-Newton finds."""
         return self.start is not None and abs(self.start[0]) >= _ANEW.least
 
+    @property
+    def near(self) -> bool:
+        """Whether it is about the one given, so that Gauss-Newton finds it."""
+        return self.start is not None and not self.elsewhere
+
 
 def focal_by_lines(every: Sightings, noise: float) -> ByLines:
     """The focal length by epipolar lines of all points, mismatches included; noise: of the matches, normalised."""
@@ -120,17 +125,16 @@ def free_focal(
     if given is None:
         return None
     lines = lines or focal_by_lines(every, given.solution.noise)
-    near = lines.start is not None and not lines.elsewhere
-    last = (lines.start and lines.elsewhere and _begun_anew(every, given, *lines.start)) or given
+    last = _begun_anew(every, given, lines)
     for number in range(_ANEW.rounds):
         first = not number and last is given
-        freed = _freed_again(every, last, steps=first and not near)
+        freed = _freed_again(every, last, steps=first and not lines.near)
         if freed is None:
             return None
         stays = abs(freed.value - last.value) < max(0.001, 0.3 * float(freed.score.sigma[0]))
-        again = None
-        if not stays and not (first and far and not far(freed)):
-            again = _solved(every, freed.value, (freed.settled.R, freed.settled.T))
+        if stays or (first and far and not far(freed)):
+            break
+        again = _solved(every, freed.value, (freed.settled.R, freed.settled.T))
         if again is None:
             break
         last = again
@@ -175,10 +179,10 @@ def _solved(every: Sightings, value: float, start: Motion) -> _Solved | None:
     return _Solved(value, left, solution)
 
 
-def _begun_anew(every: Sightings, given: _Solved, value: float, motion: Motion) -> _Solved | None:
-    """The solution from a focal length and a motion, where it explains the points clearly better."""
-    solved = _solved(every, value, motion)
-    return solved if solved and solved.cost < given.cost - _ANEW.gain else None
+def _begun_anew(every: Sightings, given: _Solved, lines: ByLines) -> _Solved:
+    """The solution from where epipolar lines say, where it explains the points clearly better; else that given."""
+    solved = _solved(every, *lines.start) if lines.start and lines.elsewhere else None
+    return solved if solved and solved.cost < given.cost - _ANEW.gain else given
 
 
 def _stepped(sightings: Sightings, middle: _Tried) -> _Tried:
