@@ -10,9 +10,7 @@ from numpy.typing import NDArray
 from slopecli.geometry.solver.many_views import Root
 from slopecli.geometry.solver.views import ViewPoints
 from slopecli.sequence.tracks import Tracks
-from slopecli.types import BoolArray, FloatArray, IntArray
-
-SHARED = 3  # cells along the side of a square whose points err alike: windows are 15 cells wide
+from slopecli.types import BoolArray, FloatArray
 
 
 class Ground:
@@ -89,83 +87,3 @@ def _perpendicular(p: FloatArray, u: FloatArray, sigma: FloatArray, otherwise: F
     distance = float(n @ centre)
     # edge-on to the camera: no scaled normal of use
     return np.asarray(n / distance) if abs(distance) > 1e-3 * float(np.linalg.norm(centre)) else otherwise
-
-
-def halves_ratio(points: ViewPoints, root: Root, cell: IntArray) -> float:
-    """Mean square difference of the planes of two halves of every window's points, over that of independent points.
-
-    The halves alternate like the fields of a chess board. Two windows' worth of a ratio of 1 are counted in, so that a
-    few windows do not promise more than they know.
-
-    cell : (n, 2) row and column of the points in their window.
-    """
-    system, state = root.system, root.state
-    V = np.maximum(system.V, np.finfo(float).tiny)
-    off = state.u - system.h / V - (points.per_point(state.N.T) * points.p).sum(axis=0)
-    information = V * system.s * (system.V > 0.0)
-    even = cell.sum(axis=1) % 2 == 0
-    total, count = 6.0, 6
-    for first, number in zip(points.first.tolist(), points.count.tolist(), strict=True):
-        own = slice(first, first + number)
-        both = [_half_plane(points.p[:, own], off[own], information[own] * half) for half in (even[own], ~even[own])]
-        if min(one.kept for one in both) < 9:
-            continue
-        step = both[0].normal - both[1].normal
-        spread = root.noise**2 * (np.linalg.inv(both[0].information) + np.linalg.inv(both[1].information))
-        total, count = total + float(step @ np.linalg.solve(spread, step)), count + 3
-    return total / count
-
-
-def noise_alone(points: ViewPoints, root: Root) -> FloatArray:
-    """(m, 3, 3) covariance of the normals by independent noise of their points, motions known and without relief."""
-    V, p = root.system.V * (root.q > 0.0), points.p
-    n = points.n_on_planes
-    information = points.sum_planes((V * p)[:, None, :n] * p[None, :, :n]).transpose(2, 0, 1)
-    lift = 1e-9 * np.trace(root.system.plane, axis1=1, axis2=2) + np.finfo(float).tiny
-    return np.asarray(root.noise**2 * np.linalg.inv(information + lift[:, None, None] * np.eye(3)))
-
-
-def neighbours_ratio(points: ViewPoints, root: Root, cell: IntArray) -> float:
-    """Variance of planes by errors that neighbouring points share, over that of independent errors; at least 1.
-
-    Heights of points off their plane are those of rocks and slopes between them, larger than a cell, and tracks err
-    alike where they see the same edges. So the errors of squares of `SHARED` cells by as many are added up, and
-    squares are taken as independent of each other (the cluster-robust covariance of Liang and Zeger). Two windows'
-    worth of a ratio of 1 are counted in, so that a few windows do not say more than they know.
-
-    cell : (n, 2) row and column of the points in their window.
-    """
-    system, state = root.system, root.state
-    V = np.maximum(system.V, np.finfo(float).tiny)
-    off = state.u - system.h / V - (points.per_point(state.N.T) * points.p).sum(axis=0)
-    weight = V * system.s * (system.V > 0.0)
-    row, column = (cell // SHARED).T
-    square = row * (int(column.max(initial=0)) + 1) + column
-    total, count = 6.0, 6
-    for first, number in zip(points.first.tolist(), points.count.tolist(), strict=True):
-        own = slice(first, first + number)
-        p, w = points.p[:, own], weight[own]
-        if np.count_nonzero(w) < 2 * SHARED**2:
-            continue
-        information = (p * w) @ p.T
-        information += 1e-12 * (np.trace(information) + np.finfo(float).tiny) * np.eye(3)
-        pulls = p * (w * off[own])
-        sums = np.stack([np.bincount(square[own], pull) for pull in pulls])
-        total += float((sums * np.linalg.solve(information, sums)).sum()) / root.noise**2
-        count += 3
-    return max(total / count, 1.0)
-
-
-class _Half(NamedTuple):
-    """Change of a scaled normal (3,) that half of the points asks for, its information (3, 3), number of points."""
-
-    normal: FloatArray
-    information: FloatArray
-    kept: int
-
-
-def _half_plane(p: FloatArray, off: FloatArray, weight: FloatArray) -> _Half:
-    information = (p * weight) @ p.T
-    information += 1e-12 * (np.trace(information) + np.finfo(float).tiny) * np.eye(3)
-    normal = np.linalg.solve(information, (p * weight) @ off)
-    return _Half(np.asarray(normal), np.asarray(information), int(np.count_nonzero(weight > 0.0)))

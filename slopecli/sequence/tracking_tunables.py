@@ -35,6 +35,7 @@ class TrackingTunables:
     strangers: int = 4  # frames that do not go with the first one, after which the next is the first
     most_blurred: int = 5  # blurred frames in turn; the next is taken, as the ground itself may be smoother
     least_sampling: float = 0.2  # of the variance that independent points would have; see `halves_ratio`
+    shared_cells: int = 3  # cells along the side of a square whose points err alike; a window has 15 along its own
     rough: float = 0.02  # relief that ground is taken to have until it is measured
     new_reference: float = 0.25  # of the points in view, below which the last frame becomes a reference, too
     most_zoom: float = 1.6  # px of a frame to one of its reference, above which it becomes one, too

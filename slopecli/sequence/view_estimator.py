@@ -24,7 +24,8 @@ from slopecli.geometry.solver.view_roots import judged
 from slopecli.geometry.solver.views import Summed, ViewPoints, ViewState
 from slopecli.look.noise import correlation_gain
 from slopecli.sequence.frame_alignment import Found
-from slopecli.sequence.fused_planes import Ground, fused_normals, halves_ratio, neighbours_ratio, noise_alone
+from slopecli.sequence.fused_planes import Ground, fused_normals
+from slopecli.sequence.shared_errors import halves_ratio, neighbours_ratio, noise_alone
 from slopecli.sequence.tracking_tunables import TRACKING
 from slopecli.sequence.tracks import Tracks
 from slopecli.types import BoolArray, FloatArray, IntArray, Solution
@@ -60,8 +61,7 @@ class ViewEstimator:
         self._lines: list[Line] = []
         self.alive = np.ones(len(tracks), bool)
         self._missed = np.zeros(len(tracks), np.int64)
-        self._solution: ViewsSolution | None = None
-        self._shared = np.zeros((0, 3, 3))
+        self._solved: tuple[ViewsSolution, FloatArray] | None = None
 
     # ---- start ----
 
@@ -127,7 +127,7 @@ class ViewEstimator:
     def restore(self, held: Held) -> None:
         """Be as when this was kept: a frame that could not be taken in leaves no trace."""
         self._lines, self.alive, self._missed = held
-        self._solution = None
+        self._solved = None
 
     def share_of(self, found: Found, motion: Motion) -> float:
         """Share of the points of a frame that agree with what is known of them."""
@@ -144,7 +144,7 @@ class ViewEstimator:
         lines = [self._extended(line, x, weight, motion) for line in self._lines]
         self._lines = lines
         self._sort()
-        self._solution = None
+        self._solved = None
 
     def _extended(self, line: Line, x: FloatArray, weight: FloatArray, motion: Motion) -> Line:
         """A root with one more view, the last one replaced if it was taken from nearly the same place."""
@@ -254,29 +254,31 @@ class ViewEstimator:
 
     def solution(self) -> ViewsSolution:
         """Motions of the views kept and normals, with covariance and the second root if one is left."""
-        if self._solution is None:
-            line, alone = self._lines[0], self._judged(self._lines)
-            found = self._resampled(alone, line)
-            ratio = neighbours_ratio(line.points, line.root, self.tracks.cell)
-            self._shared = ratio * alone.own_covariance - found.own_covariance
-            other = found.alternative
-            if other is not None:
-                other = self._resampled(other, self._lines[1])
-                other = replace(other, scaled_normals=self._fused(self._lines[1]))
-            self._solution = replace(found, scaled_normals=self._fused(self._lines[0]), alternative=other)
-        return self._solution
+        return self._answer()[0]
 
     def with_shared_errors(self, found: ViewsSolution) -> ViewsSolution:
         """A solution of these windows, widened by errors that neighbouring points share: more frames do not cut them.
 
         `solution` weighs windows and references against each other without them.
         """
-        self.solution()
-        more = self._shared
-        other = found.alternative
+        more, other = self._answer()[1], found.alternative
         if other is not None:
             other = replace(other, own_covariance=other.own_covariance + more)
         return replace(found, own_covariance=found.own_covariance + more, alternative=other)
+
+    def _answer(self) -> tuple[ViewsSolution, FloatArray]:
+        """The solution, and what errors that neighbouring points share add to the covariance (m, 3, 3) of normals."""
+        if self._solved is None:
+            line, alone = self._lines[0], self._judged(self._lines)
+            found = self._resampled(alone, line)
+            ratio = neighbours_ratio(line.points, line.root, self.tracks.cell)
+            shared = ratio * alone.own_covariance - found.own_covariance
+            other = found.alternative
+            if other is not None:
+                other = self._resampled(other, self._lines[1])
+                other = replace(other, scaled_normals=self._fused(self._lines[1]))
+            self._solved = replace(found, scaled_normals=self._fused(line), alternative=other), shared
+        return self._solved
 
     def _fused(self, line: Line) -> FloatArray:
         return fused_normals(line.points, line.root, line.root.q > 0.0, self._ground)

@@ -1,0 +1,98 @@
+"""What the points of windows have in common in their errors, by how far off their planes they are."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import NamedTuple
+
+import numpy as np
+
+from slopecli.geometry.solver.many_views import Root
+from slopecli.geometry.solver.views import ViewPoints
+from slopecli.sequence.tracking_tunables import TRACKING
+from slopecli.types import FloatArray, IntArray
+
+
+class _OffPlane(NamedTuple):
+    """Points of a window: rays p (3, k), inverse depths off the plane (k,), weights (k,), rows and columns (k, 2)."""
+
+    p: FloatArray
+    off: FloatArray
+    weight: FloatArray
+    cell: IntArray
+
+    def weighted(self, share: FloatArray | float = 1.0) -> FloatArray:
+        """Rays (3, k) times the weights, or a share (k,) of them."""
+        return np.asarray(self.p * (self.weight * share))
+
+    def information(self, share: FloatArray | float = 1.0) -> FloatArray:
+        """(3, 3) of the change of the scaled normal that they ask for, by a share (k,) of each."""
+        information = self.weighted(share) @ self.p.T
+        return np.asarray(information + 1e-12 * (np.trace(information) + np.finfo(float).tiny) * np.eye(3))
+
+
+def _windows(points: ViewPoints, root: Root, cell: IntArray) -> Iterator[_OffPlane]:
+    """The points of every window, off its plane by the views alone."""
+    system, state = root.system, root.state
+    V = np.maximum(system.V, np.finfo(float).tiny)
+    off = state.u - system.h / V - (points.per_point(state.N.T) * points.p).sum(axis=0)
+    weight = V * system.s * (system.V > 0.0)
+    for first, number in zip(points.first.tolist(), points.count.tolist(), strict=True):
+        own = slice(first, first + number)
+        yield _OffPlane(points.p[:, own], off[own], weight[own], cell[own])
+
+
+def halves_ratio(points: ViewPoints, root: Root, cell: IntArray) -> float:
+    """Mean square difference of the planes of two halves of every window's points, over that of independent points.
+
+    The halves alternate like the fields of a chess board. Two windows' worth of a ratio of 1 are counted in, so that a
+    few windows do not promise more than they know.
+
+    cell : (n, 2) row and column of the points in their window.
+    """
+    total, count = 6.0, 6
+    for window in _windows(points, root, cell):
+        even = window.cell.sum(axis=1) % 2 == 0
+        halves = even.astype(float), 1.0 - even
+        if min(np.count_nonzero(window.weight * half) for half in halves) < 9:
+            continue
+        information = [window.information(half) for half in halves]
+        asked = [
+            np.linalg.solve(own, window.weighted(half) @ window.off)
+            for own, half in zip(information, halves, strict=True)
+        ]
+        step = asked[0] - asked[1]
+        spread = root.noise**2 * (np.linalg.inv(information[0]) + np.linalg.inv(information[1]))
+        total, count = total + float(step @ np.linalg.solve(spread, step)), count + 3
+    return total / count
+
+
+def neighbours_ratio(points: ViewPoints, root: Root, cell: IntArray) -> float:
+    """Variance of planes by errors that neighbouring points share, over that of independent errors; at least 1.
+
+    Heights of points off their plane are those of rocks and slopes between them, larger than a cell, and tracks err
+    alike where they see the same edges. So errors are added up over squares of `TRACKING.shared_cells` cells a side,
+    which are taken as independent of each other (the cluster-robust covariance of Liang and Zeger, 1986). Two windows'
+    worth of a ratio of 1 are counted in, as by `halves_ratio`.
+
+    cell : (n, 2) row and column of the points in their window.
+    """
+    total, count = 6.0, 6
+    for window in _windows(points, root, cell):
+        if np.count_nonzero(window.weight) < 2 * TRACKING.shared_cells**2:
+            continue
+        row, column = (window.cell // TRACKING.shared_cells).T
+        square = row * (int(column.max()) + 1) + column
+        sums = np.stack([np.bincount(square, pull) for pull in window.weighted() * window.off])
+        total += float((sums * np.linalg.solve(window.information(), sums)).sum()) / root.noise**2
+        count += 3
+    return max(total / count, 1.0)
+
+
+def noise_alone(points: ViewPoints, root: Root) -> FloatArray:
+    """(m, 3, 3) covariance of the normals by independent noise of their points, motions known and without relief."""
+    V, p = root.system.V * (root.q > 0.0), points.p
+    n = points.n_on_planes
+    information = points.sum_planes((V * p)[:, None, :n] * p[None, :, :n]).transpose(2, 0, 1)
+    lift = 1e-9 * np.trace(root.system.plane, axis1=1, axis2=2) + np.finfo(float).tiny
+    return np.asarray(root.noise**2 * np.linalg.inv(information + lift[:, None, None] * np.eye(3)))
