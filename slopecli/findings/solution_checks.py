@@ -12,7 +12,7 @@ from slopecli.geometry.epipolar import homogeneous
 from slopecli.geometry.motion import inverse_depth
 from slopecli.geometry.statistics import median
 from slopecli.patches.join import MergedGroup
-from slopecli.patches.settling import contradict
+from slopecli.patches.settling import much_less_alone
 from slopecli.types import Diagnostic, FloatArray, Solution
 
 POOR_FIT_PX = 0.5  # noise of matches beyond which the cameras or the images are suspect
@@ -34,7 +34,7 @@ def large_residuals(facts: AnswerFacts) -> list[Diagnostic]:
         return []
     if remedy := solver_remedy(facts.solution):
         message = f"residuals of the matches are {noise_px:.2f} px, due to the solver or to the matches"
-    elif alone := contradict(facts.joined, facts.solution.noise):
+    elif alone := much_less_alone(facts.joined, facts.solution.noise):
         alone_px = alone / facts.solution.noise * noise_px
         message = (
             f"the patches contradict one another, and no single one is to blame: each alone fits a plane to "

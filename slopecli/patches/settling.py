@@ -80,7 +80,7 @@ def _one_by_one(best: _Trial, rounds: int, tried: Callable[[Joined], _Trial]) ->
     return joined
 
 
-def contradict(joined: Joined, noise: float) -> float | None:
+def much_less_alone(joined: Joined, noise: float) -> float | None:
     """The noise that patches have alone, if together they have clearly more; None where they do not.
 
     noise : 1-sigma of a match of their joint solution, normalised.
