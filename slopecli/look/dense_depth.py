@@ -238,29 +238,26 @@ class _Alignment:
         slope = gx * self._shifts[..., 0] + gy * self._shifts[..., 1]
         side = (gy * self._shifts[..., 0] - gx * self._shifts[..., 1]) / length
         told = _window(slope * slope)
-        own = self._alike(difference, length) > DEPTH.least_alike
+        own = self._alike(slope, difference, length) > DEPTH.least_alike
         seen, pull = _window(side * side), _window(side * difference)
         settled = 1.0 - (self._hold / (told + self._hold)) ** DEPTH.rounds
         alike = settled * pull * length / np.sqrt((seen + np.float32(1e-3)) * (told + np.float32(1e-3)))
         across = pull / (seen + DEPTH.window_noise / DEPTH.reach_px**2)
         return uv2, told > DEPTH.told * (told + self._hold), own, across, alike
 
-    def _alike(self, difference: FloatImage, length: FloatImage) -> FloatImage:
+    def _alike(self, slope: FloatImage, difference: FloatImage, length: FloatImage) -> FloatImage:
         """(h, w) correlation of the gradients of the images along the epipolar lines over the window around a pixel.
 
         Every pixel of the window counts alike, by the correlation over its own surroundings: an edge that the window
-        reaches would outdo all other texture. difference : of the grey values.
+        reaches would outdo all other texture. slope : of the images' mean.  difference : of their grey values.
         """
-        first, second = (
-            (gx * self._shifts[..., 0] + gy * self._shifts[..., 1]) / length
-            for gx, gy in (
-                image_gradient(np.asarray(cv2.GaussianBlur(grey, (0, 0), DEPTH.grain_px), np.float32))
-                for grey in (self._grey, self._grey - difference)
-            )
-        )
-        own = cv2.GaussianBlur(first * first + second * second, (0, 0), DEPTH.own_px)
+        gx, gy = image_gradient(difference)
+        along = np.asarray((gx * self._shifts[..., 0] + gy * self._shifts[..., 1]) / length, np.float32)
+        mean, unlike = _without_grain(np.asarray(slope / length, np.float32)), _without_grain(along)
+        off = unlike * unlike
+        own = cv2.GaussianBlur(2.0 * mean * mean + 0.5 * off, (0, 0), DEPTH.own_px)
         rounding = np.float32(DEPTH.rounding)
-        return np.asarray(1.0 - _window(((first - second) ** 2 + rounding) / (own + rounding)))
+        return np.asarray(1.0 - _window((off + rounding) / (own + rounding)))
 
 
 def _in_one_piece(mask: NDArray[np.bool_], side_px: int) -> NDArray[np.bool_]:
@@ -291,6 +288,10 @@ def _shading(values: FloatImage) -> FloatImage:
 
 def _window(values: FloatImage) -> FloatImage:
     return np.asarray(cv2.GaussianBlur(values, (0, 0), DEPTH.window_px))
+
+
+def _without_grain(values: FloatImage) -> FloatImage:
+    return np.asarray(cv2.GaussianBlur(values, (0, 0), DEPTH.grain_px), np.float32)
 
 
 def _steps(w: FloatImage, shifts: FloatImage) -> NDArray[np.bool_]:
