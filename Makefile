@@ -67,7 +67,7 @@ docs: venv
 
 sample-data: venv
 	$(BIN)/python sample_data/make_sample_data.py
-	$(BIN)/python sample_data/make_sample_data.py sample --output slopecli
+	$(BIN)/python sample_data/make_sample_data.py --output slopecli sample/descent sample/town
 
 clean:
 	rm -rf site demo_output fuzz_failures .pytest_cache .mypy_cache .ruff_cache .hypothesis

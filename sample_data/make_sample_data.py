@@ -46,7 +46,7 @@ def make_urban(folder: Path) -> None:
 
 def make_small_descent(folder: Path) -> None:
     images, camera, _ = render_descent()
-    write_small(folder, images, camera)
+    write_small(folder, *made_smaller(images, camera), quality=92)
 
 
 def make_small_town(folder: Path) -> None:
@@ -54,11 +54,20 @@ def make_small_town(folder: Path) -> None:
     write_small(folder, images, camera)
 
 
-def write_small(folder: Path, images: list[Any], camera: dict[str, Any]) -> None:
-    """A pair as JPEG, a third of the size and less, which the package carries."""
+def made_smaller(images: list[Any], camera: dict[str, Any], share: float = 0.8) -> tuple[list[Any], dict[str, Any]]:
+    """The images at a share of their size, with their camera: a first answer should not take long."""
+    size = (round(camera["width"] * share), round(camera["height"] * share))
+    middle = {name: (camera[name] + 0.5) * share - 0.5 for name in ("cx", "cy")}
+    lens = {name: camera[name] * share for name in ("fx", "fy")}
+    smaller = [cv2.resize(image, size, interpolation=cv2.INTER_AREA) for image in images]
+    return smaller, camera | {"width": size[0], "height": size[1]} | lens | middle
+
+
+def write_small(folder: Path, images: list[Any], camera: dict[str, Any], quality: int = 85) -> None:
+    """A pair as JPEG, a third of the bytes and less, which the package carries."""
     folder.mkdir(parents=True, exist_ok=True)
     for number, image in enumerate(images, 1):
-        if not cv2.imwrite(str(folder / f"image{number}.jpg"), image, [cv2.IMWRITE_JPEG_QUALITY, 85]):
+        if not cv2.imwrite(str(folder / f"image{number}.jpg"), image, [cv2.IMWRITE_JPEG_QUALITY, quality]):
             raise OSError(f"{folder}: the image could not be written")
     write_json(folder / "camera.json", camera)
 
@@ -72,8 +81,8 @@ def write_pair(folder: Path, images: list[Any], camera: dict[str, Any], truth: d
 
 
 SCENES = {"descent": make_descent, "urban": make_urban}
-# `make_sample_data.py small/descent small/town` makes folders that belong into slopecli/sample/
-PACKAGED = {"small/descent": make_small_descent, "small/town": make_small_town}
+# what slopecli/sample/ holds: `make_sample_data.py --output slopecli sample/descent sample/town`
+PACKAGED = {"sample/descent": make_small_descent, "sample/town": make_small_town}
 
 
 def main() -> None:

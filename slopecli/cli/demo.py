@@ -55,7 +55,7 @@ def demo(ctx: click.Context, **parameters: Any) -> None:
     folder = Path(parameters["output"] or ("slopemap_town" if town else "slopemap_demo"))
     check_directory(folder)
     with talk.timed("load"):
-        first, second, camera_file = copy_sample("town" if town else "descent", folder)
+        copied = first, second, camera_file = copy_sample("town" if town else "descent", folder)
         images, camera = (load_image(first), load_image(second)), load_camera(camera_file)
     # the distances between the cameras of the samples
     if town:
@@ -63,12 +63,12 @@ def demo(ctx: click.Context, **parameters: Any) -> None:
         report = pipeline.estimate(*images, camera, camera, options, on_stage=talk.stage)
         with talk.timed("write"):
             written = write_outputs(report, images[0], folder, keep_files(report=True), origin_of(talk, images[1]))
-        print_report(report, written, talk, as_json=False, every=False)
+        print_report(report, [*copied, *written], talk, as_json=False, every=False)
     else:
         options = Options(baseline_m=2.175)
         answer = pipeline.slope_map(*images, camera, camera, options, MapOptions(), on_stage=talk.stage)
         with talk.timed("write"):
             written = write_map(answer, images[0], folder)
-        print_map(answer, written, talk, as_json=False)
+        print_map(answer, [*copied, *written], talk, as_json=False)
     for line in NEXT_IN_TOWN if town else NEXT:
         talk.say(line.format(folder=folder))

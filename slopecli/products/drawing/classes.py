@@ -85,9 +85,15 @@ def cell_classes(slope_map: SlopeMap, classes: Classes) -> NDArray[np.int16]:
 
 
 def lightness_of(colours: ArrayLike) -> FloatArray:
-    """Return CIELAB L* (0 to 100) of colours (n, 3) RGB, 0 to 255."""
-    pixels = np.asarray(colours, np.float32).reshape(1, -1, 3) / np.float32(255.0)
-    return np.asarray(cv2.cvtColor(pixels, cv2.COLOR_RGB2LAB)[0, :, 0], float)
+    """Return CIELAB L* (0 to 100) of colours (n, 3) sRGB, 0 to 255.
+
+    Computed here, as the first conversion of a process by OpenCV fills tables for 0.1 s.
+    """
+    stored = np.asarray(colours, float).reshape(-1, 3) / 255.0
+    light = np.where(stored <= 0.04045, stored / 12.92, ((stored + 0.055) / 1.055) ** 2.4)  # of sRGB, linear
+    luminance = light @ (0.2126, 0.7152, 0.0722)
+    # CIE 15: the cube root, and its tangent near black
+    return np.where(luminance > (6 / 29) ** 3, 116.0 * np.cbrt(luminance) - 16.0, (29 / 3) ** 3 * luminance)
 
 
 def _of_lightness(ramp: tuple[Colour, ...], lightness: FloatArray) -> NDArray[np.uint8]:
