@@ -17,7 +17,9 @@ from slopecli.io.cameras.reading import camera_for, read_camera_file
 from slopecli.io.frame_sources import read_frames
 from slopecli.io.images import decode_image, read_image_file
 from slopecli.io.metadata.applied import apply_metadata
+from slopecli.io.metadata.image_metadata import Metadata
 from slopecli.io.metadata.metadata_reading import decode_metadata
+from slopecli.io.metadata.of_frames import options_of_frames
 from slopecli.look.features import FeatureMemory
 from slopecli.options import CameraChoice, Options
 from slopecli.pipeline import estimate, sequence, slope_map
@@ -157,9 +159,17 @@ def _estimate(job: Job, inputs: Shipped) -> tuple[Outcome, dict[str, bytes]]:
 
 def _follow(job: Job, options: Options, camera: Camera, fingerprint: str) -> tuple[Outcome, dict[str, bytes]]:
     """The outcome of a sequence and its files."""
-    runner = Runner(camera, options)
+    runner, at_end = Runner(camera, options), None
+    if job.metadata is not None:
+
+        def read(path: str) -> Metadata:
+            return decode_metadata(read_image_file(path, job.base), path)
+
+        (_, choice) = _sides(job)[0]
+        runner.options_of, at_end = options_of_frames(read, job.metadata, options, choice)
     for _ in sequence(read_frames(job.pair.frames, job.base), runner):
         pass
+    runner.options_of = at_end
     answer = runner.answer_or_refuse()
     image = runner.first_image
     contents = encode_products(answer, image, job.keep, SEQUENCE_PRODUCTS) if isinstance(image, Image) else {}

@@ -15,8 +15,8 @@ _OF = {"up": "up", "north": "north", "baseline": "baseline_m", "altitude": "alti
 _INSTEAD = {
     "up": ("up",),
     "north": ("north",),
-    "baseline": ("baseline_m", "altitude_m", "pose_file"),
-    "altitude": ("baseline_m", "altitude_m", "pose_file"),
+    "baseline": ("baseline_m", "altitude_m", "pose_file", "positions_file"),
+    "altitude": ("baseline_m", "altitude_m", "pose_file", "positions_file"),
 }
 
 
@@ -35,7 +35,7 @@ def take_metadata(ctx: click.Context, parameters: dict[str, Any]) -> tuple[dict[
     plain = {**parameters, **{_OF[name]: defaults[_OF[name]] for name in must}}
     if parameters["metadata"] and not given(ctx, *CAMERA_FLAGS):
         plain["camera"] = EXIF
-    asked = must or may or EXIF in (plain["camera"], plain["camera2"])
+    asked = must or may or EXIF in (plain["camera"], plain.get("camera2"))
     if not asked and all(angle is None for angle in angles.values()):
         return plain, None
     return plain, MetadataChoice(must, may, **angles)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from contextlib import ExitStack
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -22,6 +23,7 @@ from slopecli.cli.checks import (
     refuse,
 )
 from slopecli.cli.map_table import print_sites, say_ground
+from slopecli.cli.metadata_choices import take_metadata
 from slopecli.cli.parameter_types import PATH, POSITIVE
 from slopecli.cli.report_table import print_report, say_place
 from slopecli.cli.shared_options import INPUT, OUTPUT, Flag, Option
@@ -29,6 +31,8 @@ from slopecli.cli.talk import Talk, origin_of, print_result
 
 if TYPE_CHECKING:
     from slopecli.io.frame_sources import FrameSource
+    from slopecli.io.metadata.of_frames import OptionsOf
+    from slopecli.options import MetadataChoice
     from slopecli.sequence.frame import SequenceAnswer, SequenceStep
     from slopecli.sequence.stream import Sequence
 
@@ -42,18 +46,18 @@ FRAMES = (
     Option(INPUT, "--fps", "RATE", POSITIVE, "Of a video: so many frames a second", shown="all"),
     Option(INPUT, "--start start_s", "S", kinds.Between(0, 1e6), "Of a video: where to begin, s", 0.0),
     Option(INPUT, "--stop stop_s", "S", POSITIVE, "Of a video: where to end, s", shown="its end"),
-    Option(INPUT, "--live", "DEVICE", str, "Read a camera of this computer, by number or name"),
+    Option(INPUT, "--live", "DEVICE", str, "Read a camera of this computer"),
 )
 SCALE = ("baseline_m", "altitude_m", "scale_sigma_percent", "tolerance_deg", "confidence", "max_sigma_deg")
-DECIDING = tuple(option for option in shared.solving_options if option.name in SCALE)
+DECIDING = tuple(option for option in shared.pair_solving_options if option.name in SCALE)
 FILES = (
     Option(OUTPUT, "-o --output", "DIR", PATH, "Folder for the results"),
     shared.json_flag,
     Flag(OUTPUT, "--no-overlay", "Leave out overlay.png"),
     shared.report_flag,
-    Flag(OUTPUT, "--video", "Also write sequence.mp4, the overlay on every frame"),
-    Flag(OUTPUT, "--map with_map", "Also map the slope of every place, and landing sites"),
-    Option(OUTPUT, "--stop-when", "settled", STOPS, "End when every window is safe or unsafe for good"),
+    Flag(OUTPUT, "--video", "Also write sequence.mp4, with overlays"),
+    Flag(OUTPUT, "--map with_map", "Also map slopes everywhere; landing sites"),
+    Option(OUTPUT, "--stop-when", "settled", STOPS, "End when every verdict is final"),
 )
 
 
@@ -61,14 +65,13 @@ FILES = (
     cls=shared.Command,
     short_help="Slopes of windows of the first of many frames.",
     params=[
-        shared.camera,
+        shared.pair_camera_options[0],
         *shared.intrinsics_options,
         *FRAMES,
         *FILES,
         *shared.map_options,
         *shared.window_options,
-        *shared.frame_options(),
-        shared.metadata_options[0],
+        *shared.pair_frame_options(),
         *shared.place_options,
         *DECIDING,
         *shared.talk_options("Frame rate, time of every stage"),
@@ -87,19 +90,14 @@ def sequence(ctx: click.Context, frames: tuple[str, ...], **parameters: Any) -> 
       slopemap sequence descent/ --camera camera.json -o out
     """
     _check(ctx, frames, parameters)
+    parameters, metadata = take_metadata(ctx, parameters)
     talk = ctx.ensure_object(Talk)
     source = _opened(frames, parameters)
-
-    from slopecli.io.cameras.reading import camera_for
-    from slopecli.sequence.stream import Sequence
-
-    camera, notes = camera_for(source.image, camera_choice(parameters))
-    for note in notes:
-        talk.say(f"info: {note}")
-    runner = Sequence(camera, options_from(parameters), keep_depth=parameters["with_map"])
+    runner, options_at_end = _runner(ctx, source, parameters, metadata)
     interrupted, problem = _run(source, runner, parameters, talk)
     if interrupted and not runner.started:
         raise KeyboardInterrupt
+    runner.options_of = options_at_end
     answer = _answer(runner, parameters, talk)
     written = _written(answer, runner, parameters, talk)
     _print(answer, written, talk, parameters["as_json"])
@@ -112,21 +110,25 @@ def sequence(ctx: click.Context, frames: tuple[str, ...], **parameters: Any) -> 
 def _check(ctx: click.Context, frames: tuple[str, ...], parameters: dict[str, Any]) -> None:
     """Refuse contradictions of the command line, and a folder that cannot take the results."""
     at_most_one(ctx, CAMERA_FLAGS, WINDOW_FLAGS, ("baseline_m", "altitude_m", "positions_file"), ("every", "fps"))
-    sigma_alone = given(ctx, "scale_sigma_percent") and not given(ctx, "baseline_m", "altitude_m", "positions_file")
+    lengths = ("baseline_m", "altitude_m", "positions_file", "metadata")
+    sigma_alone = given(ctx, "scale_sigma_percent") and not given(ctx, *lengths)
     live = parameters["live"]
     refuse(
         ctx,
         (not frames and not live, "No frames: give images, a folder, a video, or --live DEVICE."),
         (frames and live, "--live reads a camera; leave the files out."),
-        (not given(ctx, *CAMERA_FLAGS), "No camera: give --camera FILE, --intrinsics FX,FY,CX,CY or --fov DEG."),
+        (
+            not given(ctx, *CAMERA_FLAGS, "metadata"),
+            "No camera: give --camera FILE, --intrinsics FX,FY,CX,CY or --fov DEG; or --camera exif.",
+        ),
         (
             not given(ctx, "output", "as_json"),
             "Nowhere to put the answer: give -o DIR, or --json to print it.",
         ),
         (parameters["video"] and not parameters["output"], "--video is a file; give -o DIR for it."),
         (
-            given(ctx, "north_sigma_deg") and not given(ctx, "north"),
-            "--north-sigma is of a --north; give both.",
+            given(ctx, "north_sigma_deg") and not given(ctx, "north", "yaw_deg", "metadata"),
+            "--north-sigma is of --north, --yaw or --metadata; give both.",
         ),
         (
             given(ctx, "position_sigma_m") and not given(ctx, "position"),
@@ -153,6 +155,32 @@ def _opened(frames: tuple[str, ...], parameters: dict[str, Any]) -> FrameSource:
     choice = VideoChoice(parameters["every"], parameters["fps"], parameters["start_s"], parameters["stop_s"])
     positions = read_positions(parameters["positions_file"]) if parameters["positions_file"] else None
     return open_frames(frames, parameters["pattern"], times, choice, positions)
+
+
+def _runner(
+    ctx: click.Context, source: FrameSource, parameters: dict[str, Any], metadata: MetadataChoice | None
+) -> tuple[Sequence, OptionsOf | None]:
+    """What takes in the frames, and the options of its first frame and the last when it ends; None where they stay."""
+    from slopecli.io.cameras.reading import camera_for
+    from slopecli.io.metadata.image_metadata import Metadata
+    from slopecli.io.metadata.metadata_reading import read_metadata
+    from slopecli.io.metadata.of_frames import options_of_frames
+    from slopecli.sequence.stream import Sequence
+
+    first, choice, options = source.image, camera_choice(parameters), options_from(parameters)
+    asked = choice.exif or (metadata is not None and (metadata.must or metadata.may))
+    of_files = Path(first.path).is_file()
+    why = "Frames of a video or a camera state nothing of how they were taken: leave out --metadata and exif."
+    refuse(ctx, (asked and not of_files, why))
+    camera, notes = camera_for(first, choice)
+    for note in notes:
+        ctx.ensure_object(Talk).say(f"info: {note}")
+    if metadata is None:
+        return Sequence(camera, options, keep_depth=parameters["with_map"]), None
+    read = read_metadata if of_files else partial(Metadata, size=(first.width, first.height))
+    running, at_end = options_of_frames(read, metadata, options, choice)
+    running(first.path, first.path)  # refuses what the first frame has to state
+    return Sequence(camera, options, keep_depth=parameters["with_map"], options_of=running), at_end
 
 
 def _run(

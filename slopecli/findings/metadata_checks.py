@@ -12,7 +12,7 @@ from slopecli.findings.facts import AnswerFacts, PairFacts
 from slopecli.findings.wording import finding
 from slopecli.geometry.attitude import about_line_of_sight, forward_angles_deg
 from slopecli.geometry.epipolar import direction_angle, rotation_angle
-from slopecli.options import Stated
+from slopecli.options import Options, Stated
 from slopecli.types import Diagnostic, FloatArray, Solution
 
 
@@ -33,8 +33,12 @@ AGREES = Agreement()
 
 def metadata_taken(pair: PairFacts) -> list[Diagnostic]:
     """Say what was taken from the metadata of the images, and what is missing there."""
-    stated = pair.options.stated
-    return [] if stated is None else [finding("metadata", note) for note in stated.notes]
+    return metadata_notes(pair.options)
+
+
+def metadata_notes(options: Options) -> list[Diagnostic]:
+    """What was taken from the metadata, and what is missing there, as findings."""
+    return [] if options.stated is None else [finding("metadata", note) for note in options.stated.notes]
 
 
 def contradicted(facts: AnswerFacts) -> list[Diagnostic]:

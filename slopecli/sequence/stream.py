@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Callable
 from dataclasses import replace
 
 import cv2
 import numpy as np
 
 from slopecli.errors import InputError, NoAnswer, SlopemapError
+from slopecli.findings.metadata_checks import metadata_notes
 from slopecli.findings.wording import finding
 from slopecli.geometry.solver.many_views import ViewsSolution
 from slopecli.geometry.solver.one_thread import one_blas_thread
@@ -40,10 +42,19 @@ class Sequence:
     ----------
     camera : of every frame.  options : windows are in px of the first frame that is used.
     keep_depth : keep the few frames that `fused` needs.
+    options_of : of the names of the first frame used and the last: options of what is reported of the two, in which
+    `baseline_m` is the distance between them; for what depends on the frames, such as their metadata.
     """
 
-    def __init__(self, camera: Camera, options: Options | None = None, *, keep_depth: bool = False) -> None:
-        self.camera, self.options = camera, options or Options()
+    def __init__(
+        self,
+        camera: Camera,
+        options: Options | None = None,
+        *,
+        keep_depth: bool = False,
+        options_of: Callable[[str, str], Options] | None = None,
+    ) -> None:
+        self.camera, self.options, self.options_of = camera, options or Options(), options_of
         self.windows = wanted_windows(self.options, camera.width, camera.height)
         self.frames: list[FrameState] = []
         self._gates = FrameGates((camera.height, camera.width))
@@ -284,15 +295,24 @@ class Sequence:
             ImageInfo(used[0].image, *size, ""),
             ImageInfo([one for one in used if not one.later][-1].image, *size, ""),
         )
-        length = first_move_m(used)
-        options = self.options if length is None else replace(self.options, baseline_m=length)
+        length, options = first_move_m(used), self.options_now
         views, shown = self._answered()
         estimator, baseline = self._first.estimator, float(np.linalg.norm(views.T[shown]))
-        pair = views.pair(shown)
-        found = report_of(estimator, pair, self.windows, named, self.camera, options, self._notes(), baseline)
+        if length is not None:
+            options = replace(options, baseline_m=length)
+        elif self.options_of is not None and options.stated and options.stated.scale and options.baseline_m:
+            options = replace(options, baseline_m=options.baseline_m / baseline)
+        pair, notes = views.pair(shown), [*metadata_notes(options), *self._notes()]
+        found = report_of(estimator, pair, self.windows, named, self.camera, options, notes, baseline)
         if length is None:
             return found
         return found._replace(report=replace(found.report, scale=replace(found.report.scale, source="pose")))
+
+    @property
+    def options_now(self) -> Options:
+        """The options of what is reported now: of the first frame used and the last, where they depend on these."""
+        first, last = self.images
+        return self.options if self.options_of is None else self.options_of(first.path, last.path)
 
     def motions(self, report: Report) -> list[FrameMotion]:
         """Motions of all frames used, in the unit of the report, each as it was when its frame came in."""
