@@ -18,10 +18,11 @@ from typing import Any
 import campaign
 import numpy as np
 import pytest
+from command import slopemap
 
 from slopecli.errors import NoAnswer
 from slopecli.geometry import pinhole_of
-from slopecli.io import load_image
+from slopecli.io import load_image, write_outputs
 from slopecli.options import Options
 from slopecli.pipeline import estimate
 from slopecli.products import report_to_json
@@ -134,6 +135,42 @@ def test_photographs_normals(limit_deg: float, least: float) -> None:
 def test_photographs_are_seldom_surer_than_right() -> None:
     overconfident = sum(result.overconfident for result in results("real"))
     assert overconfident <= 0.02 * len(errors_of("real"))
+
+
+# ---- `slopemap validate` against the same truth as depths and disparities ----
+
+
+def errors_by_validate(pair: Any, folder: Path, *truth: str) -> tuple[np.ndarray, np.ndarray]:
+    """Angles between normals as `judged` has them, and as `validate` has them from the files of the truth, degrees."""
+    images = load_image(pair.image1), load_image(pair.image2)
+    cameras = camera_of(pair.cameras[0]), camera_of(pair.cameras[1])
+    report = estimate(*images, *cameras, Options(windows=tuple(pair.windows)))
+    write_outputs(report, images[0], folder)
+    done = slopemap("validate", str(folder), *truth, "--json")
+    assert done.returncode == 0, done.stderr
+    known = {one["id"]: one["normal_error_deg"] for one in json.loads(done.stdout)["planes"]}
+    judged = ACCURACY["judged"](pair, json.loads(report_to_json(report))).errors_deg
+    assert set(known) == set(np.flatnonzero(np.isfinite(judged)) + 1)
+    return judged[np.isfinite(judged)], np.array([known[id] for id in sorted(known)])
+
+
+@pytest.mark.parametrize(
+    "name", ["Pipes", *(pytest.param(name, marks=pytest.mark.slow) for name in ("Jadeplant", "Piano", "Shelves"))]
+)
+def test_validate_finds_the_errors_from_a_disparity_and_its_surfaces(name: str, tmp_path: Path) -> None:
+    (pair,) = ACCURACY["true_pairs"](DATA, f"/{name}.truth")
+    stem = str(pair.path).removesuffix(".truth.json")
+    truth = ("--disparity", f"{stem}_disp0GT.npz", "--baseline", str(np.linalg.norm(pair.T)))
+    errors, found = errors_by_validate(pair, tmp_path, *truth, "--labels", f"{stem}_planes.png")
+    assert found == pytest.approx(errors, abs=0.1)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["A01_vertical", "A08_horizontal", "B02_strong", "B04_weak", "C04_suburb"])
+def test_validate_finds_the_errors_from_a_rendered_depth(name: str, tmp_path: Path) -> None:
+    (pair,) = ACCURACY["true_pairs"](DATA, f"rendered/{name}")
+    errors, found = errors_by_validate(pair, tmp_path, "--depth", str(pair.path.parent / "depth.npz"))
+    assert found == pytest.approx(errors, abs=0.1)
 
 
 # ---- hostile pairs ----

@@ -51,7 +51,7 @@ def _result(document: dict[str, Any], folder: Path) -> Result:
         cameras=(cameras[0], cameras[1]),
         up=_vector(document["up"]["vector_cam1"], 3),
         unit=str(document["scale"]["unit"])[:20],
-        baseline=float(np.linalg.norm(_vector(document["motion"]["baseline_cam1"], 3))),
+        baseline_cam1=_vector(document["motion"]["baseline_cam1"], 3),
         tolerance_deg=_number(options["tolerance_deg"]),
         confidence=_number(options["confidence"]),
         labels=_labels(folder, cameras[0]),

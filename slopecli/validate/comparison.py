@@ -106,8 +106,8 @@ def compare(result: Result, truth: Truth, surfaces: NDArray[Any] | None = None) 
             f"none of the {len(result.planes)} planes has {COMPARE.fewest} points of the truth under it; needed the "
             "truth of what image 1 shows"
         )
-    outliers = truth.in_disparity or surfaces is not None
-    fits = [fit_plane(under[plane.id], robust=plane.found or outliers) for plane in known]
+    others = surfaces is None  # where nothing says which points belong to the surface
+    fits = [fit_plane(under[plane.id], robust=others and (plane.found or truth.in_disparity)) for plane in known]
     ratios = np.array([abs(fit.normal @ fit.middle) / plane.distance for fit, plane in zip(fits, known, strict=True)])
     scale, spread = _scale(ratios, known)
     patches = [

@@ -42,14 +42,14 @@ class Result:
     """An answer: its planes, and what is needed to compare them with the ground.
 
     labels : (h, w) id of every pixel's plane, None where there is no such file: outlines count then.
-    unit : of lengths, "m" or "baseline".  baseline : distance between the cameras, in that unit.
+    unit : of lengths, "m" or "baseline".  baseline_cam1 : place of camera 2, camera-1 axes, in that unit.
     """
 
     planes: tuple[ResultPlane, ...]
     cameras: tuple[Camera, Camera]
     up: FloatArray
     unit: str
-    baseline: float
+    baseline_cam1: FloatArray
     tolerance_deg: float
     confidence: float
     labels: IntArray | None

@@ -62,11 +62,13 @@ def _draw_space(axes: Any, result: Result, truth: Truth, comparison: Comparison)
     shown = [_outline(planes[one.id], result, comparison.scale) @ axes_of.T for one in comparison.patches]
     for outline in shown:
         axes.plot(*np.vstack([outline, outline[:1]]).T, color=ANSWER, linewidth=1.5)
-    cameras = np.zeros((1, 3))
+    cameras = np.stack([np.zeros(3), axes_of @ result.baseline_cam1 * comparison.scale])
     axes.scatter(*cameras.T, marker="^", color=SIGMA, s=40.0)
+    for number, camera in enumerate(cameras, 1):
+        axes.text(*camera, f"  camera {number}", fontsize=9.0)
     everything = np.vstack([some, *shown])
     low, high = np.quantile(everything, [0.005, 0.995], axis=0)
-    low, high = np.minimum(low, 0.0), np.maximum(high, 0.0)  # with the camera
+    low, high = np.minimum(low, cameras.min(axis=0)), np.maximum(high, cameras.max(axis=0))
     room = 0.02 * float((high - low).max())
     axes.set(xlim=(low[0] - room, high[0] + room), ylim=(low[1] - room, high[1] + room))
     axes.set_zlim(low[2] - room, high[2] + room)
