@@ -323,7 +323,7 @@ def test_progress_has_rate_time_left_and_failures(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     clock = Clock(monkeypatch)
-    progress = BatchProgress(Talk())
+    progress = BatchProgress(Talk(verbose=True))
     clock.now += 20.0
     progress(progress_of(50, n_kept=40, failed=True))
     progress.interrupted()
@@ -334,16 +334,18 @@ def test_progress_has_rate_time_left_and_failures(
     ]
 
 
-def test_a_log_gets_a_line_now_and_then_not_one_a_pair(
+def test_a_log_has_no_progress_and_with_v_a_line_now_and_then(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     clock = Clock(monkeypatch)
-    progress = BatchProgress(Talk())
-    for done in range(1, 101):
-        clock.now += 1.0
-        progress(progress_of(done))
-    lines = capsys.readouterr().err.splitlines()
-    assert [int(one.split()[0]) for one in lines] == list(range(10, 101, 10))
+    for talk, tenths in ((Talk(), []), (Talk(verbose=True), list(range(10, 101, 10)))):
+        progress = BatchProgress(talk)
+        for done in range(1, 101):
+            clock.now += 1.0
+            progress(progress_of(done))
+        lines = capsys.readouterr().err.splitlines()
+        assert [int(one.split()[0]) for one in lines if " of 100 pairs" in one] == tenths
+        assert all(one == "a-b: answered" or " of 100 pairs" in one for one in lines)
 
 
 class Terminal(io.StringIO):

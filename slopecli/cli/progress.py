@@ -1,4 +1,4 @@
-"""How far a long command is, on stderr: a bar by rich on a terminal, now and then a line of text in a log."""
+"""How far a long command is, on stderr: a bar by rich on a terminal; with -v now and then a line of text in a log."""
 
 from __future__ import annotations
 
@@ -20,7 +20,10 @@ SILENCE_S, TENTH_S = 30.0, 2.0  # in a log: the longest silence, and the shortes
 
 
 class ProgressLine:
-    """A line on stderr that says how far the work is, gone at the end of a `with` block; nothing with -q."""
+    """A line on a terminal that says how far the work is, gone at the end of a `with` block; nothing with -q.
+
+    Where stderr is a file or a pipe it is said with -v alone, at each tenth and after a long silence.
+    """
 
     def __init__(self, talk: Talk) -> None:
         self._talk = talk
@@ -42,7 +45,7 @@ class ProgressLine:
                 self._last = now
                 with stderr_may_be_gone():
                     self._bar.update(self._bar.task_ids[0], completed=done, total=total, description=text, refresh=True)
-        elif now - self._last >= (TENTH_S if tenths > self._tenths else SILENCE_S):
+        elif self._talk.verbose and now - self._last >= (TENTH_S if tenths > self._tenths else SILENCE_S):
             self._last, self._tenths = now, tenths
             self._talk.say(text)
 

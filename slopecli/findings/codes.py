@@ -197,8 +197,8 @@ _ROWS: dict[Severity, dict[str, tuple[Any, ...]]] = {
             "px, or mrad without a camera, within which nine tenths of the matches lie of it",
         ),
         "weak-geometry": (
-            "A straight descent over level ground (motion within 15°, slopes alike to 5°): of all motions this one "
-            "determines slopes least.",
+            "A straight move along the normal that all planes share (motion within 15°, slopes alike to 5°): of all "
+            "motions this one determines slopes least.",
             "move sideways as well; or give --rotation-prior, or --merge-coplanar where windows lie on one plane",
             "degrees between the motion and the normal of the ground",
         ),

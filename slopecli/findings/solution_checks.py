@@ -102,10 +102,8 @@ def straight_descent(facts: AnswerFacts) -> list[Diagnostic]:
     off = float(np.degrees(np.arccos(min(abs(float(mean @ facts.solution.T)), 1.0))))
     if off > ALONG_DEG or spread > FLAT_DEG:
         return []
-    message = (
-        f"the camera moved {off:.1f}° off the normal of flat ground, whose slopes differ by {spread:.1f}° (RMS): "
-        "of all motions this one determines slopes least"
-    )
+    along = "of the only plane" if len(normals) == 1 else f"that all planes share to {spread:.1f}° (RMS)"
+    message = f"the camera moved {off:.1f}° off the normal {along}: of all motions this one determines slopes least"
     sideways = facts.separation.sideways()
     remedy = f"{sideways}; or give --rotation-prior, or --merge-coplanar where windows lie on one plane"
     return [finding("weak-geometry", message, off, remedy)]

@@ -174,7 +174,7 @@ def _draw_times(timings: Sequence[Timing]) -> Figure:
     for solver, (name, style) in STYLES.items():
         own = [(timing.windows, timing.seconds) for timing in timings if timing.solver == solver]
         exponent = time_exponent(timings, solver)
-        power = "" if exponent is None else f": windows$^{{{exponent:.2f}}}$"
+        power = "" if exponent is None else f": windows$^{{{exponent:.2f}}}$ a sweep"
         if own:
             panel.plot(*zip(*own, strict=True), label=name + power, **style)
     most = max(timing.windows for timing in timings)
