@@ -1,4 +1,4 @@
-"""Nearest neighbours of points, by a k-d tree."""
+"""Nearest neighbours of points: by a k-d tree, or of a few points without SciPy."""
 
 from __future__ import annotations
 
@@ -17,3 +17,16 @@ def nearest(points: FloatArray, k: int, queries: IntArray | None = None) -> IntA
     asked = points if queries is None else points[queries]
     _, index = KDTree(points).query(asked, range(1, min(k, len(points)) + 1))
     return np.asarray(index, np.int64).reshape(len(asked), -1)
+
+
+def nearest_of(others: FloatArray, places: FloatArray, count: int) -> tuple[FloatArray, IntArray]:
+    """Distances (n, count) of the points `others` (k, 2) nearest to places (n, 2), nearest first, and their indices."""
+    every, found = np.arange(len(others)), list[tuple[FloatArray, IntArray]]()
+    for some in np.array_split(places, 1 + len(places) * len(others) // 2**20):  # a million distances at a time
+        u, v = (some[:, None, k] - others[None, :, k] for k in (0, 1))
+        distance = np.sqrt(u * u + v * v)
+        order = distance + 1e-9 * every  # the first of equal ones
+        near = np.argpartition(order, count - 1, axis=1)[:, :count]
+        near = np.take_along_axis(near, np.take_along_axis(order, near, 1).argsort(axis=1), 1)
+        found.append((np.take_along_axis(distance, near, 1), near))
+    return np.concatenate([one[0] for one in found]), np.concatenate([one[1] for one in found])

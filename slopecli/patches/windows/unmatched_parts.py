@@ -15,6 +15,7 @@ from slopecli.look.matches import MIN_ON_PLANE, ON_PLANE_PX, Evidence
 from slopecli.look.noise import NOISE_GREY
 from slopecli.look.scene import Scene
 from slopecli.look.warp import FloatImage, covered, plane_transfer, sample_layer
+from slopecli.patches.neighbours import nearest_of
 from slopecli.patches.patch import Patch
 from slopecli.patches.windows.tunables import TUNE
 from slopecli.types import BoolArray, FloatArray, IntArray
@@ -156,9 +157,8 @@ def beside_rad(gaps: Gaps, normal: FloatArray, evidence: Evidence, focal1_px: fl
     off = np.abs(homogeneous(evidence.x1[near]) @ normal - evidence.w[near])
     height = off / np.linalg.norm(normal) * focal1_px
     height = np.where(off * evidence.leverage[near] * evidence.focal_px > ON_PLANE_PX, height, 0.0)
-    distance = np.sqrt(((gaps.uv1[~gaps.seen][:, None] - evidence.uv1[near][None]) ** 2).sum(2))
-    nearest = np.argsort(distance, axis=1, kind="stable")[:, :8]  # 8: to average out their noise
-    distance = np.take_along_axis(distance, nearest, 1)
+    # 8: to average out their noise
+    distance, nearest = nearest_of(evidence.uv1[near], gaps.uv1[~gaps.seen], min(8, len(near)))
     # amid matches, only others in the same place tell more, and one or two may be mismatches
     amid = gaps.amid[:, None]
     within = distance < np.where(amid, 1.5 * gaps.cell_px, TUNE.beside * max(gaps.window[2:]))
@@ -198,17 +198,12 @@ def _coherent(index: IntArray, normal: FloatArray, evidence: Evidence, focal1_px
 
     Mismatches lie at any depth, neighbours at quite another.  normal, focal1_px : as in `beside_rad`.
     """
-    every, neighbours = np.arange(len(index)), min(4, len(index) - 1)
-    uv1, coherent = evidence.uv1[index], np.ones(len(index), bool)
+    if len(index) <= 2:  # of one or two matches nothing is told
+        return np.ones(len(index), bool)
     height = (homogeneous(evidence.x1[index]) @ normal / evidence.w[index] - 1.0) * focal1_px
-    # a million distances at a time; of one or two matches nothing is told
-    for some in np.array_split(every, 1 + len(index) ** 2 // 2**20) if len(index) > 2 else ():
-        distance = np.sqrt(((uv1[some, None] - uv1[None]) ** 2).sum(2)) + 1e-9 * every  # the first of equal ones
-        distance[every[: len(some)], some] = np.inf
-        nearest = np.argpartition(distance, neighbours - 1, axis=1)[:, :neighbours]
-        most = TUNE.steepest * np.take_along_axis(distance, nearest, 1)
-        coherent[some] = np.mean(np.abs(height[nearest] - height[some, None]) <= most, axis=1) >= 0.5
-    return coherent
+    distance, nearest = nearest_of(evidence.uv1[index], evidence.uv1[index], min(5, len(index)))
+    rise = np.abs(height[nearest] - height[:, None])[:, 1:]  # the first is the match itself
+    return np.asarray(np.mean(rise <= TUNE.steepest * distance[:, 1:], axis=1) >= 0.5)
 
 
 def contradicted_rad(gaps: Gaps, normal: FloatArray, scene: Scene) -> float:
