@@ -83,8 +83,13 @@ def _palette() -> NDArray[np.uint8]:
 
 
 def _neighbours(labels: NDArray[np.int32]) -> list[set[int]]:
-    """Ids next to each id, once every unlabelled pixel is given to the region nearest to it."""
+    """Ids next to each id, once every unlabelled pixel is given to the region nearest to it.
+
+    Of a large map some rows and columns are looked at, as a picture of 512 px would show them.
+    """
     found: list[set[int]] = [set() for _ in range(int(labels.max(initial=0)) + 1)]
+    step = max(1, min(labels.shape) // 512)
+    labels = labels[::step, ::step]
     if not labels.any():
         return found
     _, nearest = cv2.distanceTransformWithLabels(
