@@ -10,7 +10,7 @@ import numpy as np
 from slopecli.errors import DegenerateConfiguration
 from slopecli.findings.camera_checks import with_aspect
 from slopecli.findings.camera_test import Again, Cameras, CameraTest, examine_cameras, suspicion
-from slopecli.findings.focal_use import focal_note, focal_use, prior_sigma, refocused
+from slopecli.findings.focal_use import focal_note, focal_to_use, prior_sigma, refocused
 from slopecli.findings.given_checks import refuse_unrelated, review
 from slopecli.findings.known_motion import contradiction, motion_prior
 from slopecli.findings.solution_checks import POOR_FIT_PX, merged_groups
@@ -79,11 +79,11 @@ def _with_focal(answer: Answer, given: Cameras, options: Options, again: Again) 
     if cameras[1] is RAYS:
         return answer
     known = prior_sigma(given, options)
-    use = focal_use(test, known, options.free_focal)
+    use = focal_to_use(test, known, options.free_focal)
     freed = options.free_focal and test.focal_factor is not None
     focal_agrees = freed or abs(test.step) < AGREES * np.hypot(test.sigma, known)
     notes = answer.diagnostics
-    if test.centre or not focal_agrees:
+    if test.centre or test.only_contradicted or not focal_agrees:
         notes = suspicion(test, joined, solution, options, again, notes)
     notes = with_aspect(notes, given[0])
     if use.step:

@@ -11,6 +11,7 @@ import pytest
 from campaign import seeds
 
 from slopecli import load_camera, load_image
+from slopecli.findings import CameraTest, focal_to_use
 from slopecli.geometry import rays_from_pixels, rotation_angle, rotation_from_vector, solve_planes
 from slopecli.geometry.solver import (
     Settled,
@@ -266,6 +267,8 @@ def test_a_focal_length_that_is_not_told_is_not_freed() -> None:
     assert report.cameras[0].fx == PINHOLE.fx
     (note,) = (d for d in report.diagnostics if d.code == "focal-length")
     assert "do not tell" in note.message
+    assert "as if it were known to 40 %" in note.message
+    assert "--focal-sigma" in (note.remedy or "")
 
 
 def test_a_field_of_view_is_known_to_three_percent() -> None:
@@ -322,3 +325,32 @@ def test_a_wrong_principal_point_is_named_and_nothing_is_safe(name: str, free: b
     (warning,) = (d for d in report.diagnostics if d.code == "suspect-camera")
     assert f"principal point with {name} = " in warning.message
     assert not [plane.id for plane in report.planes if plane.verdict == "safe"]
+
+
+# ---- places matched before any window was chosen ----
+
+
+@pytest.mark.parametrize(("by", "suspect"), [(0.0, False), (0.05, True)])
+def test_fewer_sigmas_are_enough_where_the_overview_contradicts(
+    monkeypatch: pytest.MonkeyPatch, by: float, suspect: bool
+) -> None:
+    scene, false = scene_of(13, noise_px=0.9), changed(PINHOLE, "f", by)
+    assert "suspect-camera" not in {d.code for d in report_of(scene, false).diagnostics}
+    monkeypatch.setattr("slopecli.findings.camera_test._overview_contradicts", lambda *facts: True)
+    assert ("suspect-camera" in {d.code for d in report_of(scene, false).diagnostics}) is suspect
+
+
+def test_a_contradiction_that_no_focal_length_explains_is_said(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("slopecli.findings.camera_test._overview_contradicts", lambda *facts: True)
+    monkeypatch.setattr("slopecli.findings.camera_test.free_focal", lambda *facts: None)
+    report = report_of(scene_of(2), PINHOLE)
+    (warning,) = (d for d in report.diagnostics if d.code == "suspect-camera")
+    assert "it cannot be told in which of its numbers" in warning.message
+    assert report.fit.focal_factor is None
+    assert all(plane.verdict != "safe" for plane in report.planes)
+
+
+def test_a_focal_length_that_was_to_be_free_and_is_not_told_is_known_no_better_than_what_was_tried() -> None:
+    assert focal_to_use(CameraTest(), prior=0.0, free=True).sigma == pytest.approx(0.404, abs=0.001)
+    assert focal_to_use(CameraTest(), prior=0.03, free=True).sigma == 0.03
+    assert focal_to_use(CameraTest(), prior=0.0, free=False).sigma == 0.0

@@ -14,7 +14,7 @@ from slopecli.findings.pair_checks import check_lens
 from slopecli.findings.wording import finding
 from slopecli.geometry.epipolar import epipolar_distance, essential_matrix
 from slopecli.geometry.motion import LensMisfit
-from slopecli.geometry.solver.free_camera import Freed, focal_by_lines, free_focal, free_parameter
+from slopecli.geometry.solver.free_camera import Freed, focal_by_lines, free_focal, free_focal_nearby, free_parameter
 from slopecli.geometry.solver.intrinsics import PARAMETERS, CameraScore, Settled, score_camera, with_planes
 from slopecli.geometry.solver.seen_points import Sightings, changed
 from slopecli.look.scene import Scene
@@ -87,6 +87,11 @@ class CameraTest:
         """Its 1-sigma."""
         return float(np.exp(self.step)) * self.sigma if self.sigma < TEST.telling else None
 
+    @property
+    def only_contradicted(self) -> bool:
+        """Whether the cameras are contradicted and no focal length was found that explains it."""
+        return self.suspect and not np.isfinite(self.sigma)
+
 
 def examine_cameras(
     joined: Joined, solution: Solution, cameras: Cameras, scene: Scene | None = None, *, free: bool = False
@@ -104,16 +109,21 @@ def examine_cameras(
     except DegenerateConfiguration:  # what the solution kept is too little for a plane
         return CameraTest()
     alone = cache(partial(free_parameter, sightings, start))
-    test = CameraTest(score=score, sightings=sightings, centre=_centre_is_wrong(alone, score), alone=alone)
+    centre = _centre_is_wrong(alone, score, sightings, start)
+    test = CameraTest(score=score, sightings=sightings, centre=centre, alone=alone)
     every = every_sighting(joined, cameras, solution.noise_gain, scene)
-    asked = free or _overview_contradicts(joined, every, start)
-    lines = focal_by_lines(every, start.noise) if not asked and _may_be_wrong(score) else None
-    if not asked and not _asks_for_more(score) and not (lines and lines.elsewhere):
-        return replace(test, step=float(score.step[0]), sigma=_sigma(score))
+    contradicted = _overview_contradicts(joined, every, start)
+    lines = focal_by_lines(every, start.noise) if not free and not contradicted and _may_be_wrong(score) else None
+    if not free and not contradicted and not (lines and lines.elsewhere):
+        if not _asks_for_more(score):
+            return replace(test, step=float(score.step[0]), sigma=_sigma(score))
+        near = free_focal_nearby(sightings, start)
+        if near is not None and not _comes_near(near.value, near.score):
+            return replace(test, step=near.value, sigma=_sigma(near.score))
     freed = free_focal(every, start, None if free else _is_far, lines)
     if freed is None:
-        return test
-    wrong = _is_wrong(freed)
+        return replace(test, suspect=contradicted)
+    wrong = _is_wrong(freed, contradicted)
     sigma = float(freed.score.sigma[0]) if wrong else _sigma(freed.score)
     return replace(test, step=freed.value, sigma=sigma, suspect=wrong, start=freed.settled)
 
@@ -130,10 +140,13 @@ def _may_be_wrong(score: CameraScore) -> bool:
 
 def _asks_for_more(score: CameraScore) -> bool:
     """Whether the step of the score itself comes near to what is called wrong: those of wrong cameras exceed it."""
-    step, sigma = abs(float(score.step[0])), float(score.sigma[0])
-    return _may_be_wrong(score) and step > TEST.nearly * max(
-        TEST.least_wrong, TEST.unlikely * np.hypot(sigma, TEST.systematic)
-    )
+    return _may_be_wrong(score) and _comes_near(float(score.step[0]), score)
+
+
+def _comes_near(value: float, score: CameraScore) -> bool:
+    """Whether a step of the focal length is nearly as long as the least that is called wrong."""
+    likely = TEST.unlikely * np.hypot(float(score.sigma[0]), TEST.systematic)
+    return bool(abs(value) > TEST.nearly * max(TEST.least_wrong, likely))
 
 
 def _is_far(freed: Freed) -> bool:
@@ -151,12 +164,16 @@ def _overview_contradicts(joined: Joined, every: Sightings, start: Settled) -> b
     return bool(of_cells > TEST.far * of_matches)
 
 
-def _is_wrong(freed: Freed) -> bool:
-    """Whether the best focal length contradicts the one given: by 5 sigmas, or by fewer and clearly less noise."""
+def _is_wrong(freed: Freed, contradicted: bool) -> bool:
+    """Whether the best focal length contradicts the one given: by 5 sigmas, or by fewer and clearly less noise.
+
+    contradicted : whether the overview contradicts the cameras. Then either is enough: fewer sigmas, or less noise.
+    """
     step, sigma = abs(freed.value), float(freed.score.sigma[0])
     if abs(np.expm1(freed.value)) < TEST.least_wrong or sigma > TEST.telling:
         return False
-    if freed.less_noise > TEST.clearly and step > TEST.unlikely * np.hypot(sigma, TEST.systematic):
+    clearly, likely = freed.less_noise > TEST.clearly, step > TEST.unlikely * np.hypot(sigma, TEST.systematic)
+    if (clearly and likely) or (contradicted and (clearly or likely)):
         return True
     if freed.less_noise < 1.0:  # the matches are no nearer: what is left may be what lenses and interpolation leave
         return step > TEST.contradicted * np.hypot(
@@ -165,7 +182,9 @@ def _is_wrong(freed: Freed) -> bool:
     return step > TEST.contradicted * _sigma(freed.score)
 
 
-def _centre_is_wrong(alone: Callable[[str], Freed | None], score: CameraScore) -> bool:
+def _centre_is_wrong(
+    alone: Callable[[str], Freed | None], score: CameraScore, sightings: Sightings, start: Settled
+) -> bool:
     """Whether another principal point explains the matches, and clearly better than another focal length does."""
     told = score.px > TEST.faint * score.noise_px
     asked = [
@@ -180,6 +199,9 @@ def _centre_is_wrong(alone: Callable[[str], Freed | None], score: CameraScore) -
         ):
             noises.append(freed.score.noise_px)
     if not noises or TEST.centre_better * min(noises) > score.noise_px:
+        return False
+    nearby = free_parameter(sightings, start, "f", steps=False)
+    if nearby is not None and nearby.score.noise_px <= TEST.clearly * min(noises):
         return False
     focal = alone("f")
     return focal is None or focal.score.noise_px > TEST.clearly * min(noises)
@@ -222,7 +244,7 @@ def suspicion(
     if not (test.suspect or test.centre) or test.sightings is None or test.score is None:
         return known
     found = _explained(test)
-    if found is None:
+    if found is None or (test.only_contradicted and found.name in ("", "f")):
         return [*known, finding("suspect-camera", UNTOLD, test.focal_factor, CHECK_FILE)]
     others = [one for one in known if one.code != "suspect-distortion"]
     lens = [one for one in known if one.code == "suspect-distortion"]

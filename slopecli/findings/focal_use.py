@@ -9,6 +9,7 @@ import numpy as np
 
 from slopecli.findings.camera_test import TEST, Cameras, CameraTest
 from slopecli.findings.wording import finding
+from slopecli.geometry.solver.free_camera import FOCAL_STEPS
 from slopecli.geometry.solver.seen_points import changed
 from slopecli.options import Options
 from slopecli.types import Camera, Diagnostic
@@ -32,16 +33,19 @@ def prior_sigma(cameras: Cameras, options: Options) -> float:
     return FIELD_OF_VIEW_PERCENT / 100.0 if any(camera.source.startswith(FIELD_OF_VIEW) for camera in cameras) else 0.0
 
 
-def focal_use(test: CameraTest, prior: float, free: bool) -> FocalUse:
+def focal_to_use(test: CameraTest, prior: float, free: bool) -> FocalUse:
     """The focal length to use.
 
-    prior : 1-sigma of the one given.  free : whether the images alone decide, where they tell it.
+    prior : 1-sigma of the one given.  free : whether the images alone decide, where they tell it. Where they do not, a
+    focal length that was to be free is known no better than they say, or than that it is one of those tried.
     """
     told = test.focal_factor is not None and test.score is not None
     floor = TEST.floor_px / max(float(test.score.px[0]), 1e-9) if test.score is not None else np.inf
     own = float(np.hypot(test.sigma, floor))
     if free and told:
         return FocalUse(test.step, own)
+    if free and not prior:
+        return FocalUse(0.0, min(own, FOCAL_STEPS[-1] / np.sqrt(3.0)))
     if not prior or not told:
         return FocalUse(0.0, prior)
     both = 1.0 / np.sqrt(1.0 / prior**2 + 1.0 / own**2)
@@ -68,8 +72,9 @@ def focal_note(given: Cameras, used: Cameras, sigma: float, options: Options) ->
     if used[0] is given[0]:
         if not options.free_focal:
             return []
-        message = "the images do not tell the focal length, so the one given was used: --free-focal had no effect"
-        return [finding("focal-length", message, 1.0)]
+        message = "the images do not tell the focal length, so the one given was used, "
+        message += f"as if it were known to {100.0 * sigma:.2g} %"
+        return [finding("focal-length", message, 1.0, "if you know it better, say so by --focal-sigma")]
     before, after = given[0].focal_px, used[0].focal_px
     why = "that the images prefer (--free-focal)" if options.free_focal else "that images and --focal-sigma agree on"
     message = (

@@ -52,7 +52,7 @@ def start_by_lines(sightings: Sightings, noise: float, most: float) -> Start | N
         return None
     value = lines.value + step
     E = _scaled(lines.F, np.array([step]))[0]
-    seen = lines.seen.seen_by(_with_focal(sightings.cameras, value))
+    seen = lines.seen.seen_by(_with_focal(sightings.cameras, value)) if step else lines.seen
     finite = np.isfinite(np.column_stack(seen.rays())).all(axis=1)
     return value, _motion_of(E, seen.take(np.asarray(finite)), lines.weight[finite])
 

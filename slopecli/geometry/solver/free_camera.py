@@ -110,6 +110,15 @@ def focal_by_lines(every: Sightings, noise: float) -> ByLines:
     return ByLines(start_by_lines(thinned(every, _ANEW.points), noise, FOCAL_STEPS[-1]))
 
 
+def free_focal_nearby(sightings: Sightings, start: Settled) -> Freed | None:
+    """The logarithm of the focal length that fits best within reach of Gauss-Newton, by a share of the points.
+
+    start : the solution under the cameras of the sightings.
+    """
+    some = thinned(sightings, ENOUGH_FOR_STEPS, sightings.gain)
+    return free_parameter(*with_planes(some, start), "f", steps=False)
+
+
 def free_focal(
     every: Sightings, start: Settled, far: Callable[[Freed], bool] | None = None, lines: ByLines | None = None
 ) -> Freed | None:
@@ -220,7 +229,7 @@ def _gauss_newton(sightings: Sightings, parameter: str, best: _Tried) -> Freed:
     score = _score(sightings, parameter, best)
     for _ in range(12):
         step, sigma = float(score.step[index]), float(score.sigma[index])
-        if abs(step) <= max(0.003 * sigma, 1e-10):
+        if abs(step) <= max(0.03 * sigma, 1e-10):  # far less than it is known to
             break
         step = float(np.clip(step, -LONGEST_STEP[parameter], LONGEST_STEP[parameter]))
         for size in (1.0, 0.5, 0.2):
