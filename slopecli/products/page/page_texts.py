@@ -151,8 +151,7 @@ def why(label: str, sigma_deg: float, causes: dict[str, float]) -> Why:
     parts = [(name, 100 * causes[name] ** 2 / total) for name in CAUSES if causes[name] ** 2 > 5e-4 * total]
     cause = cheapest_remedy(causes)
     left = math.sqrt(max(total - causes[cause] ** 2, 0.0))
-    digits = 2 if sigma_deg < 1 else 1
-    return Why(label, f"{sigma_deg:.{digits}f}°", parts, cause, MEANING[cause][1], f"{left:.{digits}f}°")
+    return Why(label, f"{sigma_deg:.2f}°", parts, cause, MEANING[cause][1], f"{left:.2f}°")
 
 
 def cheapest_remedy(causes: dict[str, float]) -> str:

@@ -8,7 +8,9 @@ from __future__ import annotations
 
 import base64
 import gzip
+import html
 import math
+import re
 from collections.abc import Sequence
 from functools import lru_cache
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -30,6 +32,7 @@ if TYPE_CHECKING:
     from jinja2 import Environment
 
 JOINED = " x "
+OPTION = re.compile(r"(--[a-z][a-z0-9-]*)")
 
 
 class Row(NamedTuple):
@@ -115,7 +118,20 @@ def _templates() -> Environment:
     loader = PackageLoader("slopecli", "products/page")
     found = Environment(loader=loader, autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True)
     found.filters["visible"] = lambda text: visible(str(text))
+    found.filters["said"] = _said_in_html
     return found
+
+
+class _Html(str):
+    """Text that is HTML already, and is not escaped again."""
+
+    def __html__(self) -> str:
+        return self
+
+
+def _said_in_html(text: object) -> _Html:
+    """A sentence, escaped; names of options in it are not broken at their hyphens."""
+    return _Html(OPTION.sub(r'<span class="option">\1</span>', html.escape(visible(str(text)))))
 
 
 # ---- tables ----
@@ -160,7 +176,8 @@ def _row(plane: Plane, report: Report) -> Row:
     low, high = plane.slope_ci95_deg or (math.nan, math.nan)
     unit = slope_unit_of(report.options)
     interval = unit.interval(low, high) if math.isfinite(low) and plane.slope_known else "-"
-    note = "taken as level" if plane.taken_as_level else plane.reason or ""
+    poor = "poor: " if plane.status == "poor" and plane.reason else ""
+    note = "taken as level" if plane.taken_as_level else f"{poor}{plane.reason or ''}"
     seconds = [_slope_cell(other, unit)] if other is not None else [("-", "", "number")] * bool(report.ambiguity.others)
     cells = [
         (str(plane.id), str(plane.id), "number"),
