@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Literal, TypedDict
 
@@ -11,7 +11,14 @@ import numpy as np
 
 from slopecli.errors import InputError
 from slopecli.geometry.epipolar import checked_direction
-from slopecli.geometry.slope import ASPECT_SIGMAS, CAMERA_UP, measure_slopes, normal_covariances, surface_normals
+from slopecli.geometry.slope import (
+    ASPECT_SIGMAS,
+    CAMERA_UP,
+    aspect_sigmas,
+    measure_slopes,
+    normal_covariances,
+    surface_normals,
+)
 from slopecli.geometry.tilt_distribution import probability_below, slope_interval
 from slopecli.options import Options
 from slopecli.patches.join import Joined
@@ -30,6 +37,7 @@ class SlopeNumbers(TypedDict):
     slope_ci95_deg: tuple[float, float] | None
     aspect_deg: float | None
     dip_direction_deg: float | None
+    azimuth_sigma_deg: float | None
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,19 +75,23 @@ class Measured:
 def measure(solution: Solution, joined: Joined, options: Options) -> Measured:
     """Measure all planes of one root against the up direction the options ask for. InputError if there is none."""
     north = None if options.north is None else np.array(options.north, float)
-    sigma = float(np.radians(options.up_sigma_deg))
+    sigma, of_north = float(np.radians(options.up_sigma_deg)), float(np.radians(options.north_sigma_deg))
     given: Literal["given", "exif"] = "exif" if options.stated is not None and options.stated.up else "given"
     source: Literal["camera", "given", "dominant-plane", "exif"] = "camera" if options.up == "camera" else given
     level: int | None = None
     if options.up == "dominant-plane":
         source, level = "dominant-plane", dominant_plane(joined)
         vector = surface_normals(solution)[level]
-        slopes = _with_tilt_variance(measure_slopes(solution, None, sigma, north, up_plane=level), joined, level)
+        slopes = measure_slopes(solution, None, sigma, north, up_plane=level, north_sigma_rad=of_north)
     elif isinstance(options.up, str) and options.up != "camera":
         raise InputError(f"up is {options.up!r}; it must be camera, dominant-plane or three numbers X,Y,Z")
     else:
         vector = CAMERA_UP if isinstance(options.up, str) else checked_direction("up", options.up)
-        slopes = _with_tilt_variance(measure_slopes(solution, vector, sigma, north), joined)
+        slopes = measure_slopes(solution, vector, sigma, north, north_sigma_rad=of_north)
+    widened = _with_tilt_variance(slopes, joined, level)
+    if widened is not slopes:
+        facing = aspect_sigmas(widened, surface_normals(solution), vector, sigma, north, of_north)
+        slopes = replace(widened, aspect_sigma_rad=facing)
     level_id = None if level is None else joined.patches[level].id
     up = Up((float(vector[0]), float(vector[1]), float(vector[2])), source, options.up_sigma_deg, level_id)
     return Measured(solution, up, slopes, probability_below(slopes, float(np.radians(options.tolerance_deg))), level)
@@ -122,9 +134,8 @@ def _with_tilt_variance(slopes: Slopes, joined: Joined, level: int | None = None
     variance = extra**2
     covariance = slopes.tilt_covariance + variance[:, None, None] * np.eye(2)
     sigma = np.sqrt(slopes.sigma_rad**2 + variance)
-    undefined = slopes.slope_rad < ASPECT_SIGMAS * sigma
-    aspect, spread = (np.where(undefined, np.nan, values) for values in (slopes.aspect_rad, slopes.aspect_sigma_rad))
-    return Slopes(slopes.slope_rad, sigma, aspect, spread, covariance)
+    aspect = np.where(slopes.slope_rad < ASPECT_SIGMAS * sigma, np.nan, slopes.aspect_rad)
+    return Slopes(slopes.slope_rad, sigma, aspect, slopes.aspect_sigma_rad, covariance)
 
 
 def normal_covariances_deg2(solution: Solution, joined: Joined) -> list[FloatArray | None]:
@@ -144,7 +155,7 @@ def borrowed_sigma_rad(patch: Patch) -> float:
 
 def slope_numbers(slopes: Slopes) -> list[SlopeNumbers]:
     """The slope of every plane, in degrees."""
-    each = (slopes.slope_rad, slopes.sigma_rad, slope_interval(slopes), slopes.aspect_rad)
+    each = (slopes.slope_rad, slopes.sigma_rad, slope_interval(slopes), slopes.aspect_rad, slopes.aspect_sigma_rad)
     return [
         {
             "slope_deg": slope,
@@ -152,8 +163,11 @@ def slope_numbers(slopes: Slopes) -> list[SlopeNumbers]:
             "slope_ci95_deg": (lower, upper),
             "aspect_deg": None if math.isnan(aspect) else aspect,
             "dip_direction_deg": _dip_direction(slope, sigma, aspect),
+            "azimuth_sigma_deg": None if math.isnan(aspect) else of_azimuth,
         }
-        for slope, sigma, (lower, upper), aspect in zip(*(np.degrees(one).tolist() for one in each), strict=True)
+        for slope, sigma, (lower, upper), aspect, of_azimuth in zip(
+            *(np.degrees(one).tolist() for one in each), strict=True
+        )
     ]
 
 

@@ -27,8 +27,7 @@ Verdict = Literal["safe", "unsafe", "undecided"]
 class Camera:
     """Intrinsics of one camera, px; distortion: () for "pinhole", k1 k2 p1 p2 k3 k4 k5 k6 for "brown", k1 k2 k3 k4 for
     "fisheye" (OpenCV), k1 k2 p1 p2 k3 k4 skew for "polynomial", R0 R1 R2 tilt (x, y) linearity skew for "cahvor",
-    k for "division". size_given: whether the size is the camera's own, not an image's; note: how it was read, or "".
-    """
+    k for "division". size_given: whether the size is the camera's own, not an image's; note: how it was read."""
 
     width: int
     height: int
@@ -175,8 +174,7 @@ class ImageInfo:
 @dataclass(frozen=True)
 class Up:
     """What slopes are measured against. plane_id : of the plane that is taken as level, if up is its normal.
-    otherwise_cam1 : up, unit, as the evidence against the assumed one suggests; None where nothing was doubted.
-    """
+    otherwise_cam1 : up, unit, as the evidence against the assumed one suggests; None where nothing was doubted."""
 
     vector_cam1: tuple[float, float, float]
     source: Literal["camera", "given", "dominant-plane", "exif"]
@@ -234,6 +232,7 @@ class AlternativePlane:
     verdict: Verdict | None
     p_safe: float | None
     slope_known: bool = True
+    azimuth_sigma_deg: float | None = None
 
     @property
     def taken_as_level(self) -> bool:
@@ -291,6 +290,7 @@ class Plane:
     slope_known: bool = True  # its sigma is at most `max_sigma_deg`; not in JSON, which has both numbers
     rms_mrad: float | None = None
     slope_sigma_causes_deg: dict[str, float] | None = None  # parts of the sigma; their squares add up to its square
+    azimuth_sigma_deg: float | None = None  # of aspect_deg and dip_direction_deg
     normal_covariance_cam1: FloatArray | None = None  # (3, 3) of normal_cam1, deg^2, whatever up is; None: not known
     noun: str = "window"  # what messages call it; this and `found` follow from its source and are not in JSON
     found: bool = False  # it was found in the image (any shape), not given as a window or as correspondences

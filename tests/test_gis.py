@@ -20,9 +20,10 @@ from map_factory import make_map, make_site, metric_report
 from pyproj import Geod, Proj
 from report_factory import make_camera, make_image, make_plane, make_report, rectangle
 from scipy.ndimage import binary_fill_holes
+from solution_factory import make_report_of, make_solution
 
 from slopecli.ground import SlopeMap
-from slopecli.options import Place, Position
+from slopecli.options import Options, Place, Position
 from slopecli.products import (
     BANDS,
     MAP_PRODUCTS,
@@ -364,6 +365,29 @@ def test_walls_overhangs_level_ground_and_unknown_slopes_leave_cells_empty() -> 
     assert (one["aspect_deg"], one["dip_direction_deg"], one["strike_deg"]) == ("60", "240", "150")
     assert (two["aspect_deg"], two["strike_deg"], two["dip_deg"]) == ("", "", "0.2")
     assert (three["slope_deg"], three["slope_sigma_deg"], three["status"]) == ("", "12", "poor")
+
+
+def test_strike_is_as_sure_as_the_plane_is_steep() -> None:
+    """In every file alike; a plane that may be level has neither strike nor sigma."""
+    options = Options(north=(0.0, -1.0, 0.0), north_sigma_deg=0.3, position=HERE, baseline_m=3.0)
+    report = make_report_of(make_solution([60.0, 10.0, 1.0], [0.4, 0.4, 0.6]), options)
+    rows = rows_of(report)
+    sigmas = [math.hypot(0.4 / math.sin(math.radians(slope)), 0.3) for slope in (60.0, 10.0)]
+    assert [float(row["azimuth_sigma_deg"]) for row in rows[:2]] == pytest.approx(sigmas, rel=0.01)
+    assert (rows[2]["strike_deg"], rows[2]["azimuth_sigma_deg"]) == ("", "")
+    for document in (
+        [one["properties"] for one in features(geojson_of(report))],
+        json.loads(report.to_json())["planes"],
+    ):
+        assert [one["azimuth_sigma_deg"] for one in document[:2]] == pytest.approx(sigmas, rel=0.01)
+        assert document[2]["azimuth_sigma_deg"] is None
+
+
+@pytest.mark.parametrize("slope_deg", [80.0, 89.9])
+def test_walls_have_no_percent(slope_deg: float) -> None:
+    plane = make_plane(1, rectangle(300.0, 200.0, 40.0, 40.0), slope_deg)
+    (row,) = rows_of(make_report(make_camera(), [], planes=(plane,)))
+    assert (row["slope_percent"], row["slope_in_12"], float(row["dip_deg"])) == ("", "", slope_deg)
 
 
 @pytest.mark.parametrize("slope_deg", [0.0, 30.0])

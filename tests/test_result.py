@@ -27,7 +27,7 @@ CAMERA = "width height fx fy cx cy model distortion source"
 PLANE = (
     "id source polygon_px normal_cam1 distance slope_deg slope_sigma_deg slope_ci95_deg aspect_deg dip_direction_deg "
     "n_correspondences n_inliers rms_px roughness homography_px verdict p_safe status reason "
-    "slope_sigma_causes_deg normal_covariance_cam1"
+    "slope_sigma_causes_deg azimuth_sigma_deg normal_covariance_cam1"
 )
 
 

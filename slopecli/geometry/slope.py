@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import cache, reduce
 from typing import NamedTuple
 
@@ -28,6 +29,7 @@ def measure_slopes(
     north: FloatArray | None = None,
     *,
     up_plane: int | None = None,
+    north_sigma_rad: float = 0.0,
 ) -> Slopes:
     """Slope and aspect of every plane.
 
@@ -39,12 +41,14 @@ def measure_slopes(
         direction when the camera looks at the horizon). Only its horizontal part counts.
     up_plane : index of the plane whose normal is up, instead of `up_cam1`. Its covariance with the other planes is
         included; its own slope is exactly 0.
+    north_sigma_rad : 1-sigma of the azimuth of north.
 
     Returns
     -------
     slopes : `Slopes`. sigma_rad is the root mean square error of the slope over the distribution of the tilt: the
         first-order sigma for a steep plane, finite and not zero for a level one, larger for poorly determined normals
-        (`tilt_growth`). aspect_rad is clockwise seen from above, 0..2 pi, NaN where the slope is below twice its sigma.
+        (`tilt_growth`). aspect_rad is clockwise seen from above, 0..2 pi, NaN where the slope is below twice its sigma;
+        aspect_sigma_rad is its root mean square error (`aspect_sigmas`).
 
     Raises
     ------
@@ -65,8 +69,55 @@ def measure_slopes(
     sigma = _root_mean_square_error(slope, covariance)
     aspect = aspects(normals, up, north_direction(up, north))
     defined = (slope >= ASPECT_SIGMAS * sigma) & (np.sin(slope) > 0.0)
-    spread = np.sqrt(covariance[:, 1, 1]) / np.where(defined, np.sin(slope), 1.0)
-    return Slopes(slope, sigma, np.where(defined, aspect, np.nan), np.where(defined, spread, np.nan), covariance)
+    slopes = Slopes(slope, sigma, np.where(defined, aspect, np.nan), aspect, covariance)
+    return replace(slopes, aspect_sigma_rad=aspect_sigmas(slopes, normals, up, up_sigma_rad, north, north_sigma_rad))
+
+
+def aspect_sigmas(
+    slopes: Slopes,
+    normals: FloatArray,
+    up: FloatArray,
+    up_sigma_rad: float,
+    north: FloatArray | None,
+    north_sigma_rad: float,
+) -> FloatArray:
+    """(m,) 1-sigma of aspects, NaN where there is none: the root mean square of their errors over the tilt's.
+
+    Of a steep plane it is the 1-sigma of its tilt across the slope over the sine of the slope, and what is level within
+    its errors may face anywhere. An error of up turns aspects by its part across the slope over the tangent of it, so
+    that a wall keeps its strike.
+
+    slopes : their covariance has `up_sigma_rad` in both directions.  normals : (m, 3) unit.  up : (3,) unit.
+    """
+    found = np.isfinite(slopes.aspect_rad)
+    slope, covariance, sine = (
+        slopes.slope_rad[found],
+        slopes.tilt_covariance[found].copy(),
+        np.sin(slopes.slope_rad[found]),
+    )
+    if up_sigma_rad > 0.0:
+        turned = _aspects_by_up(normals[found], up, north) * sine[:, None]
+        covariance[:, 1, 1] += up_sigma_rad**2 * ((turned**2).sum(axis=1) - 1.0)
+    z, weight = _hermite(16, 2)
+    along, across = np.moveaxis(z @ _square_root(covariance).swapaxes(1, 2), 2, 0)
+    angle = np.hypot(along, across)
+    reach = np.sinc(angle / np.pi)  # of the error on the sphere
+    error = np.arctan2(reach * across, np.cos(angle) * sine[:, None] + reach * along * np.cos(slope)[:, None])
+    sigmas = np.full(len(slopes.slope_rad), np.nan)
+    sigmas[found] = np.hypot(np.sqrt(error**2 @ weight), north_sigma_rad)
+    return sigmas
+
+
+def _aspects_by_up(normals: FloatArray, up: FloatArray, north: FloatArray | None) -> FloatArray:
+    """(m, 2) derivatives of aspects by the direction of up, along two horizontal directions."""
+    step, columns = 1e-5, []
+    for direction in tangent_basis(up).T:
+        one, other = (
+            aspects(normals, turned, north_direction(turned, north))
+            for turned in (np.cos(step) * up + np.sin(angle) * direction for angle in (step, -step))
+        )
+        columns.append(np.angle(np.exp(1j * (one - other))) / (2.0 * step))
+    return np.column_stack(columns)
 
 
 def _up_direction(normals: FloatArray, up_cam1: FloatArray | None, up_plane: int | None) -> FloatArray:

@@ -70,6 +70,7 @@ def _plane(plane: Plane, report: Report, place: Georeference) -> dict[str, Any] 
         "dip_deg": numbers.dip_deg,
         "dip_direction_deg": numbers.dip_direction_deg,
         "strike_deg": numbers.strike_deg,
+        "azimuth_sigma_deg": numbers.azimuth_sigma_deg,
         "area_m2": numbers.area,
         "verdict": plane.verdict,
         "p_safe": plane.p_safe,

@@ -10,6 +10,7 @@ import numpy as np
 
 from slopecli.geometry.camera import points_on_plane, rays_from_pixels
 from slopecli.geometry.epipolar import homogeneous
+from slopecli.report.slope_units import SLOPE_UNITS
 from slopecli.types import Camera, FloatArray, Plane, Report
 
 
@@ -18,9 +19,10 @@ class PlaneMeasures:
     """Numbers of a plane; None where one is not known, or does not exist.
 
     slope_deg, slope_sigma_deg, aspect_deg : as in slopes.json, None where the slope is not known.
-    slope_percent, slope_in_12 : rise over a run of 100 and of 12; None of a wall and an overhang.
+    slope_percent, slope_in_12 : rise over a run of 100 and of 12; None where `SlopeUnit` tells slopes in degrees.
     dip_deg : of the plane itself, 0..90.  dip_direction_deg : azimuth of its descent.
     strike_deg : azimuth of its level line, from which it dips to the right.
+    azimuth_sigma_deg : 1-sigma of aspect, dip direction and strike.
     area : of its footprint, in the unit of the scale squared.
     """
 
@@ -32,6 +34,7 @@ class PlaneMeasures:
     dip_deg: float | None
     dip_direction_deg: float | None
     strike_deg: float | None
+    azimuth_sigma_deg: float | None
     area: float | None
 
 
@@ -39,9 +42,9 @@ def measures_of(plane: Plane, report: Report) -> PlaneMeasures:
     """The measures of a plane of a report."""
     area = _areas(report).get(plane.id)
     if not plane.slope_known:
-        return PlaneMeasures(None, plane.slope_sigma_deg, None, None, None, None, None, None, area)
+        return PlaneMeasures(None, plane.slope_sigma_deg, None, None, None, None, None, None, None, area)
     slope, direction = plane.slope_deg, plane.dip_direction_deg
-    rise = math.tan(math.radians(slope)) if slope < 89.95 else None  # beyond, the last digit of the slope decides
+    rise = math.tan(math.radians(slope)) if SLOPE_UNITS["percent"].has(slope) else None
     return PlaneMeasures(
         slope_deg=slope,
         slope_sigma_deg=plane.slope_sigma_deg,
@@ -51,6 +54,7 @@ def measures_of(plane: Plane, report: Report) -> PlaneMeasures:
         dip_deg=min(slope, 180.0 - slope),
         dip_direction_deg=direction,
         strike_deg=None if direction is None else (direction - 90.0) % 360.0,
+        azimuth_sigma_deg=plane.azimuth_sigma_deg,
         area=area,
     )
 

@@ -16,6 +16,7 @@ NUMBERS = (
     "slope_sigma_deg",
     "aspect_deg",
     "dip_direction_deg",
+    "azimuth_sigma_deg",
     "distance",
     "roughness",
     "p_safe",
