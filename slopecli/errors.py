@@ -1,6 +1,17 @@
-"""What can go wrong, and the exit status each kind ends in. Imports nothing, so every room may use it."""
+"""What can go wrong, and the exit status each kind ends in. Imports nothing of slopemap, so every room may use it."""
 
 from __future__ import annotations
+
+from enum import IntEnum
+
+
+class ExitStatus(IntEnum):
+    """What the command line ends in."""
+
+    UNUSABLE = 1  # an input; of an error that nobody raised on purpose, too
+    NO_ANSWER = 3  # the inputs were read, and the scene gives none
+    SOME_WITHOUT_ANSWER = 4  # of a batch that finished
+    INTERRUPTED = 130
 
 
 def visible(text: str) -> str:
@@ -12,13 +23,11 @@ def visible(text: str) -> str:
 class SlopemapError(Exception):
     """Base of all errors slopemap raises on purpose. `str(error)` is the one line a user reads."""
 
-    exit_code = 1
+    exit_code = ExitStatus.UNUSABLE
 
 
 class InputError(SlopemapError):
     """An input is unusable. The message says which, what was found, what was needed and what to try."""
-
-    exit_code = 1
 
 
 class WrongArgument(InputError, TypeError):
@@ -39,7 +48,7 @@ class NoAnswer(SlopemapError):
     remedy : what to do about it.
     """
 
-    exit_code = 3
+    exit_code = ExitStatus.NO_ANSWER
 
     def __init__(self, code: str, reason: str, remedy: str, value: float | None = None) -> None:
         super().__init__(f"{code}: {reason}; {remedy}")
@@ -52,4 +61,4 @@ class NoAnswer(SlopemapError):
 class DegenerateConfiguration(SlopemapError):
     """A geometric problem has no unique solution: too few, collinear or coincident points, or no motion."""
 
-    exit_code = 3
+    exit_code = ExitStatus.NO_ANSWER

@@ -14,7 +14,7 @@ from urllib.parse import quote
 
 from slopecli import __version__
 from slopecli.batch.jobs import Outcome
-from slopecli.errors import visible
+from slopecli.errors import ExitStatus, visible
 from slopecli.products import MAP_PICTURE, OVERLAY
 
 FILES = SUMMARY, RESULTS, PAGE = "summary.csv", "results.jsonl", "index.html"
@@ -260,7 +260,7 @@ def _picture(outcome: Outcome) -> Cell:
 def _result(outcome: Outcome) -> Cell:
     if outcome.exit_status == 0:
         return Cell("<strong>answered</strong>", "answered")
-    verdict = "no answer" if outcome.exit_status == 3 else "failed"
+    verdict = "no answer" if outcome.exit_status == ExitStatus.NO_ANSWER else "failed"
     code = outcome.code or f"exit status {outcome.exit_status}"
     reason = "; ".join(part for part in (outcome.message, outcome.remedy) if part)
     return Cell(f"<strong>{verdict}: {_text(code)}</strong><br>{_text(reason)}", f"{verdict}: {code}", "pair")

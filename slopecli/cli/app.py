@@ -19,7 +19,7 @@ from slopecli import __version__
 from slopecli.cli.interruption import was_interrupted
 from slopecli.cli.opencv_wheels import explain_opencv
 from slopecli.cli.talk import Talk, drop_stdout, tell
-from slopecli.errors import SlopemapError
+from slopecli.errors import ExitStatus, SlopemapError
 
 # where a command stands: module:name
 PLACE_OF = {
@@ -41,8 +41,6 @@ Exit status:
   4    a batch finished, and some pairs have no answer
   130  interrupted"""
 OPENCV_THREADS = "OPENCV_FOR_THREADS_NUM"  # environment variable that OpenCV reads
-UNEXPECTED = 1
-INTERRUPTED = 130
 CANNOT_PRINT = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO, errno.EBADF)
 NO_MEMORY = re.compile(
     "[Cc]annot allocate memory|[Ii]nsufficient memory|failed to map segment|can't start new thread|bad_alloc"
@@ -84,19 +82,21 @@ def run(command: click.Command, arguments: Sequence[str]) -> int:
     except SlopemapError as error:
         return _end(str(error), error.exit_code)
     except (click.Abort, KeyboardInterrupt):
-        return _end("interrupted", INTERRUPTED)
+        return _end("interrupted", ExitStatus.INTERRUPTED)
     except MemoryError:
-        return _end(NO_MEMORY_LINE, UNEXPECTED)
+        return _end(NO_MEMORY_LINE, ExitStatus.UNUSABLE)
     except Exception as error:
         if was_interrupted():  # while an extension module was loaded, which made another error of it
-            return _end("interrupted", INTERRUPTED)
+            return _end("interrupted", ExitStatus.INTERRUPTED)
         if NO_MEMORY.search(str(error)):  # of OpenCV, of the loader of libraries, of threads
-            return _end(NO_MEMORY_LINE, UNEXPECTED)
+            return _end(NO_MEMORY_LINE, ExitStatus.UNUSABLE)
         if isinstance(error, FileNotFoundError) and _folder_is_gone():
-            return _end("the working folder no longer exists; change to another one", UNEXPECTED)
+            return _end("the working folder no longer exists; change to another one", ExitStatus.UNUSABLE)
         if isinstance(error, OSError) and error.errno in CANNOT_PRINT:
             drop_stdout()  # files of -o answer for themselves, so what could not be written is stdout
-            return _end(f"cannot write to stdout: {error.strerror}; free some space or write elsewhere", UNEXPECTED)
+            return _end(
+                f"cannot write to stdout: {error.strerror}; free some space or write elsewhere", ExitStatus.UNUSABLE
+            )
         return _unexpected(error, talk)
     finally:
         talk.clear()
@@ -136,10 +136,10 @@ def _end(message: str, exit_code: int) -> int:
 
 def _unexpected(error: Exception, talk: Talk) -> int:
     if (line := explain_opencv(error)) is not None:
-        return _end(line, UNEXPECTED)
+        return _end(line, ExitStatus.UNUSABLE)
     if talk.verbose:
         import traceback
 
         traceback.print_exception(error)
     hint = "" if talk.verbose else "; run again with -v for the traceback"
-    return _end(f"unexpected {type(error).__name__}: {error}; this is a fault of slopemap{hint}", UNEXPECTED)
+    return _end(f"unexpected {type(error).__name__}: {error}; this is a fault of slopemap{hint}", ExitStatus.UNUSABLE)

@@ -26,6 +26,7 @@ from slopecli.cli.progress import BatchProgress
 from slopecli.cli.shared_options import Flag, Option
 from slopecli.cli.table import Table, print_table
 from slopecli.cli.talk import Talk
+from slopecli.errors import ExitStatus
 from slopecli.report.slope_units import SLOPE_UNITS, SlopeUnit, slope_unit_of
 
 if TYPE_CHECKING:
@@ -33,7 +34,6 @@ if TYPE_CHECKING:
     from slopecli.batch.pairs import FoundPairs
     from slopecli.options import CameraChoice, MetadataChoice
 
-SOME_WITHOUT_ANSWER = 4
 SEGMENT = {"planes": "regions", "up": "dominant-plane"}  # what `slopemap segment` does differently
 PAIRS, WORKERS = "Pairs", "Workers"
 MAP_HEADER = ("pair", "result", "safe", "unsafe", "undecided", "unknown", "sites", "radius", "slope", "note")
@@ -119,7 +119,7 @@ def batch(ctx: click.Context, folder: str, **parameters: Any) -> None:
     page = Path(parameters["output"], "index.html")
     talk.say(f"wrote {page}, summary.csv and results.jsonl beside it, and a folder for each pair")
     if failed:
-        ctx.exit(SOME_WITHOUT_ANSWER)
+        ctx.exit(ExitStatus.SOME_WITHOUT_ANSWER)
 
 
 def _check_usage(ctx: click.Context) -> None:
@@ -210,7 +210,7 @@ def _map_cells(outcome: Outcome, unit: SlopeUnit) -> tuple[str, ...]:
 
 
 def _without_answer(outcome: Outcome, header: Sequence[str]) -> tuple[str, ...]:
-    result = "no answer" if outcome.exit_status == 3 else "failed"
+    result = "no answer" if outcome.exit_status == ExitStatus.NO_ANSWER else "failed"
     return outcome.name, result, *"-" * (len(header) - 3), outcome.code or ""
 
 

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-WHEELS = ("opencv-python", "opencv-python-headless", "opencv-contrib-python", "opencv-contrib-python-headless")
-KEPT = WHEELS[-1]
+KEPT = "opencv-contrib-python-headless"
+WHEELS = ("opencv-python", "opencv-python-headless", "opencv-contrib-python", KEPT)
 
 
 def explain_opencv(error: Exception) -> str | None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any, get_args, get_type_hints
 
 import click
@@ -210,12 +210,30 @@ def inside(low: float, high: float) -> Between:
     return Between(low, high, min_open=True, max_open=True)
 
 
-def _is_direction(vector: Values) -> bool:
+def _is_direction(vector: Sequence[float]) -> bool:
     return 0 < math.hypot(*vector) < math.inf
 
 
 def _is_sigma(sigma_deg: float) -> bool:
     return 0 < sigma_deg < 90
+
+
+def _is_window(window: Values) -> bool:
+    return min(window[:2]) >= 0 < min(window[2:])
+
+
+def _has_focal_lengths(intrinsics: Values) -> bool:
+    return min(intrinsics[:2]) > 0
+
+
+def _is_rotation_prior(prior: Values) -> bool:
+    *vector, sigma_deg = prior
+    return math.hypot(*vector) <= 360 and _is_sigma(sigma_deg)
+
+
+def _is_direction_prior(prior: Values) -> bool:
+    *vector, sigma_deg = prior
+    return _is_direction(vector) and _is_sigma(sigma_deg)
 
 
 SIGMA_IS = "SIGMA must be > 0 and < 90 deg"
@@ -225,29 +243,29 @@ PAIRINGS = ("consecutive", "stride", "folders")  # or the path of a list of pair
 WINDOW = comma_separated(
     "X,Y,W,H",
     "100,100,200,150",
-    lambda w: min(w[:2]) >= 0 < min(w[2:]),
+    _is_window,
     "X, Y must be 0 or more, W, H 1 or more",
     number=int,
 )
-INTRINSICS = comma_separated("FX,FY,CX,CY", "800,800,511.5,383.5", lambda k: min(k[:2]) > 0, "FX, FY must be > 0")
+INTRINSICS = comma_separated("FX,FY,CX,CY", "800,800,511.5,383.5", _has_focal_lengths, "FX, FY must be > 0")
 VECTOR = comma_separated(*VECTOR_IS)
 UP = comma_separated(*VECTOR_IS, words=("camera", "dominant-plane"))
 ROTATION_VECTOR = comma_separated(
     "RX,RY,RZ,SIGMA",
     "0,0,1.5,0.1",
-    lambda r: math.hypot(*r[:3]) <= 360 and _is_sigma(r[3]),
+    _is_rotation_prior,
     f"the angle must be at most 360 deg and {SIGMA_IS}",
 )
 QUATERNION = comma_separated(
     "QW,QX,QY,QZ,SIGMA",
     "1,0,0,0.01,0.1",
-    lambda q: _is_direction(q[:4]) and _is_sigma(q[4]),
+    _is_direction_prior,
     f"the quaternion must not be zero and {SIGMA_IS}",
 )
 DIRECTION_PRIOR = comma_separated(
     "X,Y,Z,SIGMA",
     "0,0,1,0.5",
-    lambda d: _is_direction(d[:3]) and _is_sigma(d[3]),
+    _is_direction_prior,
     f"the direction must not be zero and {SIGMA_IS}",
 )
 ROTATION_PRIOR = Parsed(_rotation_prior)

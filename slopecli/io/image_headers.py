@@ -22,9 +22,7 @@ from slopecli.io.tiff_directories import TiffTag
 PNG_SIGNATURE = b"\x89PNG\r\n\x1a\n"
 JPEG_SIGNATURE = b"\xff\xd8\xff"
 CRITICAL_CHUNKS = (b"IHDR", b"PLTE", b"IDAT", b"IEND")
-COLOUR_FILTERS = 32803  # PhotometricInterpretation of raw pixels
-MAX_TIFF_BANDS = 4
-USUAL_COMPRESSIONS = (0, 1, 2, 3, 4, 5, 6, 7, 8, 32773, 32946)
+USUAL_COMPRESSIONS = (*range(9), 32773, 32946)
 COMPRESSIONS = {34712: "JPEG 2000", 34887: "LERC", 34925: "LZMA", 50000: "Zstandard", 50001: "WebP", 50002: "JPEG XL"}
 SAMPLE_KINDS = {4: "undefined", 5: "complex", 6: "complex"}  # of SampleFormat, that are not read; 3 is floating point
 SEVERAL_PICTURES = "is animated; its first picture is used"
@@ -144,7 +142,7 @@ def _tiff_header(data: bytes) -> ImageHeader:
     return ImageHeader(
         image.size,
         orientation if 1 <= orientation <= 8 else 1,
-        image.number(TiffTag.PHOTOMETRIC) == COLOUR_FILTERS
+        image.number(TiffTag.PHOTOMETRIC) == TiffTag.COLOUR_FILTERS
         or any(TiffTag.DNG_VERSION in one.tags for one in directories),
         note,
         _nodata(image.text(TiffTag.NODATA)),
@@ -157,7 +155,7 @@ def _unusual_tiff(image: tiff.Directory) -> str:
     """What decoders may not read of an image, "" if it is of the usual kind."""
     bands, bits = image.number(TiffTag.SAMPLES, 1), image.number(TiffTag.BITS, 1)
     kind, compression = image.number(TiffTag.SAMPLE_FORMAT, 1), image.number(TiffTag.COMPRESSION, 1)
-    if bands > MAX_TIFF_BANDS:
+    if bands > 4:
         return f"has {bands} bands, needed 1 (grey), 3 (colour) or 4; export one band, or three of them"
     if kind in SAMPLE_KINDS or (kind == 3 and bits not in (32, 64)):
         what = SAMPLE_KINDS.get(kind, "floating-point")

@@ -15,7 +15,7 @@ INTEGER_TYPES = {1: "B", 3: "H", 4: "I", 13: "I", 16: "Q", 18: "Q"}
 
 
 class TiffTag(IntEnum):
-    """Numbers of the tags that are looked at."""
+    """Numbers of the tags that are looked at, and of a value."""
 
     SUBFILE_TYPE = 254
     OLD_SUBFILE_TYPE = 255
@@ -24,6 +24,7 @@ class TiffTag(IntEnum):
     BITS = 258
     COMPRESSION = 259
     PHOTOMETRIC = 262
+    COLOUR_FILTERS = 32803  # value of PHOTOMETRIC of raw pixels
     ORIENTATION = 274
     SAMPLES = 277
     PLANAR = 284

@@ -63,7 +63,7 @@ def _draw_window(picture: Picture, one: PlannedWindow, scale: float, text_px: in
     left, top, right, bottom = _corners(one, scale)
     patch = picture[top:bottom, left:right]
     sigma = one.slope_sigma_deg
-    patch[:] = marks.NO_ANSWER if sigma is None else sigma_colours(np.array([sigma]))[0]
+    patch[:] = marks.COLOURS["no answer"] if sigma is None else sigma_colours(np.array([sigma]))[0]
     outline = np.array([[0, 0], [1, 0], [1, 1], [0, 1]]) * [right - left - 1.0, bottom - top - 1.0]
     line = max(1, round(min(text_px / 6, min(patch.shape[:2]) / 30)))
     marks.paint_verdict(patch, [outline], SIGNS[one.status], line)

@@ -148,8 +148,8 @@ SEQUENCE_PRODUCTS = (
 )
 VIDEO = "sequence.mp4"  # of a sequence, if it is asked for
 # all that a folder may hold, so that files of an earlier command do not stay beside those of another
-_EVERY = (*PRODUCTS[:-1], *MAP_PRODUCTS[:-1], *SEQUENCE_PRODUCTS[:-1])
-OUTPUT_NAMES = tuple(dict.fromkeys([*(one.file for one in _EVERY), VIDEO, RESULT]))
+_FILES = dict.fromkeys(one.file for one in (*PRODUCTS, *MAP_PRODUCTS, *SEQUENCE_PRODUCTS) if one.file != RESULT)
+OUTPUT_NAMES = (*_FILES, VIDEO, RESULT)
 CHOICES = tuple(dict.fromkeys(product.choice for product in PRODUCTS if product.choice))
 BY_DEFAULT = frozenset(product.choice for product in PRODUCTS if product.choice and product.by_default)
 

@@ -33,7 +33,7 @@ def draw_camera(facts: CameraFacts, lines: list[str], image: Image | None = None
     explained = f"{EXPLAINED}{_arrows(picture, camera, scale, text_px)}."
     centre = _place(np.array([[camera.cx, camera.cy]]), scale)[0]
     for way in (np.array([text_px, 0.0]), np.array([0.0, text_px])):
-        marks.cased_stroke(picture, np.array([centre - way, centre + way]), marks.CAUTION, 2)
+        marks.cased_stroke(picture, np.array([centre - way, centre + way]), marks.COLOURS["caution"], 2)
     texts += _corners(facts, picture.shape, text_px)
     picture = write(picture, texts)
     return converted(np.vstack([picture, _legend([explained, *lines], shape[1], text_px)]), cv2.COLOR_RGB2BGR)
@@ -72,7 +72,7 @@ def _circles(picture: Picture, camera: Camera, scale: float, text_px: int) -> li
         for line in np.split(uv, np.flatnonzero(~np.isfinite(uv).all(axis=1))):
             line = _place(line[np.isfinite(line).all(axis=1)], scale)
             if len(line) > 1 and np.abs(line).max() < 2 * LARGEST_PX:
-                marks.cased_stroke(picture, line, marks.PAPER, 1)
+                marks.cased_stroke(picture, line, marks.COLOURS["paper"], 1)
         at = _place(uv[45:46], scale)[0]  # below and to the right of the axis
         if np.isfinite(at).all() and (at > text_px).all() and (at < np.array(picture.shape[1::-1]) - 3 * text_px).all():
             texts.append(Text((float(at[0]), float(at[1])), f"{angle:g}°", text_px, "mm"))
@@ -94,8 +94,8 @@ def _arrows(picture: Picture, camera: Camera, scale: float, text_px: int) -> str
     times = 10.0 ** np.ceil(np.log10(max(1.0, 2 * text_px / longest))) if longest > 0 else 1.0
     for tip, shift in zip(_place(uv, scale), shifts, strict=True):
         if np.isfinite(shift).all() and np.hypot(*shift) < 0.5 * max(picture.shape):
-            marks.cased_stroke(picture, np.array([tip - times * shift, tip]), marks.HAZARD, 2)
-            marks.disc(picture, tip, 0.25 * text_px, marks.HAZARD)
+            marks.cased_stroke(picture, np.array([tip - times * shift, tip]), marks.COLOURS["hazard"], 2)
+            marks.disc(picture, tip, 0.25 * text_px, marks.COLOURS["hazard"])
     return f" (dot), {times:g} times as long" if times > 1 else " (dot)"
 
 
@@ -118,8 +118,8 @@ def _legend(lines: list[str], width: int, text_px: int) -> Picture:
     for line in lines:
         name, gap, value = line.partition("  ")
         u = values if gap else left
-        texts += [Text((left, v), name, text_px, "lm", marks.INK, halo=None)] if gap else []
+        texts += [Text((left, v), name, text_px, "lm", marks.COLOURS["ink"], halo=None)] if gap else []
         for row in wrapped(value.strip() if gap else line, text_px, width - u - text_px):
-            texts.append(Text((u, v), row, text_px, "lm", marks.INK, halo=None))
+            texts.append(Text((u, v), row, text_px, "lm", marks.COLOURS["ink"], halo=None))
             v += leading
     return write(np.full((round(v), width, 3), 255, np.uint8), texts)

@@ -8,6 +8,7 @@ from __future__ import annotations
 import io
 import math
 from dataclasses import dataclass
+from enum import IntEnum
 from typing import Any
 
 import numpy as np
@@ -28,22 +29,26 @@ class _Raster:
     reach: float = 1.05  # of half the diagonal between cells: a pixel beyond belongs to no cell
 
 
-@dataclass(frozen=True)
-class _GeoTiff:
-    """Numbers of the tags of GeoTIFF, and of its keys with the values that are written."""
+class _GeoTag(IntEnum):
+    """Numbers of the tags of GeoTIFF."""
 
-    pixel_scale: int = 33550
-    tie_point: int = 33922
-    key_directory: int = 34735
-    ascii: int = 34737
-    model_is_projected: tuple[int, int] = (1024, 1)
-    raster_is_area: tuple[int, int] = (1025, 1)
-    citation: int = 1026
-    projection: int = 3072
-    unit_is_metre: tuple[int, int] = (3076, 9001)
+    PIXEL_SCALE = 33550
+    TIE_POINT = 33922
+    KEY_DIRECTORY = 34735
+    ASCII = 34737
 
 
-RASTER, GEOTIFF = _Raster(), _GeoTiff()
+class _GeoKey(IntEnum):
+    """Numbers of the keys in its directory."""
+
+    MODEL_TYPE = 1024
+    RASTER_TYPE = 1025
+    CITATION = 1026
+    PROJECTION = 3072
+    UNIT = 3076
+
+
+RASTER = _Raster()
 
 
 @dataclass(frozen=True, eq=False)
@@ -152,18 +157,18 @@ def _geo_tags(raster: Orthographic, place: Georeference) -> list[tuple[Any, ...]
     name = f"{place.projection}|"
     keys = [
         (1, 1, 1, 5),  # version, and how many keys follow: number, tag of the value or 0, its count, value or index
-        _key(*GEOTIFF.model_is_projected),
-        _key(*GEOTIFF.raster_is_area),
-        (GEOTIFF.citation, GEOTIFF.ascii, len(name), 0),
-        _key(GEOTIFF.projection, place.epsg),
-        _key(*GEOTIFF.unit_is_metre),
+        _key(_GeoKey.MODEL_TYPE, 1),  # projected
+        _key(_GeoKey.RASTER_TYPE, 1),  # a pixel is an area
+        (_GeoKey.CITATION, _GeoTag.ASCII, len(name), 0),
+        _key(_GeoKey.PROJECTION, place.epsg),
+        _key(_GeoKey.UNIT, 9001),  # metre
     ]
     flat = [number for key in keys for number in key]
     return [
-        (GEOTIFF.pixel_scale, "d", 3, (raster.pixel_m, raster.pixel_m, 0.0), True),
-        (GEOTIFF.tie_point, "d", 6, (0.0, 0.0, 0.0, raster.left, raster.top, 0.0), True),
-        (GEOTIFF.key_directory, "H", len(flat), flat, True),
-        (GEOTIFF.ascii, "s", 0, name, True),
+        (_GeoTag.PIXEL_SCALE, "d", 3, (raster.pixel_m, raster.pixel_m, 0.0), True),
+        (_GeoTag.TIE_POINT, "d", 6, (0.0, 0.0, 0.0, raster.left, raster.top, 0.0), True),
+        (_GeoTag.KEY_DIRECTORY, "H", len(flat), flat, True),
+        (_GeoTag.ASCII, "s", 0, name, True),
     ]
 
 

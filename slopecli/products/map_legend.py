@@ -22,7 +22,7 @@ from slopecli.products.drawing.ground_marks import (
 )
 from slopecli.products.drawing.legend import ROW, SIGN_WIDTH, UP_WORDS, Sign, Strip, banner, level_banners
 from slopecli.products.drawing.lettering import LEADING, Text, text_width, wrapped, write
-from slopecli.products.drawing.marks import INK, PAPER, Colour, Picture
+from slopecli.products.drawing.marks import COLOURS, Colour, Picture
 from slopecli.products.drawing.patterns import (
     Pattern,
     lay_nothing,
@@ -37,8 +37,6 @@ from slopecli.types import BoolArray
 
 Cells = NDArray[np.int16]  # (rows, columns) the class of every cell, `STEP` or `UNKNOWN`
 Entry = tuple[str, Sign]
-UNKNOWN_GROUND: Colour = (145, 145, 145)  # of unknown cells over an image of middle grey
-TITLE = 1.3  # of the text size
 
 
 def draw_warnings(slope_map: SlopeMap, frame: Frame) -> list[Picture]:
@@ -133,10 +131,10 @@ def draw_map_legend(
     """Draw a legend, (h, w, 3) uint8 RGB: title, of a map direction and scale bar, groups of entries, caption."""
     width, size = frame.width, frame.text_px
     strip = Strip(width, size)
-    large = round(TITLE * size)
+    large = round(1.3 * size)
     strip.start(1.2 * large)
     for line in wrapped(title, large, width - 2 * size):
-        strip.texts.append(Text((size, strip.v), line, large, "lm", INK, None))
+        strip.texts.append(Text((size, strip.v), line, large, "lm", COLOURS["ink"], None))
         strip.v += LEADING * large
     strip.v += 0.5 * size
     if slope_map is not None:
@@ -147,7 +145,7 @@ def draw_map_legend(
     for line in wrapped(caption, size, width - 2 * size):
         strip.note(line, size, strip.v)
         strip.v += LEADING * size
-    sheet = np.full((round(strip.v + 0.3 * size), width, 3), PAPER, np.uint8)
+    sheet = np.full((round(strip.v + 0.3 * size), width, 3), COLOURS["paper"], np.uint8)
     for sign, centre in strip.signs:
         sign(sheet, centre, 0.55 * size)
     return write(sheet, strip.texts)
@@ -198,7 +196,7 @@ def _class_entries(classes: Classes, cells: Cells, text_px: int, slope_map: Slop
 
 
 def _unknown_entry(where: BoolArray, text_px: int) -> Entry:
-    sign = partial(_swatch, text_px, UNKNOWN_GROUND, lay_unknown)
+    sign = partial(_swatch, text_px, COLOURS["unknown ground"], lay_unknown)
     return f"NOT KNOWN, {share_text(where)}", sign
 
 
@@ -222,8 +220,8 @@ def _swatch(
     low = np.rint(centre).astype(int) - half
     patch = np.full((2 * half[1], 2 * half[0], 3), colour, np.uint8)
     pattern(patch, np.full(patch.shape[:2], True), text_px)
-    patch[[0, -1]] = INK
-    patch[:, [0, -1]] = INK
+    patch[[0, -1]] = COLOURS["ink"]
+    patch[:, [0, -1]] = COLOURS["ink"]
     picture[low[1] : low[1] + 2 * half[1], low[0] : low[0] + 2 * half[0]] = patch
 
 
@@ -231,7 +229,7 @@ def _site_sign(site: Site, text_px: int, picture: Picture, centre: np.ndarray, r
     """Draw a small circle of a site around its number."""
     site_circle(picture, centre, 1.45 * radius, site.verdict == "safe", max(2, round(text_px / 8)), centred=False)
     at = (float(centre[0]), float(centre[1]))
-    write(picture, [Text(at, str(site.id), text_px, "mm", INK, None)])
+    write(picture, [Text(at, str(site.id), text_px, "mm", COLOURS["ink"], None)])
 
 
 def _arrow(direction: np.ndarray, picture: Picture, centre: np.ndarray, radius: float) -> None:

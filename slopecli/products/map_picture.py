@@ -20,7 +20,7 @@ from slopecli.products.drawing.classes import (
     slope_classes,
 )
 from slopecli.products.drawing.ground_marks import draw_sites, draw_tolerance_edge, spread
-from slopecli.products.drawing.marks import NO_ANSWER, Picture
+from slopecli.products.drawing.marks import COLOURS, Picture
 from slopecli.products.drawing.patterns import lay_rough, lay_step, lay_undecided, lay_unknown
 from slopecli.products.map_legend import (
     Cells,
@@ -35,10 +35,6 @@ from slopecli.products.map_legend import (
     undecided_cells,
 )
 from slopecli.types import Image
-
-DETAIL, MOST_RELIEF = 0.5, 24  # contrast of the image in a class, grey levels: less than half a step between classes
-SURROUNDINGS = 0.04  # side of the square whose mean grey the image is compared with, over the long side
-PALE = 0.45  # share of light grey mixed into the image where nothing is known
 
 
 def draw_map(slope_map: SlopeMap, image: Image) -> NDArray[np.uint8]:
@@ -92,12 +88,12 @@ def _finished(
 def painted(image: Image, frame: Frame, shown: NDArray[np.int16], classes: Classes) -> Picture:
     """Return the image in the colours of classes, (h, w, 3) RGB; shown (h, w): the class of every pixel."""
     grey = resized(image.grey, frame.scale)
-    side = round(SURROUNDINGS * max(grey.shape)) // 2 * 2 + 1
-    detail = DETAIL * cv2.subtract(grey, cv2.blur(grey, (side, side)), dtype=cv2.CV_32F)
-    relief = np.clip(np.rint(detail), -MOST_RELIEF, MOST_RELIEF).astype(np.int16)
+    side = round(0.04 * max(grey.shape)) // 2 * 2 + 1  # of the square whose mean grey the image is compared with
+    detail = 0.5 * cv2.subtract(grey, cv2.blur(grey, (side, side)), dtype=cv2.CV_32F)
+    relief = np.clip(np.rint(detail), -24, 24).astype(np.int16)  # grey levels: less than half a step between classes
     picture = np.asarray(cv2.add(_coloured(shown, classes), cv2.merge([relief] * 3), dtype=cv2.CV_8U), np.uint8)
     unknown = shown == UNKNOWN
-    pale = np.rint((1.0 - PALE) * np.arange(256) + PALE * NO_ANSWER[0]).astype(np.uint8)
+    pale = np.rint(0.55 * np.arange(256) + 0.45 * COLOURS["no answer"][0]).astype(np.uint8)  # mixed with light grey
     picture[unknown] = pale[grey[unknown]][:, None]
     lay_unknown(picture, unknown, frame.text_px)
     lay_step(picture, shown == STEP, frame.text_px)

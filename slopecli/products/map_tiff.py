@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import io
 from collections.abc import Mapping
-from dataclasses import dataclass
+from enum import IntEnum
 from typing import Any
 
 import numpy as np
@@ -29,15 +29,11 @@ SOURCES = {
 BANDS = tuple(SOURCES)
 
 
-@dataclass(frozen=True)
-class _Gdal:
+class _GdalTag(IntEnum):
     """Numbers of the tags that GDAL defines."""
 
-    metadata: int = 42112
-    nodata: int = 42113
-
-
-GDAL = _Gdal()
+    METADATA = 42112
+    NODATA = 42113
 
 
 def encode(slope_map: SlopeMap, image: Image) -> bytes:
@@ -77,8 +73,8 @@ def _description(spacing_px: int) -> str:
 
 def gdal_tags(metadata: str | None) -> list[tuple[Any, ...]]:
     """The tags of GDAL for tifffile: its XML, where there is some, and the value for what is not known."""
-    nodata = (GDAL.nodata, "s", 0, f"{NODATA:g}", True)
-    return [nodata] if metadata is None else [(GDAL.metadata, "s", 0, metadata, True), nodata]
+    nodata = (_GdalTag.NODATA, "s", 0, f"{NODATA:g}", True)
+    return [nodata] if metadata is None else [(_GdalTag.METADATA, "s", 0, metadata, True), nodata]
 
 
 def gdal_metadata(scale_unit: str, of_file: Mapping[str, str] | None = None) -> str:

@@ -65,7 +65,7 @@ def _draw_patches(picture: Picture, grey: NDArray[np.uint8], footprints: Sequenc
 def _tinted(footprint: Footprint, grey: NDArray[np.uint8]) -> Picture:
     """Ground under one patch in the colour of its slope; grey without colour where it is not known."""
     slope_deg = footprint.slope_deg
-    colour = np.array(marks.NO_ANSWER) if slope_deg is None else slope_colours(slope_deg)[0]
+    colour = np.array(marks.COLOURS["no answer"]) if slope_deg is None else slope_colours(slope_deg)[0]
     levels = (1 - TINT) * np.arange(256.0)[:, None] + TINT * colour
     return np.asarray(cv2.LUT(converted(grey, cv2.COLOR_GRAY2RGB), levels.astype(np.uint8)[:, None]), np.uint8)
 
@@ -104,7 +104,7 @@ def _draw_pointers(picture: Picture, one: Placed, text_px: int) -> None:
     if one.outside:
         leader = one.leader()
         if np.linalg.norm(leader[1] - leader[0]) > 0.7 * text_px:
-            marks.cased_stroke(picture, leader, marks.PAPER, max(1, text_px // 10))
+            marks.cased_stroke(picture, leader, marks.COLOURS["paper"], max(1, text_px // 10))
     if one.footprint.downhill is not None and one.arrow_length > 0:
         width = min(0.3 * text_px, 0.2 * one.arrow_length)
         marks.arrow(picture, one.arrow_tail, one.footprint.downhill, one.arrow_length, width)

@@ -23,7 +23,7 @@ from slopecli import __version__
 from slopecli.geometry.camera import points_on_plane
 from slopecli.geometry.statistics import median
 from slopecli.products.drawing.colours import slope_colours
-from slopecli.products.drawing.marks import NO_ANSWER
+from slopecli.products.drawing.marks import COLOURS
 from slopecli.products.model_frame import frame_comments, model_rotation
 from slopecli.products.region_mesh import Surface, kept_part, subdivision, surfaces_of
 from slopecli.types import Camera, FloatArray, Image, IntArray, Plane, Report
@@ -131,7 +131,7 @@ def planes_mesh(planes: Sequence[Plane], camera: Camera) -> Mesh:
 
 def _colour(plane: Plane) -> ArrayLike:
     """RGB of a plane's slope, grey where it is not known."""
-    return slope_colours(plane.slope_deg)[0] if plane.slope_known else NO_ANSWER
+    return slope_colours(plane.slope_deg)[0] if plane.slope_known else COLOURS["no answer"]
 
 
 def _surface_mesh(surface: Surface, colours: ArrayLike) -> Mesh:

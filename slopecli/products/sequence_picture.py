@@ -12,7 +12,7 @@ from slopecli.geometry.homography import apply_homography
 from slopecli.products.drawing.canvas import converted, text_size
 from slopecli.products.drawing.colours import slope_colours
 from slopecli.products.drawing.lettering import Text, write
-from slopecli.products.drawing.marks import INK, Picture
+from slopecli.products.drawing.marks import COLOURS, Picture
 from slopecli.types import Camera, FloatArray, Image, Motion, Plane, Report
 
 
@@ -57,7 +57,7 @@ def _stroke(picture: Picture, outline: FloatArray, plane: Plane, width: int) -> 
     """The outline in the colour of the slope, on a dark edge; broken where the verdict is open."""
     points = [np.round(outline * 16).astype(np.int32)]
     colour = tuple(int(c) for c in slope_colours(plane.slope_deg)[0])
-    cv2.polylines(picture, points, True, INK, width + 2, cv2.LINE_AA, shift=4)
+    cv2.polylines(picture, points, True, COLOURS["ink"], width + 2, cv2.LINE_AA, shift=4)
     cv2.polylines(picture, points, True, colour, width, cv2.LINE_AA, shift=4)
 
 

@@ -12,12 +12,12 @@ from numpy.typing import ArrayLike, NDArray
 
 from slopecli.ground.slope_map import SlopeMap
 from slopecli.options import MapOptions
-from slopecli.products.drawing.marks import INK, Colour
+from slopecli.products.drawing.marks import COLOURS, Colour
 from slopecli.report.slope_units import SLOPE_UNITS, SlopeUnit, slope_unit_of
 from slopecli.types import FloatArray, Report
 
 UNKNOWN, STEP = -1, -2  # in place of a class: no slope is known; the footprint lies across a step of the ground
-STEP_COLOUR = INK
+STEP_COLOUR = COLOURS["ink"]
 SIGMA_EDGES_DEG = (0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0)
 # from dark to light; one side of the tolerance is blue and the other orange, also without red-green vision
 GENTLE: Sequence[Colour] = ((10, 26, 80), (28, 76, 168), (90, 150, 225), (190, 216, 250))

@@ -9,11 +9,12 @@ import cv2
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from slopecli.products.drawing.marks import COLOURS
 from slopecli.types import FloatArray
 
 SLOPE_RANGE_DEG = (0.0, 30.0)  # twice the usual tolerance of landers; fixed, never stretched to the data
 HUES = 12  # of a map of regions
-NO_REGION = (30, 30, 34)
+NO_REGION = COLOURS["no region"]
 
 
 def slope_colours(slope_deg: ArrayLike) -> NDArray[np.uint8]:

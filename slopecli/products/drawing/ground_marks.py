@@ -13,12 +13,11 @@ from slopecli.ground.slope_map import Site, SlopeMap
 from slopecli.products.drawing import marks
 from slopecli.products.drawing.canvas import Frame
 from slopecli.products.drawing.lettering import Text, write
-from slopecli.products.drawing.marks import CAUTION, INK, PAPER, Picture, lay_colour
+from slopecli.products.drawing.marks import COLOURS, Picture, lay_colour
 from slopecli.products.drawing.outlines import motion_px
 from slopecli.types import BoolArray, FloatArray
 
 SEEN_ALONG = 0.1  # sine of the angle between a direction and the ray, below which its image tells nothing
-ON_RIM = np.array([0.707, -0.707])  # where the number of a site is: on its circle, above and to the right
 
 
 def draw_tolerance_edge(picture: Picture, steep: BoolArray, valid: BoolArray, cell_px: float, text_px: int) -> None:
@@ -36,7 +35,7 @@ def draw_tolerance_edge(picture: Picture, steep: BoolArray, valid: BoolArray, ce
         return
     away = cv2.distanceTransform(np.multiply(~edge, 1, dtype=np.uint8), cv2.DIST_L2, cv2.DIST_MASK_5)
     half = 0.075 * text_px
-    for colour, reach in ((PAPER, half + max(1.2, 0.07 * text_px)), (INK, half)):
+    for colour, reach in ((COLOURS["paper"], half + max(1.2, 0.07 * text_px)), (COLOURS["ink"], half)):
         cover = np.rint(255.0 * np.clip(reach + 0.5 - away, 0.0, 1.0)).astype(np.uint8)
         lay_colour(picture, colour, cover)
 
@@ -56,8 +55,8 @@ def edge_sign(picture: Picture, centre: np.ndarray, radius: float) -> None:
     """Draw the sign of the edge at the tolerance."""
     ends = centre + 2.6 * radius * np.array([[-1.0, 0.0], [1.0, 0.0]])
     marks.stroke(picture, ends, (150, 150, 150), max(5, round(0.7 * radius)))  # as white does not show on paper
-    marks.stroke(picture, ends, PAPER, max(3, round(0.5 * radius)))
-    marks.stroke(picture, ends, INK, max(1, round(0.25 * radius)))
+    marks.stroke(picture, ends, COLOURS["paper"], max(3, round(0.5 * radius)))
+    marks.stroke(picture, ends, COLOURS["ink"], max(1, round(0.25 * radius)))
 
 
 def draw_sites(picture: Picture, sites: Sequence[Site], frame: Frame) -> None:
@@ -70,27 +69,27 @@ def draw_sites(picture: Picture, sites: Sequence[Site], frame: Frame) -> None:
     size, half = round(1.25 * text_px), 0.95 * text_px
     most = np.array(picture.shape[1::-1]) - 1.0 - half
     for centre, radius, site in placed:
-        at = np.clip(centre + max(radius, 1.5 * half) * ON_RIM, half, np.maximum(most, half))
-        marks.disc(picture, at, 1.12 * half, INK)
-        marks.disc(picture, at, half, PAPER)
-        write(picture, [Text((float(at[0]), float(at[1])), str(site.id), size, "mm", INK, None)])
+        at = np.clip(centre + max(radius, 1.5 * half) * np.array([0.707, -0.707]), half, np.maximum(most, half))
+        marks.disc(picture, at, 1.12 * half, COLOURS["ink"])
+        marks.disc(picture, at, half, COLOURS["paper"])
+        write(picture, [Text((float(at[0]), float(at[1])), str(site.id), size, "mm", COLOURS["ink"], None)])
 
 
 def site_circle(
     picture: Picture, centre: FloatArray, radius: float, safe: bool, line: int, *, centred: bool = True
 ) -> None:
     """Draw the circle of a site and, if `centred`, a dot in it: white, or dashed and yellow where it may be unsafe."""
-    marks.disc(picture, centre, radius, INK, line + 4)
+    marks.disc(picture, centre, radius, COLOURS["ink"], line + 4)
     if centred:
-        marks.disc(picture, centre, 1.2 * line + 2, INK)
-        marks.disc(picture, centre, 1.2 * line, PAPER if safe else CAUTION)
+        marks.disc(picture, centre, 1.2 * line + 2, COLOURS["ink"])
+        marks.disc(picture, centre, 1.2 * line, COLOURS["paper"] if safe else COLOURS["caution"])
     if safe:
-        marks.disc(picture, centre, radius, PAPER, line)
+        marks.disc(picture, centre, radius, COLOURS["paper"], line)
         return
     turns = np.linspace(0.0, 2.0 * np.pi, 73)[:-1]
     circle = centre + radius * np.column_stack([np.cos(turns), np.sin(turns)])
     for dash in marks.curve_dashes(circle, 7.0 * line):
-        marks.stroke(picture, dash, CAUTION, line)
+        marks.stroke(picture, dash, COLOURS["caution"], line)
 
 
 def north_px(slope_map: SlopeMap) -> FloatArray | None:
@@ -130,9 +129,9 @@ def scale_bar(picture: Picture, left: FloatArray, length_px: float, height: floa
     """Draw a scale bar whose middle line begins at `left` (2,): a dark half and a light one."""
     half = np.array([length_px / 2, 0.0])
     box = np.array([[0.0, -height / 2], [length_px, -height / 2], [length_px, height / 2], [0.0, height / 2]])
-    marks.fill(picture, left + box, INK)
+    marks.fill(picture, left + box, COLOURS["ink"])
     inner = np.array([[0.0, -1], [1, -1], [1, 1], [0, 1]]) * [length_px / 2 - 2, max(height / 2 - 2, 1)]
-    marks.fill(picture, left + half + inner, PAPER)
+    marks.fill(picture, left + half + inner, COLOURS["paper"])
 
 
 def spread(cells: NDArray[np.int16], shape: tuple[int, int], cell_px: float, beyond: int) -> NDArray[np.int16]:

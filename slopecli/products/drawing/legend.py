@@ -18,7 +18,6 @@ from slopecli.report.second_root import margin
 from slopecli.report.slope_units import SlopeUnit, slope_unit_of
 from slopecli.types import FloatArray, Report
 
-WARNING = (255, 224, 130)
 SIGN_WIDTH = 4.0  # of the text size, with the gap to the text
 ROW = 2.1  # height of a line over the text size
 UP_WORDS = {
@@ -57,7 +56,7 @@ class Strip:
 
     def note(self, text: str, u: float, v: float, anchor: str = "lm") -> None:
         """Write a text at a place, anchored as `Text` is."""
-        self.texts.append(Text((u, v), text, self.size, anchor, marks.INK, halo=None))
+        self.texts.append(Text((u, v), text, self.size, anchor, marks.COLOURS["ink"], halo=None))
 
 
 @dataclass(frozen=True)
@@ -85,7 +84,7 @@ def draw_sheet(
     for line in wrapped(caption, strip.size, width - 2 * strip.size):
         strip.note(line, strip.size, strip.v)
         strip.v += LEADING * strip.size
-    sheet = np.full((round(strip.v + 0.3 * strip.size), width, 3), marks.PAPER, np.uint8)
+    sheet = np.full((round(strip.v + 0.3 * strip.size), width, 3), marks.COLOURS["paper"], np.uint8)
     if bar is not None:
         _draw_bar(sheet, strip, bar_v, bar_height, bar)
     for sign, centre in strip.signs:
@@ -137,9 +136,12 @@ def level_banners(report: Report, width: int, text_px: int) -> list[Picture]:
 def banner(sentence: str, width: int, text_px: int) -> Picture:
     """Draw a warning, (h, width, 3) uint8 RGB."""
     lines = wrapped(sentence, text_px, width - 2 * text_px)
-    sheet = np.full((round((len(lines) * LEADING + 0.8) * text_px), width, 3), WARNING, np.uint8)
+    sheet = np.full((round((len(lines) * LEADING + 0.8) * text_px), width, 3), marks.COLOURS["warning"], np.uint8)
     rows = (np.arange(len(lines)) + 0.5) * LEADING * text_px + 0.4 * text_px
-    texts = [Text((text_px, float(v)), s, text_px, "lm", marks.INK, None) for v, s in zip(rows, lines, strict=True)]
+    texts = [
+        Text((text_px, float(v)), s, text_px, "lm", marks.COLOURS["ink"], None)
+        for v, s in zip(rows, lines, strict=True)
+    ]
     return write(sheet, texts)
 
 
@@ -174,7 +176,7 @@ def swatch(verdict: str, picture: Picture, centre: np.ndarray, radius: float) ->
     """Draw a small patch with border, hatch and badge of its verdict."""
     half = np.rint([3.0 * radius, 1.6 * radius]).astype(int)
     low = np.rint(centre).astype(int) - half
-    patch = np.full((2 * half[1], 2 * half[0], 3), marks.NO_ANSWER, np.uint8)
+    patch = np.full((2 * half[1], 2 * half[0], 3), marks.COLOURS["no answer"], np.uint8)
     corners = np.array([[0, 0], [1, 0], [1, 1], [0, 1]]) * (2.0 * half - 1)
     marks.paint_verdict(patch, [corners], verdict, max(1, round(0.18 * radius)))
     marks.badge(patch, verdict, half - 0.5, 0.9 * radius)
@@ -198,14 +200,16 @@ def _draw_bar(sheet: Picture, strip: Strip, top: float, height: float, bar: Colo
     sheet[round(top) : round(top + height), columns] = bar.colours(places)
     for place, text in bar.ticks:
         u = left + place * (right - left)
-        marks.stroke(sheet, np.array([[u, top + height], [u, top + height + 0.35 * strip.size]]), marks.INK, 1)
+        marks.stroke(
+            sheet, np.array([[u, top + height], [u, top + height + 0.35 * strip.size]]), marks.COLOURS["ink"], 1
+        )
         strip.note(text, u, top + height + 1.1 * strip.size, "mm")
     if bar.mark is not None:
         place, text = bar.mark
         u, half = left + place * (right - left), 0.4 * strip.size
-        marks.cased_stroke(sheet, np.array([[u, top - 2], [u, top + height + 2]]), marks.PAPER, 2)
+        marks.cased_stroke(sheet, np.array([[u, top - 2], [u, top + height + 2]]), marks.COLOURS["paper"], 2)
         pointer = np.array([u, top]) + half * np.array([[-1.0, -1.6], [1.0, -1.6], [0.0, 0.0]])
-        marks.fill(sheet, pointer, marks.HAZARD)
+        marks.fill(sheet, pointer, marks.COLOURS["hazard"])
         aside = 0.5 * text_width(text, strip.size) + 2
         middle = float(np.clip(u, aside, strip.width - aside))
         strip.note(text, middle, top - 1.4 * strip.size, "mm")

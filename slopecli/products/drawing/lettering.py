@@ -10,14 +10,12 @@ from typing import Any
 
 import numpy as np
 
-from slopecli.products.drawing.marks import INK, PAPER, Colour, Picture
+from slopecli.products.drawing.marks import COLOURS, Colour, Picture
 from slopecli.products.drawing.outlines import Footprint
 from slopecli.report.slope_units import SLOPE_UNITS, SlopeUnit
 from slopecli.types import AlternativePlane, FloatArray, Plane, Rejected
 
 LEADING = 1.22  # row height over font size
-MARGIN = 3.0  # px kept free around a label
-LARGEST, SMALLEST = 1.4, 0.62  # sizes of labels over that of the picture's text
 SMALLEST_TEXT_PX = 9  # legible
 UNKNOWN = "?"  # in place of a slope that is not known
 LEVEL = "level"  # in place of the slope of the plane that is taken as level
@@ -44,7 +42,9 @@ class Label:
     @cached_property
     def extent(self) -> FloatArray:
         """(2,) width and height, px, margin included."""
-        return np.array([max(self.row_widths), LEADING * self.size * len(self.rows)]) + 2 * MARGIN
+        return (
+            np.array([max(self.row_widths), LEADING * self.size * len(self.rows)]) + 6.0
+        )  # 3 px around it are kept free
 
 
 @dataclass(frozen=True)
@@ -55,8 +55,8 @@ class Text:
     text: str
     size: int
     anchor: str = "lm"
-    colour: Colour = PAPER
-    halo: Colour | None = INK
+    colour: Colour = COLOURS["paper"]
+    halo: Colour | None = COLOURS["ink"]
 
 
 def label_texts(label: Label, centre: FloatArray) -> list[Text]:
@@ -142,7 +142,7 @@ def slope_text(plane: Plane, unit: SlopeUnit = SLOPE_UNITS["deg"]) -> tuple[str,
 
 def full_labels(footprint: Footprint, text_px: int) -> list[Label]:
     """Return labels with all that is known of a patch: large, small and, for a wide patch, in narrow rows."""
-    size, name = round(np.clip(footprint.size / 14, text_px, LARGEST * text_px)), str(footprint.item.id)
+    size, name = round(np.clip(footprint.size / 14, text_px, 1.4 * text_px)), str(footprint.item.id)
     small = max(SMALLEST_TEXT_PX, round(0.8 * text_px))
     if isinstance(footprint.item, Rejected):
         return [Label((name, footprint.item.reason), height, "rejected") for height in (size, small)]
@@ -183,7 +183,7 @@ def number_label(footprint: Footprint, text_px: int) -> Label:
 
 
 def _tiny(text_px: int) -> int:
-    return max(SMALLEST_TEXT_PX, round(SMALLEST * text_px))
+    return max(SMALLEST_TEXT_PX, round(0.62 * text_px))
 
 
 def _second_text(other: AlternativePlane, unit: SlopeUnit) -> str:

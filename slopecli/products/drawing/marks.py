@@ -16,14 +16,26 @@ from slopecli.types import FloatArray
 Picture = NDArray[np.uint8]
 Colour = tuple[int, int, int]
 
-INK: Colour = (20, 20, 24)
-PAPER: Colour = (250, 250, 250)
-HAZARD: Colour = (224, 82, 6)  # vermilion: apart from every colour of cividis, also without red-green vision
-CAUTION: Colour = (255, 208, 64)
-CALM: Colour = (225, 240, 255)
-NO_ANSWER: Colour = (165, 165, 165)
-NO_ANSWER_INK: Colour = (70, 70, 70)
-BADGE_COLOURS = {"safe": CALM, "undecided": CAUTION, "unsafe": HAZARD, "rejected": NO_ANSWER, "level": PAPER}
+COLOURS: dict[str, Colour] = {
+    "ink": (20, 20, 24),
+    "paper": (250, 250, 250),
+    "hazard": (224, 82, 6),  # vermilion: apart from every colour of cividis, also without red-green vision
+    "caution": (255, 208, 64),
+    "calm": (225, 240, 255),
+    "no answer": (165, 165, 165),
+    "no answer ink": (70, 70, 70),
+    "no region": (30, 30, 34),  # on a map of regions
+    "unknown ground": (145, 145, 145),  # of a map, over an image of middle grey; its hatch:
+    "hatch": (50, 50, 54),
+    "warning": (255, 224, 130),  # ground of the lines above a picture
+}
+BADGE_COLOURS = {
+    "safe": COLOURS["calm"],
+    "undecided": COLOURS["caution"],
+    "unsafe": COLOURS["hazard"],
+    "rejected": COLOURS["no answer"],
+    "level": COLOURS["paper"],
+}
 TINT = 0.6  # share of a patch's colour; the rest keeps the ground recognisable
 
 SHIFT = 4  # OpenCV draws at 1/16 px
@@ -50,7 +62,7 @@ def stroke(picture: Picture, points: FloatArray, colour: Colour, width: int, *, 
 
 def cased_stroke(picture: Picture, points: FloatArray, colour: Colour, width: int, *, closed: bool = False) -> None:
     """Draw a line with a dark rim, so that it shows on any ground."""
-    stroke(picture, points, INK, width + 2, closed=closed)
+    stroke(picture, points, COLOURS["ink"], width + 2, closed=closed)
     stroke(picture, points, colour, width, closed=closed)
 
 
@@ -98,22 +110,22 @@ def paint_verdict(
     if verdict == "unsafe":
         # vermilion alone is as light as a middling slope: the dark rim shows on a grey print
         spacing = 16 * (max(2, line) if curved else line)  # regions are many and small: sparser, they are read better
-        _hatch(patch, spacing, INK, line + 2, rising=True)
-        _hatch(patch, spacing, HAZARD, line, rising=True)
-        _border(patch, outlines, (INK, 4 * line + 2), (HAZARD, 4 * line))
+        _hatch(patch, spacing, COLOURS["ink"], line + 2, rising=True)
+        _hatch(patch, spacing, COLOURS["hazard"], line, rising=True)
+        _border(patch, outlines, (COLOURS["ink"], 4 * line + 2), (COLOURS["hazard"], 4 * line))
     elif verdict == "undecided":
-        _border(patch, outlines, (INK, 3 * line))
+        _border(patch, outlines, (COLOURS["ink"], 3 * line))
         cut = curve_dashes if curved else dashes
         for outline in outlines:
             for dash in cut(outline, 14 * line):
-                stroke(patch, dash, CAUTION, 3 * line)
+                stroke(patch, dash, COLOURS["caution"], 3 * line)
     elif verdict == "safe":
-        _border(patch, outlines, (INK, line + 3), (CALM, line + 1))
+        _border(patch, outlines, (COLOURS["ink"], line + 3), (COLOURS["calm"], line + 1))
     elif verdict == "level":
-        _border(patch, outlines, (INK, line + 1))
+        _border(patch, outlines, (COLOURS["ink"], line + 1))
     else:
-        _hatch(patch, 5 * line, NO_ANSWER_INK, max(1, round(0.4 * line)), rising=False)
-        _border(patch, outlines, (NO_ANSWER_INK, line + 1))
+        _hatch(patch, 5 * line, COLOURS["no answer ink"], max(1, round(0.4 * line)), rising=False)
+        _border(patch, outlines, (COLOURS["no answer ink"], line + 1))
 
 
 def _border(patch: Picture, outlines: Sequence[FloatArray], *strokes: tuple[Colour, int]) -> None:
@@ -162,8 +174,8 @@ def arrow(picture: Picture, tail: FloatArray, direction: FloatArray, length: flo
     profile = [(0, 0.5), (length - head, 0.5), (length - head, 1.5), (length, 0)]
     side = [(a, b * width) for a, b in profile]
     outline = np.array([tail + a * along + b * across for a, b in side + [(a, -b) for a, b in side[-2::-1]]])
-    stroke(picture, outline, INK, max(3, round(0.8 * width)), closed=True)
-    fill(picture, outline, PAPER)
+    stroke(picture, outline, COLOURS["ink"], max(3, round(0.8 * width)), closed=True)
+    fill(picture, outline, COLOURS["paper"])
 
 
 def badge(picture: Picture, kind: str, centre: FloatArray, radius: float) -> None:
@@ -171,15 +183,17 @@ def badge(picture: Picture, kind: str, centre: FloatArray, radius: float) -> Non
     centre, width = np.asarray(centre, float), max(2, round(0.28 * radius))
     if kind == "unsafe":
         diamond = centre + 1.25 * radius * np.array([[0, -1], [1, 0], [0, 1], [-1, 0]])
-        stroke(picture, diamond, INK, 3, closed=True)
-        fill(picture, diamond, HAZARD)
+        stroke(picture, diamond, COLOURS["ink"], 3, closed=True)
+        fill(picture, diamond, COLOURS["hazard"])
     else:
-        disc(picture, centre, radius + 1, INK)
+        disc(picture, centre, radius + 1, COLOURS["ink"])
         disc(picture, centre, radius, BADGE_COLOURS[kind])
     for line in SIGNS[kind]:
-        stroke(picture, centre + radius * np.array(line), PAPER if kind == "unsafe" else INK, width)
+        stroke(
+            picture, centre + radius * np.array(line), COLOURS["paper"] if kind == "unsafe" else COLOURS["ink"], width
+        )
     if kind == "undecided":
-        disc(picture, centre + radius * np.array([0.0, 0.6]), 0.55 * width, INK)
+        disc(picture, centre + radius * np.array([0.0, 0.6]), 0.55 * width, COLOURS["ink"])
 
 
 def focus_mark(picture: Picture, centre: FloatArray, radius: float) -> None:
@@ -187,7 +201,7 @@ def focus_mark(picture: Picture, centre: FloatArray, radius: float) -> None:
     width = max(2, round(0.18 * radius))
     quarters = np.array([[1, 0], [0, 1], [-1, 0], [0, -1]])
     ticks = [centre + radius * np.outer([0.45, 1.5], quarter) for quarter in quarters]
-    for colour, extra in ((INK, 2), ((255, 110, 200), 0)):
+    for colour, extra in ((COLOURS["ink"], 2), ((255, 110, 200), 0)):
         disc(picture, centre, radius, colour, width + extra)
         for tick in ticks:
             stroke(picture, tick, colour, width + extra)

@@ -8,22 +8,21 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from slopecli.products.drawing.marks import HAZARD, INK, PAPER, Colour, Picture, lay_colour
+from slopecli.products.drawing.marks import COLOURS, Colour, Picture, lay_colour
 from slopecli.types import BoolArray, FloatArray
 
 Cover = NDArray[np.uint8]  # how much of a pixel is covered, 0 to 255
 Pattern = Callable[[Picture, BoolArray, int], None]  # draws on those pixels (h, w), with text of a size on the picture
-HATCH_INK: Colour = (50, 50, 54)
 
 
 def lay_unknown(picture: Picture, where: BoolArray, text_px: int) -> None:
     """Draw dark lines that fall to the right."""
-    _lay_tiled(picture, where, _hatch_tile(0.8 * text_px, 0.05 * text_px, False), HATCH_INK)
+    _lay_tiled(picture, where, _hatch_tile(0.8 * text_px, 0.05 * text_px, False), COLOURS["hatch"])
 
 
 def lay_step(picture: Picture, where: BoolArray, text_px: int) -> None:
     """Draw vermilion lines that cross; they lie on a dark ground."""
-    _lay_tiled(picture, where, _hatch_tile(0.7 * text_px, 0.05 * text_px, True), HAZARD)
+    _lay_tiled(picture, where, _hatch_tile(0.7 * text_px, 0.05 * text_px, True), COLOURS["hazard"])
 
 
 def lay_undecided(picture: Picture, where: BoolArray, text_px: int) -> None:
@@ -76,7 +75,7 @@ def _lay_signs(
     places = _places(where, max(4, round(period / 2) * 2))
     reach = int(np.ceil(0.5 * period))
     v, u = np.indices((2 * reach + 1, 2 * reach + 1)) - reach
-    for rim, colour in ((1.2, INK), (0.0, PAPER)):
+    for rim, colour in ((1.2, COLOURS["ink"]), (0.0, COLOURS["paper"])):
         stamp = _cover(outside(u.astype(float), v.astype(float), rim))
         inked = stamp > 0
         rows, columns = places[:, :1] + reach + v[inked], places[:, 1:] + reach + u[inked]
