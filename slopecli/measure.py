@@ -22,11 +22,10 @@ from slopecli.geometry.slope import (
 from slopecli.geometry.tilt_distribution import probability_below, slope_interval
 from slopecli.options import Options
 from slopecli.patches.join import Joined
-from slopecli.patches.patch import Patch
+from slopecli.patches.patch import IN_DOUBT_DEG, Patch
 from slopecli.types import BoolArray, FloatArray, Report, Slopes, Solution, Up, Verdict
 
 MOST_VAGUE = 1.0 / 3.0  # 1-sigma of a scaled normal over its length: beyond, it may be zero, and face any way
-BORROWED_SIGMA_DEG = 5.0  # 1-sigma of the slope of a window whose plane comes from matches around it, at least
 
 
 class SlopeNumbers(TypedDict):
@@ -149,8 +148,8 @@ def normal_covariances_deg2(solution: Solution, joined: Joined) -> list[FloatArr
 
 
 def borrowed_sigma_rad(patch: Patch) -> float:
-    """1-sigma of the tilt of a patch because its matches are not its own, 0 where they are."""
-    return math.radians(BORROWED_SIGMA_DEG) if patch.origin == "borrowed" else 0.0
+    """1-sigma of the tilt of a patch at least because its matches are not its own, 0 where they are."""
+    return math.radians(IN_DOUBT_DEG) if patch.origin == "borrowed" else 0.0
 
 
 def slope_numbers(slopes: Slopes) -> list[SlopeNumbers]:

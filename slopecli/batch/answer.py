@@ -27,8 +27,6 @@ from slopecli.products import MAP_PRODUCTS, SEQUENCE_PRODUCTS, Origin, encode_pr
 from slopecli.sequence.stream import Sequence as Runner
 from slopecli.types import Camera, Image, Report
 
-N_IMAGES = 2  # decoded images kept: neighbouring pairs share one
-
 
 def answer_jobs(jobs: Sequence[Job]) -> list[Answer]:
     """Answer jobs one after the other.
@@ -258,7 +256,7 @@ class _Memory(threading.local):
         self.clear()
 
     def clear(self) -> None:
-        self.features = FeatureMemory(N_IMAGES)
+        self.features = FeatureMemory(2)
         self._images: dict[tuple[str, str], Image] = {}  # by SHA-256 and suffix, the last used at the end
 
     def image(self, content: bytes, path: str) -> Image:
@@ -266,7 +264,7 @@ class _Memory(threading.local):
         key = (hashlib.sha256(content).hexdigest(), PurePath(path).suffix)
         image = self._images.pop(key, None)
         self._images[key] = decode_image(content, path) if image is None else replace(image, path=path)
-        while len(self._images) > N_IMAGES:
+        while len(self._images) > 2:  # neighbouring pairs share one
             del self._images[next(iter(self._images))]
         return self._images[key]
 

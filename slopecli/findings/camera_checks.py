@@ -6,10 +6,9 @@ import math
 from dataclasses import replace
 
 from slopecli.findings.wording import finding
-from slopecli.geometry.camera import share_with_rays
+from slopecli.geometry.camera import OFF_MIDDLE, share_with_rays
 from slopecli.types import Camera, Diagnostic
 
-OFF_MIDDLE = 0.25  # of the image, by which a principal point may be off its middle; lenses are centred to a few percent
 FOCAL_WIDTHS = (0.3, 25.0)  # of the longer side: fields of view of 118 and 2.3 degrees
 ASPECT_APART = 0.03  # by which fx and fy of calibrations hardly ever differ
 SIZELESS_OFF = 0.11  # the least share by which another image size changes both sides; 5:4 is 0.25

@@ -7,16 +7,17 @@ from dataclasses import replace
 import numpy as np
 
 from slopecli.errors import NoAnswer
-from slopecli.findings.camera_checks import OFF_MIDDLE, implausible_cameras
+from slopecli.findings.camera_checks import implausible_cameras
 from slopecli.findings.plane_checks import NON_PLANAR
 from slopecli.findings.solution_checks import solver_remedy
 from slopecli.findings.wording import finding, listed
+from slopecli.geometry.camera import OFF_MIDDLE
 from slopecli.geometry.slope import tilt_growth
 from slopecli.patches.given import FEWEST, RAYS, GivenSolution
 from slopecli.patches.join import Joined
+from slopecli.patches.settling import CLEARLY
 from slopecli.types import Camera, Diagnostic, FloatArray, Solution
 
-TIMES_NOISE = 2.0  # times the noise given, beyond which residuals contradict it
 NOISY_PX = 2.0  # residuals no matcher leaves; points marked by hand need --noise
 
 
@@ -95,7 +96,7 @@ def review(
         message = "residuals along the epipolar lines exceed those across, which may be due to the solver"
         found.append(finding("poor-fit", message, measured * per, remedy))
     if noise is not None:
-        if measured > TIMES_NOISE * noise:
+        if measured > CLEARLY * noise:
             reasons = [f"residuals are {measured / noise:.3g} times the noise given"] * len(reasons)
         found += _beyond_the_noise(solved, noise, unit, per)
     elif unit == "px" and measured * per > NOISY_PX:
@@ -123,7 +124,7 @@ def _off_plane(solved: GivenSolution, noise: float | None) -> list[str]:
 
 def _off_plane_of(k: int, solved: GivenSolution, noise: float | None, growth: float) -> str:
     seen = solved.flatness
-    if seen.off[k] and noise is not None and seen.both[k] > TIMES_NOISE * noise:
+    if seen.off[k] and noise is not None and seen.both[k] > CLEARLY * noise:
         return f"{NON_PLANAR}: residuals are {seen.both[k] / noise:.2g} times the noise given"
     if solved.emptied[k]:
         return f"{NON_PLANAR}: too many of its rows lie off it"
@@ -132,7 +133,7 @@ def _off_plane_of(k: int, solved: GivenSolution, noise: float | None, growth: fl
     if solved.unchecked[k]:
         return f"{NON_PLANAR}: only {FEWEST} rows were kept, which fit any plane, so the mismatch may be among them"
     bent = seen.shaped[k] or not solved.solution.relief.any()
-    if seen.off[k] and seen.along[k] > TIMES_NOISE * seen.across and bent:
+    if seen.off[k] and seen.along[k] > CLEARLY * seen.across and bent:
         return f"{NON_PLANAR}: its rows do not lie on one plane"
     return ""
 
@@ -145,7 +146,7 @@ def _beyond_the_noise(solved: GivenSolution, noise: float, unit: str, per: float
         return []
     times = worst / noise
     measured, given = (f"{sigma * per:.3g} {unit}" for sigma in (worst, noise))
-    if times <= TIMES_NOISE:
+    if times <= CLEARLY:
         message = f"residuals are {measured}, more than the noise given, {given}; sigmas are based on the residuals"
         return [finding("noise-exceeded", message, worst * per)]
     message = f"residuals are {times:.3g} times the noise given: {measured}, given {given}"

@@ -24,6 +24,7 @@ from slopecli.geometry.polynomials import INVERSION, smallest_positive_root
 from slopecli.types import BoolArray, Camera, CameraModel, FloatArray
 
 MAX_COEFFICIENTS = {"pinhole": 0, "brown": 8, "fisheye": 4, "polynomial": 7, "cahvor": 7, "division": 1}
+OFF_MIDDLE = 0.25  # of the image, by which a principal point may be off its middle; lenses are centred to a few percent
 OUTSIDE_PX = -1.0e4  # coordinate outside any image that cv2.remap still accepts (16 bit)
 
 

@@ -13,7 +13,7 @@ from slopecli.ground.footprints import Cells, disc_area, disc_sums
 from slopecli.types import BoolArray, FloatArray, IntArray
 
 LEAST_SHARE = 0.85  # of a footprint's pixels that must be matched for its plane to be told
-LEAST_POINTS, AHEAD = 3, np.array([0.0, 0.0, 1.0])  # a footprint of fewer points has a plane of no meaning
+AHEAD = np.array([0.0, 0.0, 1.0])  # normal and middle of a footprint of fewer than three points
 BLOCKS = 12  # blocks of pixels along a footprint's diameter, the highest and lowest of which are looked at
 
 
@@ -84,7 +84,7 @@ def planes_of_sums(
     scatter = second[..., [0, 1, 2, 1, 3, 4, 2, 4, 5]].reshape(*n.shape, 3, 3)
     values, vectors = np.linalg.eigh(scatter - mean[..., :, None] * mean[..., None, :])
     normal, middle = vectors[..., 0], mean + centre
-    normal[n < LEAST_POINTS], middle[n < LEAST_POINTS] = AHEAD, AHEAD
+    normal[n < 3], middle[n < 3] = AHEAD, AHEAD
     away = (normal * middle).sum(-1) > 0
     return np.where(away[..., None], -normal, normal), middle, np.sqrt(np.maximum(values[..., 0], 0.0))
 

@@ -20,7 +20,6 @@ class SafetyTunables:
     flattened_sigma_gsd: float = 2.0  # 1-sigma of that
     reach: float = 4.5  # sigmas of a tilt to either side over which its probability is integrated: all but 1e-5 of it
     chance_nodes: int = 14  # of that quadrature
-    least_variance: float = 1e-14  # rad^2: a tilt without an error is one of a very small error
     nodes: int = 5  # of the quadrature of a slope's sigma along either axis: good to a few percent
 
 
@@ -51,7 +50,7 @@ class Tilts:
         """
         mean, half = 0.5 * (self.along + self.across), 0.5 * (self.along - self.across)
         radius, turn = np.hypot(half, self.both), 0.5 * np.arctan2(self.both, half)
-        narrow, wide = (np.sqrt(np.maximum(mean + sign * radius, SAFETY.least_variance)) for sign in (-1.0, 1.0))
+        narrow, wide = (np.sqrt(np.maximum(mean + sign * radius, 1e-14)) for sign in (-1.0, 1.0))
         x0, y0 = self.slope_rad * np.sin(turn), self.slope_rad * np.cos(turn)
         # x = tolerance sin(angle) keeps the integrand smooth where the disc ends
         first, last = (

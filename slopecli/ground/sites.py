@@ -20,7 +20,6 @@ from slopecli.ground.slope_map import Site
 from slopecli.options import Lander, MapOptions
 from slopecli.types import BoolArray, FloatArray, IntArray
 
-TIED_PX = 1e-9  # radii that differ by less are equally large
 MOST_FAILURES = 300  # places where the lander cannot stand before no more are tried: half a second
 STEP_OF_FAILURE = 0.125  # of the lander's diameter around such a place, where no other is tried
 BRIM = 1.2  # times the lander's radius around a site whose ground is looked at: headroom for oblique views
@@ -140,7 +139,7 @@ class Places:
             largest = float(self.radius_px.max(initial=-np.inf))
             if largest < 0.5 * self._ground.footprint_px:
                 return None
-            row, column = np.nonzero(self.radius_px >= largest - TIED_PX)
+            row, column = np.nonzero(self.radius_px >= largest - 1e-9)  # but for rounding
             p_safe = least_around(self._p_safe, row, column, self._cells(largest))
             first = int(p_safe.argmax())
             place = int(row[first]), int(column[first])

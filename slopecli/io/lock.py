@@ -16,8 +16,7 @@ from slopecli.io.files import read_file
 LOCK = ".slopemap.lock"
 MARK = ".slopemap.held"
 NO_LOCKS = (errno.ENOLCK, errno.ENOSYS, errno.ENOTSUP, errno.EINVAL)  # errors of file systems without locks
-PATIENCE_S = 30.0  # time for the workers of a killed program to end
-PAUSE_S = 0.05
+PATIENCE_S = 30.0  # time for the workers of a killed program to end, and for a cluster to answer
 
 
 @contextmanager
@@ -55,7 +54,7 @@ def _take(folder: Path) -> int:
             raise InputError(
                 f"{folder} is in use by another batch ({who}); wait for its end, or choose another folder with -o"
             )
-        time.sleep(PAUSE_S)
+        time.sleep(0.05)
     return descriptor
 
 

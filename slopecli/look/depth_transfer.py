@@ -5,13 +5,12 @@ from __future__ import annotations
 import cv2
 import numpy as np
 
-from slopecli.geometry.camera import rays_from_pixels
+from slopecli.geometry.camera import OUTSIDE_PX, rays_from_pixels
 from slopecli.geometry.epipolar import homogeneous
 from slopecli.look.scene import Scene
-from slopecli.look.warp import NOWHERE, FloatImage, Grid, map_nodes, node_shape, spread_table
+from slopecli.look.warp import NODE_STEP, FloatImage, Grid, map_nodes, node_shape, spread_table
 from slopecli.types import FloatArray
 
-LENS_STEP = 8  # px of image 2 between exactly computed nodes of its lens; bilinear in between
 SMALL_STEP = 1e-3  # relative change of depth, and change of a normalised coordinate, of numerical derivatives
 
 
@@ -28,14 +27,14 @@ class DepthTransfer:
         self._turned = [a * x + b * y + c for a, b, c in self._turn.astype(np.float32)]
 
     def pixels2(self, w: FloatImage) -> FloatImage:
-        """(h, w, 2) full px of image 2 of the pixels at inverse depths w (h, w); NOWHERE behind a camera."""
+        """(h, w, 2) full px of image 2 of the pixels at inverse depths w (h, w); OUTSIDE_PX behind a camera."""
         x, y, z = (row - w * e for row, e in zip(self._turned, self._epipole.astype(np.float32), strict=True))
         hidden = (z < 1e-6) | ~(w > 0)
         z[hidden] = 1.0
         uv = np.empty((*w.shape, 2), np.float32)
         np.divide(x, z, out=uv[..., 0])
         np.divide(y, z, out=uv[..., 1])
-        uv[hidden] = NOWHERE
+        uv[hidden] = OUTSIDE_PX
         return uv if self._lens is None else self._lens.stored(uv)
 
     def shifts(self, w: FloatArray) -> FloatImage:
@@ -73,15 +72,15 @@ class _Lens:
         border = np.clip(border[np.isfinite(border).all(1)], -2.0 * max(scene.shape2), 3.0 * max(scene.shape2))
         corners = np.vstack([border, [[0.0, 0.0], [width, height]]])
         self._first = np.floor(corners.min(0))
-        count = np.ceil((corners.max(0) - self._first) / LENS_STEP).astype(int) + 2
-        x, y = np.meshgrid(*(self._first[k] + LENS_STEP * np.arange(count[k]) for k in (0, 1)))
+        count = np.ceil((corners.max(0) - self._first) / NODE_STEP).astype(int) + 2
+        x, y = np.meshgrid(*(self._first[k] + NODE_STEP * np.arange(count[k]) for k in (0, 1)))
         ideal = np.stack([x, y], -1).reshape(-1, 2)
         stored = scene.pixels2((ideal - centre) / focal)
-        offset = np.where(np.isfinite(stored).all(1, keepdims=True), stored - ideal, NOWHERE)
+        offset = np.where(np.isfinite(stored).all(1, keepdims=True), stored - ideal, OUTSIDE_PX)
         self._offset = offset.reshape(*x.shape, 2).astype(np.float32)
 
     def stored(self, ideal: FloatImage) -> FloatImage:
         """(h, w, 2) px as stored of px (h, w, 2) without distortion; far outside the image where there are none."""
-        at = (ideal - self._first.astype(np.float32)) * np.float32(1 / LENS_STEP)
-        beyond = {"borderMode": cv2.BORDER_CONSTANT, "borderValue": (NOWHERE, NOWHERE)}
+        at = (ideal - self._first.astype(np.float32)) * np.float32(1 / NODE_STEP)
+        beyond = {"borderMode": cv2.BORDER_CONSTANT, "borderValue": (OUTSIDE_PX, OUTSIDE_PX)}
         return np.asarray(ideal + cv2.remap(self._offset, at, None, cv2.INTER_LINEAR, **beyond))  # type: ignore[call-overload]

@@ -13,12 +13,12 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from slopecli.geometry.camera import OUTSIDE_PX
 from slopecli.geometry.statistics import median
 from slopecli.look.features import Grey
 from slopecli.types import FloatArray
 
-NODE_STEP = 8  # px of the working grid between exactly computed nodes of a map; bilinear in between
-NOWHERE = -1e4  # px: coordinate of a point that image 2 does not show
+NODE_STEP = 8  # px between exactly computed nodes of a map or a lens; bilinear in between
 
 FloatImage = NDArray[np.float32]
 
@@ -55,14 +55,14 @@ class Grid:
 def plane_transfer(
     turned: FloatArray, inverse_depth: FloatArray, epipole2: FloatArray, pixels2: Transfer
 ) -> FloatArray:
-    """(n, 2) px of image 2 of points of image 1 with known inverse depth; NOWHERE for points behind a camera.
+    """(n, 2) px of image 2 of points of image 1 with known inverse depth; OUTSIDE_PX for points behind a camera.
 
     turned : (n, 3) homogeneous rays of image 1 times R.T.  inverse_depth : (n,) 1/baseline.  epipole2 : R T.
     """
     moved = turned - inverse_depth[:, None] * epipole2
     ahead = (moved[:, 2] > 1e-9) & (inverse_depth > 0)
     uv = pixels2(moved[:, :2] / np.where(ahead, moved[:, 2], 1.0)[:, None])
-    return np.where(ahead[:, None] & np.isfinite(uv), uv, NOWHERE)
+    return np.where(ahead[:, None] & np.isfinite(uv), uv, OUTSIDE_PX)
 
 
 def transfer_map(grid: Grid, transfer: Transfer) -> FloatImage:

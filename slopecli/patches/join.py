@@ -19,11 +19,10 @@ from slopecli.geometry.statistics import median
 from slopecli.look.matches import Matches, thin
 from slopecli.look.noise import OVERVIEW_CELL_PX, SYSTEMATIC_PX, correlation_gain
 from slopecli.look.scene import Scene
-from slopecli.patches.patch import Found, Patch, weight_of
+from slopecli.patches.patch import IN_DOUBT_DEG, Found, Patch, weight_of
 from slopecli.types import FloatArray, IntArray, Segmentation, Solution
 
 OUTSIDE_POINTS = 1500  # matches outside the patches that join the solution: more add time, not accuracy
-MOST_TILT_SIGMA_DEG = 5.0  # of a patch that is merged with others: one less certain agrees with any plane
 
 
 @dataclass(frozen=True, eq=False)
@@ -166,7 +165,7 @@ def merge_patches(joined: Joined, solution: Solution) -> tuple[Joined, Solution,
     """
     own = np.array([patch.origin == "own" and not patch.reason for patch in joined.patches])
     extra = np.where(own, [patch.tilt_sigma_rad for patch in joined.patches], 0.0)
-    own &= _tilt_sigma_deg(solution, extra) < MOST_TILT_SIGMA_DEG
+    own &= _tilt_sigma_deg(solution, extra) < IN_DOUBT_DEG
     extra *= own
     merged, groups = merge_coplanar(solution, np.flatnonzero(own), extra)
     if not groups:

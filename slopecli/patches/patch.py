@@ -17,6 +17,8 @@ from slopecli.patches import FINDER_OF, Finder
 from slopecli.types import BoolArray, FloatArray, IntArray, Segmentation
 from slopecli.windows import Window, box_polygon, window_polygon
 
+IN_DOUBT_DEG = 5.0  # 1-sigma of a tilt from which on a plane agrees with any other, and is not taken as level
+LEAST_MATCHED = 0.5  # share of a window that must be matched to tell its slope
 REFERENCE_PX = 0.05  # 1-sigma of a match of weight 1
 
 

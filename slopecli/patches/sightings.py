@@ -8,13 +8,11 @@ import numpy as np
 
 from slopecli.geometry.camera import rays_from_pixels
 from slopecli.geometry.solver.seen_points import Sightings, thinned, together
-from slopecli.look.matches import Matches, thin
+from slopecli.look.matches import MIN_ON_PLANE, Matches, thin
 from slopecli.look.scene import Scene
 from slopecli.patches.join import OUTSIDE_POINTS, Joined, outside_weight
 from slopecli.patches.patch import Patch
 from slopecli.types import BoolArray, Camera, Solution
-
-FEWEST_LEFT = 6  # matches of a patch that other cameras must have rays for: three make a plane, and as many check it
 
 
 def sightings_of(joined: Joined, solution: Solution, cameras: tuple[Camera, Camera]) -> Sightings:
@@ -57,7 +55,7 @@ def _seen_by(patch: Patch, cameras: tuple[Camera, Camera]) -> Patch:
     matches, kept = _rays(patch.matches, cameras)
     if kept.all():
         return replace(patch, matches=matches)
-    if kept.sum() < FEWEST_LEFT:
+    if kept.sum() < MIN_ON_PLANE:
         return patch.unmatched("the camera has no ray for most of its matches")
     cell = patch.cell[kept] if len(patch.cell) == len(kept) else patch.cell
     return replace(patch, matches=matches.take(kept), weight=patch.weight[kept], cell=cell)

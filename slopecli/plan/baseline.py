@@ -9,10 +9,11 @@ import numpy as np
 from slopecli.errors import NoAnswer
 from slopecli.findings.parallax import parallax_px
 from slopecli.findings.wording import beside
+from slopecli.options import MOST_SIGMA_DEG
+from slopecli.patches.patch import LEAST_MATCHED
 from slopecli.plan.flight import Flight, Seen, in_image2, refuse_sky, see
 from slopecli.plan.plan_options import Of
-from slopecli.plan.prediction import UNKNOWN_DEG, planned_parallax, slope_sigmas
-from slopecli.report.answered_planes import LEAST_MATCHED
+from slopecli.plan.prediction import planned_parallax, slope_sigmas
 from slopecli.types import FloatArray
 
 SHORTEST, LONGEST = 1e-3, 10.0  # baselines tried, in heights
@@ -102,7 +103,7 @@ def _unreachable(flight: Flight, sigma_rad: float, of: Of, best: tuple[float, fl
         said = f"up itself is known to {np.degrees(flight.up_sigma_rad):.3g} deg"
         remedy = "ask for a larger sigma than that of up, or give a smaller --up-sigma"
         return NoAnswer("up-unknown", f"{failed}: {said}", remedy)
-    if best[0] > np.radians(UNKNOWN_DEG) and _is_straight(flight):
+    if best[0] > np.radians(MOST_SIGMA_DEG) and _is_straight(flight):
         said = "straight at ground that is one plane, two answers run into each other"
         remedy = "move sideways as well, or give --uneven DEG if the windows are not one plane"
         return NoAnswer("single-plane", f"{failed}: {said}", remedy)
@@ -121,7 +122,7 @@ def _is_straight(flight: Flight) -> bool:
 
 def _smallest(sigma_rad: float, best: tuple[float, float], longest: float) -> str:
     """What can be had, and why a longer baseline does not give less."""
-    if best[0] > np.radians(UNKNOWN_DEG):
+    if best[0] > np.radians(MOST_SIGMA_DEG):
         return "slopes are left open at all of them"
     wanted_deg, best_deg = np.degrees(sigma_rad), np.degrees(best[0])
     text = f"{best_deg:.3g}"

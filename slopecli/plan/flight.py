@@ -17,6 +17,7 @@ from slopecli.geometry.camera import pixels_from_rays, rays_from_pixels
 from slopecli.geometry.epipolar import homogeneous, unit_vector
 from slopecli.geometry.plane_fit import BEND_RAD, lever
 from slopecli.geometry.solver.observations import Prediction, observe, predict
+from slopecli.look.matches import MIN_ON_PLANE
 from slopecli.patches.windows.tunables import WindowTunables
 from slopecli.plan.plan_options import PlanOptions
 from slopecli.types import BoolArray, Camera, FloatArray, IntArray
@@ -24,7 +25,6 @@ from slopecli.types import BoolArray, Camera, FloatArray, IntArray
 Window = tuple[int, int, int, int]  # x, y, width, height in px of image 1
 
 LEAST_SHARE = WindowTunables.least_share  # of a window that image 2 must show for an answer, as estimate needs
-LEAST_MATCHES = 6  # of a window in image 2: fewer, scattered at random, hardly fix a plane
 
 
 @dataclass(frozen=True, eq=False)
@@ -167,7 +167,7 @@ def see(flight: Flight, baseline: float) -> Seen:
     rays, patch = flight.rays.reshape(-1, 2), np.repeat(np.arange(m), n)
     inside = in_image2(flight, baseline)
     share = inside.mean(axis=1)
-    windows = np.flatnonzero((share >= LEAST_SHARE) & (share * flight.points >= LEAST_MATCHES))
+    windows = np.flatnonzero((share >= LEAST_SHARE) & (share * flight.points >= MIN_ON_PLANE))
     used = inside.ravel() & np.isin(patch, windows)
     x1, patch = rays[used], np.searchsorted(windows, patch[used])
     normals = (flight.normals * baseline)[windows]

@@ -20,8 +20,8 @@ from slopecli.geometry.epipolar import homogeneous
 from slopecli.ground.cell_grid import choose_cells
 from slopecli.ground.safety import tilts
 from slopecli.look.dense_depth import DEPTH
+from slopecli.options import MOST_SIGMA_DEG
 from slopecli.plan.flight import Flight, horizontal, in_image2
-from slopecli.plan.prediction import UNKNOWN_DEG
 from slopecli.types import FloatArray
 
 PIXEL_NOISE = 1.8  # n over the noise of a match as `estimate` reports it, measured on sample_data/descent
@@ -60,7 +60,7 @@ def footprint_sigmas(flight: Flight, baseline: float, footprint_px: float) -> Fl
     covariance = gradient[:, None, None] ** 2 * spread @ spread.swapaxes(1, 2)
     north = horizontal(flight.up, 0.0)
     sigma = tilts(normals, covariance, flight.up, flight.up_sigma_rad, north).sigma_rad
-    return np.where(shown[each, middle] & (sigma <= np.radians(UNKNOWN_DEG)), sigma, np.nan)
+    return np.where(shown[each, middle] & (sigma <= np.radians(MOST_SIGMA_DEG)), sigma, np.nan)
 
 
 def _shrunk(flight: Flight) -> float:

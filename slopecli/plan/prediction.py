@@ -17,10 +17,10 @@ from slopecli.geometry.solver.refinement import State, normal_equations
 from slopecli.geometry.solver.solve import solve_planes
 from slopecli.geometry.solver.uncertainty import covariance_of
 from slopecli.look.noise import SYSTEMATIC_PX
+from slopecli.options import MOST_SIGMA_DEG
 from slopecli.plan.flight import Flight, Seen, refuse_sky, see, unseen_tilts
 from slopecli.types import Diagnostic, FloatArray, Solution
 
-UNKNOWN_DEG = 60.0  # sigma beyond which slopes are anything, and a covariance says nothing
 TRIALS = 20  # simulated pairs that show whether there are two answers
 
 
@@ -76,7 +76,7 @@ def forecast(flight: Flight, baseline: float) -> Forecast:
     # where the two roots run into each other, the simulated errors are far smaller than the covariance says
     joined = float(np.median(error)) < 0.5 * float(np.median(sigma))
     sigma = error if joined else sigma
-    sigma = np.where(sigma <= np.radians(UNKNOWN_DEG), sigma, np.nan)
+    sigma = np.where(sigma <= np.radians(MOST_SIGMA_DEG), sigma, np.nan)
     if np.isnan(sigma).all():
         raise _open(flight, seen)
     depth, windows = seen.prediction.depth_ratio[0], range(len(seen.windows))
@@ -117,7 +117,7 @@ def planned_parallax(parallax: FloatArray, noise_px: float) -> list[Diagnostic]:
 def _open(flight: Flight, seen: Seen) -> NoAnswer:
     """Error for a pair whose slopes are all unknown: because of the up direction, or because of the images."""
     what = f"the slopes of all {len(flight.windows)} windows are left open"
-    if slope_sigmas(replace(flight, up_sigma_rad=0.0), seen).min() <= np.radians(UNKNOWN_DEG):
+    if slope_sigmas(replace(flight, up_sigma_rad=0.0), seen).min() <= np.radians(MOST_SIGMA_DEG):
         what += f", as what is up is known to {np.degrees(flight.up_sigma_rad):.3g} deg only"
         return NoAnswer("up-unknown", what, "give up with a smaller --up-sigma")
     return NoAnswer("low-parallax", what, "lengthen the baseline, give larger windows, or fly in another direction")

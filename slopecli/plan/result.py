@@ -15,12 +15,12 @@ from slopecli.geometry.camera import pixels_from_rays
 from slopecli.geometry.epipolar import focus_of_expansion, unit_vector
 from slopecli.geometry.slope import CAMERA_UP
 from slopecli.options import Options
+from slopecli.patches.patch import LEAST_MATCHED
 from slopecli.plan.baseline import needed_baseline, sigma_of
 from slopecli.plan.flight import LEAST_SHARE, Flight, Window, ground_normals, horizontal
 from slopecli.plan.footprint_sigma import footprint_of, footprint_sigmas
 from slopecli.plan.plan_options import Of, PlanOptions, Vector
 from slopecli.plan.prediction import TRIALS, Forecast, forecast
-from slopecli.report.answered_planes import LEAST_MATCHED
 from slopecli.types import Camera, Diagnostic, FloatArray, Up
 
 LARGEST_ZOOM = 2.0  # scale between the images beyond which features are matched badly

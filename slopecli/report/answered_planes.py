@@ -17,14 +17,12 @@ from slopecli.measure import Measured, judge, normal_covariances_deg2, signed_di
 from slopecli.options import MOST_SIGMA_DEG, Options
 from slopecli.patches.given import MOST_LEFT_OUT
 from slopecli.patches.join import Joined
-from slopecli.patches.patch import Patch
+from slopecli.patches.patch import LEAST_MATCHED, Patch
 from slopecli.report.sigma_parts import sigma_causes
 from slopecli.report.units import residual_in_unit
 from slopecli.types import Camera, FloatArray, Plane, Rejected, Solution, Verdict
 
-LEAST_MATCHED = 0.5  # share of a window that must be matched to tell its slope
 TAKEN_AS_LEVEL = "taken-as-level"  # first reason of the plane that defines what is level: it has no verdict
-LEAST_WHOLE = 0.5  # share of a patch's pixels that its largest piece must have: with less it is no surface
 
 
 def planes_of(
@@ -144,8 +142,8 @@ def _reasons(k: int, patch: Patch, solution: Solution, inlier_share: float) -> l
         reasons = [f"only {share} % of the {patch.finder.noun} could be matched"]
     elif solution.relief[k] > ROUGH or patch.left_out > MOST_LEFT_OUT or inlier_share < 1 - MOST_LEFT_OUT:
         reasons = [NON_PLANAR]
-    elif whole < LEAST_WHOLE:
-        reasons = [f"scattered: its largest piece is {beside(100 * whole, 100 * LEAST_WHOLE)} % of it"]
+    elif whole < 0.5:  # it is no surface
+        reasons = [f"scattered: its largest piece is {beside(100 * whole, 50)} % of it"]
     if not solution.converged:  # all planes depend on its motion
         reasons.append("the joint solution did not converge")
     return reasons

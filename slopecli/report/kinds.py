@@ -9,13 +9,13 @@ import numpy as np
 from slopecli.geometry.camera import points_on_plane
 from slopecli.geometry.statistics import median
 from slopecli.options import MANY_WINDOWS
+from slopecli.patches.patch import IN_DOUBT_DEG
 from slopecli.types import FloatArray, Plane, Report
 
 Kind = Literal["ground", "wall", "roof", "ceiling"]
 
 WALL_DEG = 60.0  # few roofs are steeper, and few walls lean as far
 LEVEL_DEG = 15.0  # streets and squares are flatter than this; flat roofs are higher
-KNOWN_DEG = 5.0  # 1-sigma of a slope beyond which a plane does not count as level
 LARGE = 0.1  # of the area of the largest level plane: a smaller one below it may be a mistake, or a pit
 AT_GROUND = 0.02  # height over the distance to the camera up to which a plane counts as lying on the ground
 LEAST_CEILING = 0.02  # share of image 1: what is smaller and faces down is part of a tree, or of a person
@@ -64,7 +64,7 @@ def plane_kinds(report: Report) -> dict[int, Kind | None]:
 
 def _kind(plane: Plane, outline: FloatArray, ground: Plane | None, share: float) -> Kind | None:
     if plane.slope_deg > 180.0 - WALL_DEG:
-        surely = plane.status == "ok" and (plane.slope_sigma_deg or 0.0) < KNOWN_DEG and share >= LEAST_CEILING
+        surely = plane.status == "ok" and (plane.slope_sigma_deg or 0.0) < IN_DOUBT_DEG and share >= LEAST_CEILING
         return "ceiling" if surely else None
     if plane.slope_deg > WALL_DEG:
         return "wall"
@@ -84,7 +84,9 @@ def _outline(plane: Plane, report: Report) -> FloatArray:
 def _ground(report: Report, outlines: dict[int, FloatArray]) -> Plane | None:
     """The lowest of the large level planes along up, None where no plane is level."""
     flat = [
-        plane for plane in report.planes if plane.slope_deg < LEVEL_DEG and (plane.slope_sigma_deg or 0.0) < KNOWN_DEG
+        plane
+        for plane in report.planes
+        if plane.slope_deg < LEVEL_DEG and (plane.slope_sigma_deg or 0.0) < IN_DOUBT_DEG
     ]
     level = [plane for plane in flat if len(outlines[plane.id])]
     shares, up = plane_shares(report), np.array(report.up.vector_cam1)

@@ -14,6 +14,8 @@ from slopecli.geometry.epipolar import direction_angle, normal_angle
 from slopecli.geometry.statistics import MAD_FACTOR, median
 from slopecli.ground.footprint_planes import fit_footprints
 from slopecli.ground.footprints import Cells
+from slopecli.look.matches import MIN_ON_PLANE
+from slopecli.options import Options
 from slopecli.types import FloatArray
 from slopecli.validate.finished_result import Result, ResultMap, ResultPlane
 from slopecli.validate.truth import Truth
@@ -24,15 +26,13 @@ from slopecli.windows import inside_window
 class ComparisonTunables:
     """Tunables of the comparison."""
 
-    fewest: int = 12  # points of the truth under a patch: four times as many as determine a plane
     gate: float = 4.0  # robust sigmas off its plane from which on points under a plane of any shape belong to others
     rounds: int = 5  # of leaving those out
-    sure_deg: float = 10.0  # largest 1-sigma of a slope whose plane takes part in the scale
-    mostly: float = 0.5  # share of a patch that must be on one surface
     whole: float = 0.99  # share of a cell's footprint that must be known
 
 
 COMPARE = ComparisonTunables()
+FEWEST = 2 * MIN_ON_PLANE  # points of the truth under a patch
 
 
 @dataclass(frozen=True, eq=False)
@@ -100,10 +100,10 @@ def compare(result: Result, truth: Truth, surfaces: NDArray[Any] | None = None) 
     InputError : no patch has truth under it.
     """
     under = _points_under(result, truth, surfaces)
-    known = [plane for plane in result.planes if len(under[plane.id].points) >= COMPARE.fewest]
+    known = [plane for plane in result.planes if len(under[plane.id].points) >= FEWEST]
     if not known:
         raise InputError(
-            f"none of the {len(result.planes)} planes has {COMPARE.fewest} points of the truth under it; needed the "
+            f"none of the {len(result.planes)} planes has {FEWEST} points of the truth under it; needed the "
             "truth of what image 1 shows"
         )
     others = surfaces is None  # where nothing says which points belong to the surface
@@ -149,14 +149,14 @@ def _numbers_at(truth: Truth, surfaces: NDArray[Any]) -> NDArray[Any]:
 def _surface_under(plane: ResultPlane, result: Result, truth: Truth, at: NDArray[Any]) -> np.ndarray:
     """(n,) which points lie on the surface that most of a patch is on; none if it is on no surface."""
     numbers, counts = np.unique(at[_under(plane, result, truth)], return_counts=True)
-    if not len(numbers) or counts.max() < COMPARE.mostly * counts.sum() or numbers[counts.argmax()] == 0:
+    if not len(numbers) or counts.max() < 0.5 * counts.sum() or numbers[counts.argmax()] == 0:
         return np.zeros(len(at), bool)
     return np.asarray(at == numbers[counts.argmax()])
 
 
 def _scale(ratios: FloatArray, planes: Sequence[ResultPlane]) -> tuple[float, float]:
     """The scale of most sure planes, or of most planes where none is sure, and its relative spread."""
-    sure = np.array([plane.sigma_deg is None or plane.sigma_deg <= COMPARE.sure_deg for plane in planes])
+    sure = np.array([plane.sigma_deg is None or plane.sigma_deg <= Options().max_sigma_deg for plane in planes])
     chosen = ratios[sure] if sure.any() else ratios
     scale = median(chosen)
     return scale, MAD_FACTOR * median(np.abs(chosen / scale - 1.0))
@@ -183,7 +183,7 @@ def fit_plane(truth: Truth, robust: bool) -> TruePlane:
         plane = _fit(truth.some(kept))
         off = np.abs((truth.points - plane.middle) @ plane.normal)
         inside = off <= max(COMPARE.gate * MAD_FACTOR * median(off[kept]), 1e-9 * float(truth.points[:, 2].mean()))
-        if (inside == kept).all() or inside.sum() < COMPARE.fewest or not robust:
+        if (inside == kept).all() or inside.sum() < FEWEST or not robust:
             break
         kept = inside
     return _fit(truth.some(kept))

@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 from typing import Any, TypeVar
 
 from slopecli.errors import InputError
-from slopecli.geometry.camera import share_with_rays
+from slopecli.geometry.camera import OFF_MIDDLE, share_with_rays
 from slopecli.types import Camera, CameraModel
 
 Name = TypeVar("Name", bound=Hashable)
@@ -43,7 +43,6 @@ class Bounds:
     most_focal: float = 1000.0
     largest_coefficient: float = 1e6  # rational models have a few hundred
     least_seen: float = 0.1  # of the pixels of an image must have a ray
-    most_off_middle: float = 0.25  # of the image, where a format knows no crops: lenses are centred to a few percent
 
 
 BOUNDS = Bounds()
@@ -180,7 +179,7 @@ def refuse_nonzero(values: Mapping[str, Any], names: Sequence[str], what: str) -
 
 def refuse_off_middle(offset: Sequence[float], size: Size, why: str) -> None:
     """Refuse a principal point, px from the middle of the image, that is measured from elsewhere; `why` says whence."""
-    if any(abs(off) > BOUNDS.most_off_middle * side for off, side in zip(offset, size, strict=True)):
+    if any(abs(off) > OFF_MIDDLE * side for off, side in zip(offset, size, strict=True)):
         raise InputError(
             f"the principal point is {offset[0]:.6g}, {offset[1]:.6g} px off the middle of the image; {why}"
         )

@@ -13,7 +13,7 @@ from slopecli.errors import NoAnswer
 from slopecli.geometry.epipolar import homogeneous
 from slopecli.look.dense import CELL
 from slopecli.look.gradient_components import Labels, renumbered_by_size
-from slopecli.look.matches import Evidence
+from slopecli.look.matches import MIN_ON_PLANE, Evidence
 from slopecli.look.noise import OVERVIEW_CELL_PX
 from slopecli.look.scene import Scene
 from slopecli.options import Options
@@ -34,7 +34,7 @@ def find_feature_planes(scene: Scene, options: Options) -> Found:
     NoAnswer : no plane has enough matches.
     """
     share = options.min_region_percent / 100
-    least = max(LABELLING.ransac_least, share * scene.shape1[0] * scene.shape1[1] / _cell_area(scene))
+    least = max(2 * MIN_ON_PLANE, share * scene.shape1[0] * scene.shape1[1] / _cell_area(scene))
     label, _ = renumbered_by_size(label_cells(scene.evidence, options.seed), least)
     if not label.any():
         raise NoAnswer(
@@ -57,7 +57,7 @@ def label_cells(evidence: Evidence, seed: int) -> IntArray:
     cells = DepthPlanes(rows, target, np.zeros(len(px)), LABELLING.ransac_scale_px)
     rng = np.random.default_rng(seed)
     part = np.sort(rng.permutation(len(px))[: LABELLING.ransac_points])
-    if len(part) < LABELLING.ransac_least:
+    if len(part) < 2 * MIN_ON_PLANE:
         return np.zeros(len(px), np.int64)
     found = _search(cells.take(part), evidence.uv1[part], rng)
     if len(part) == len(px):

@@ -21,7 +21,6 @@ class LabellingTunables:
     ransac_points: int = 2500  # among which planes are sought; all are labelled in the end
     ransac_judges: int = 1200  # of them, on which proposals compete
     ransac_around: int = 24  # nearest points that propose a plane: fewer are noisier, more cross edges
-    ransac_least: int = 12  # matches of a plane: fewer may agree by chance
     # label_planes; its coordinates have about unit size
     homography: float = 80.0  # nats, price of a plane: its eight parameters take more to state
     smooth: float = 0.5  # nats for two neighbours on different planes: feature matches are sparser than cells

@@ -45,7 +45,7 @@ def match_regions(labels: Labels, cells: Cells, patches: list[Patch], scene: Sce
 
 
 def _mapping(grid: Grid, labels: Labels, planes: list[FloatArray], scene: Scene) -> FloatImage:
-    """Return (h, w, 2) px of image 2 to which its own plane sends every pixel; NOWHERE where there is none."""
+    """Return (h, w, 2) px of image 2 to which its own plane sends every pixel; `OUTSIDE_PX` where there is none."""
     transfer = DepthTransfer(scene, grid)
     plane = np.vstack([np.zeros(3), *planes]).astype(np.float32)[labels]
     return transfer.pixels2(

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from slopecli.geometry.statistics import median
-from slopecli.look.matches import ON_PLANE_PX, Matches, thin
+from slopecli.look.matches import MIN_ON_PLANE, ON_PLANE_PX, Matches, thin
 from slopecli.look.noise import OVERVIEW_CELL_PX
 from slopecli.look.scene import Scene, view_of
 from slopecli.look.warp import covered
@@ -42,7 +42,7 @@ def _from_around(patch: Patch, scene: Scene) -> Patch | None:
         share = shares(planes, scene, vote)
         best = int(np.argmax(share))
         chosen = np.flatnonzero(near & (evidence.misfit_px(planes[best]) < ON_PLANE_PX))
-        if len(chosen) >= TUNE.least_borrowed and vote.sum() * share[best] >= 2 and share[best] >= 0.5:
+        if len(chosen) >= 2 * MIN_ON_PLANE and vote.sum() * share[best] >= 2 and share[best] >= 0.5:
             sigma = max(_disagreement(planes, share, best), np.radians(MOST_SIGMA_DEG) * (1 - share[best]))
             return _borrowed(chosen, patch, scene, planes[best], sigma, "this is the plane around it")
     return None
@@ -59,7 +59,7 @@ def _from_scene(patch: Patch, scene: Scene) -> Patch | None:
     parallel = np.exp(-((angles(scene.planes) / np.radians(10.0)) ** 2))
     best = int(np.argmax(parallel @ weight))
     chosen = np.flatnonzero(scene.evidence.misfit_px(scene.planes[best]) < ON_PLANE_PX)
-    if len(chosen) < TUNE.least_borrowed:
+    if len(chosen) < 2 * MIN_ON_PLANE:
         return None
     sigma = _disagreement(scene.planes, weight, best)
     words = "this is the orientation most of the scene shares, its distance is not the window's"

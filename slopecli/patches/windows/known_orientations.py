@@ -17,12 +17,13 @@ import numpy as np
 from slopecli.geometry.epipolar import homogeneous, tangent_basis
 from slopecli.geometry.motion import inverse_depth
 from slopecli.geometry.statistics import median, robust_sigma
-from slopecli.look.matches import ON_PLANE_PX, Matches
+from slopecli.look.matches import MIN_ON_PLANE, ON_PLANE_PX, Matches
 from slopecli.look.noise import MAX_GAIN, ROUNDING_GREY
 from slopecli.look.photometric import TILTS, View, align_plane
 from slopecli.look.scene import FINE_PX, Scene, view_of
 from slopecli.look.warp import covered, map_nodes, node_shape, sample_grey, sample_layer, spread_table
-from slopecli.patches.patch import Patch
+from slopecli.options import Options
+from slopecli.patches.patch import IN_DOUBT_DEG, Patch
 from slopecli.patches.windows.borrowed import angles, from_elsewhere, shares, similarity
 from slopecli.patches.windows.tunables import TUNE
 from slopecli.types import FloatArray
@@ -32,9 +33,7 @@ from slopecli.types import FloatArray
 class OrientationTunables:
     """When an orientation is known, which windows are compared with it, and how well they must fit."""
 
-    faint_score: float = 0.55  # own matches that agree less are chance as often as not,
-    doubt_rad: float = float(np.radians(5.0))  # where the 1-sigma of their tilt says so, too
-    vague_rad: float = float(np.radians(10.0))  # 1-sigma by noise, beyond which a slope is not reported
+    faint_score: float = 0.55  # own matches that agree less, and are in doubt, are chance as often as not
     clear_score: float = 0.9  # with better ones a window needs no other start
     starts: int = 3  # known orientations that a faint window is aligned from, those of the least misfit
     better: float = 0.05  # growth of the correlation by which another start is no chance
@@ -103,8 +102,8 @@ def _is_mute(patch: Patch, scene: Scene) -> bool:
     """
     if patch.origin != "own":
         return patch.code == "low-texture"
-    by_chance = patch.score < KNOWN.faint_score and patch.tilt_sigma_rad > KNOWN.doubt_rad
-    return by_chance or _noise_rad(patch, scene) > KNOWN.vague_rad
+    by_chance = patch.score < KNOWN.faint_score and patch.tilt_sigma_rad > np.radians(IN_DOUBT_DEG)
+    return by_chance or _noise_rad(patch, scene) > np.radians(Options().max_sigma_deg)
 
 
 def _noise_rad(patch: Patch, scene: Scene) -> float:
@@ -117,7 +116,9 @@ def _is_faint(patch: Patch) -> bool:
     """Whether a window has matches of its own that are better than chance, but may be led to the wrong plane."""
     by_matches = patch.tilt_sigma_rad - patch.unmatched_sigma_rad
     return (
-        patch.origin == "own" and KNOWN.faint_score <= patch.score < KNOWN.clear_score and by_matches > KNOWN.doubt_rad
+        patch.origin == "own"
+        and KNOWN.faint_score <= patch.score < KNOWN.clear_score
+        and by_matches > np.radians(IN_DOUBT_DEG)
     )
 
 
@@ -147,7 +148,7 @@ def known_planes(patches: Sequence[Patch], scene: Scene) -> list[KnownPlane]:
     evidence = scene.evidence
     for normal in scene.planes:
         on = evidence.take(evidence.misfit_px(normal) < ON_PLANE_PX)
-        if len(on) >= TUNE.least_borrowed:
+        if len(on) >= 2 * MIN_ON_PLANE:
             found.append(KnownPlane(normal, KNOWN.sure_rad, on, "a plane of the scene"))
     distinct = list[KnownPlane]()
     for plane in found:

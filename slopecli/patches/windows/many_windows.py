@@ -26,7 +26,7 @@ from slopecli.look.threads import single_threaded
 from slopecli.look.warp import covered
 from slopecli.options import MANY_WINDOWS, Options
 from slopecli.patches.join import OUTSIDE_POINTS, Joined, outside_weight
-from slopecli.patches.patch import Patch, weight_of
+from slopecli.patches.patch import LEAST_MATCHED, Patch, weight_of
 from slopecli.patches.windows.borrowed import why_unmatched
 from slopecli.patches.windows.tunables import TUNE
 from slopecli.patches.windows.window_finder import wanted_windows, window_patch
@@ -38,7 +38,6 @@ from slopecli.windows import Window
 class ManyWindowsTunables:
     """Which of many windows have an answer of the dense depth, and what the others have."""
 
-    least_share: float = 0.5  # of a window's pixels whose depth is known; with less it is called poor
     least_sure: float = 0.3  # of its pixels, without doubt
     neighbours: int = 8  # answered windows whose orientation one without an answer has
     pairs: int = 4096  # of windows that tell how much orientations differ, in so many groups by distance:
@@ -96,7 +95,7 @@ def answer_together(
 def _own_patches(windows: Sequence[Window], depth: DenseDepth, dense: WindowPlanes, scene: Scene) -> list[Patch]:
     """A patch a window, with pixels of the depth as its matches where it has enough, else without any."""
     share, sure = dense.planes.share[0], dense.planes.sure[0]
-    own = np.isfinite(dense.covariance).all((1, 2)) & (share >= MANY.least_share) & (sure >= MANY.least_sure)
+    own = np.isfinite(dense.covariance).all((1, 2)) & (share >= LEAST_MATCHED) & (sure >= MANY.least_sure)
     stepped = across_steps(depth, windows, dense.planes)
     matches, lattice = _matches(depth, scene)
     sigma_px = max(robust_sigma(depth.across_px[depth.known].astype(float)), LEAST_MATCH_PX) / depth.grid.mean_scale

@@ -37,7 +37,6 @@ class WindowTunables:
 
     # 1-sigma of the tilt in addition to what residuals tell
     scarce_share: float = 0.3  # matched less, a window may tilt otherwise than its matches say
-    poor_rad: float = float(np.radians(10.0))  # of a window matched over nothing of it, or with a score of 0
     most_rad: float = float(np.radians(30.0))  # upper bound for a window of which some part is matched
     samples: int = 9  # points a side, on which an unmatched cell is compared with image 2
     amid: float = 0.75  # share of the cells around an unmatched one that, matched, tell more than what lies farther off
@@ -49,7 +48,6 @@ class WindowTunables:
     # borrowed planes
     reaches: tuple[float, ...] = (0.75, 1.5, 3.0)  # longer sides around the window, in which matches are looked for
     least_near: int = 20  # matches around the window: fewer do not tell one surface from another
-    least_borrowed: int = 12  # matches on the plane borrowed
     same_grey: float = 30.0  # grey levels by which one material differs from place to place
     textured_grey: float = 12.0  # standard deviation of grey levels that ought to have been matched
     unexplained_rad: float = float(np.radians(20.0))  # 1-sigma of the tilt of a textured window without matches

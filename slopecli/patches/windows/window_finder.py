@@ -9,7 +9,7 @@ import numpy as np
 
 from slopecli.geometry.epipolar import homogeneous
 from slopecli.geometry.motion import epipolar_residual, inverse_depth
-from slopecli.geometry.plane_fit import robust_plane
+from slopecli.geometry.plane_fit import BEND_RAD, robust_plane
 from slopecli.geometry.statistics import median
 from slopecli.look.dense import CELL, Cells, dense_cells
 from slopecli.look.foerstner import correlate_windows, foerstner_corners
@@ -207,7 +207,7 @@ def _poor_match_rad(share: float, score: float) -> float:
     # few matches of a low score are what other ground gives: those that agree do so by chance
     unclear = min(max(0.0, (TUNE.clear_score - score) / (TUNE.clear_score - TUNE.good_score)), 1.0)
     chance = min(2 * scarce, 1.0) * unclear
-    return float(np.hypot(TUNE.poor_rad * (scarce + faint), TUNE.most_rad * chance))
+    return float(np.hypot(BEND_RAD * (scarce + faint), TUNE.most_rad * chance))
 
 
 # ---- the paper's matcher (section IV, experiment 1): Förstner corners, correlation, outlier removal ----

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from slopecli.geometry.camera import pixels_from_rays, rays_from_pixels
 from slopecli.geometry.epipolar import homogeneous
 from slopecli.ground.slope_map import SlopeMap
+from slopecli.look.warp import NODE_STEP
 from slopecli.products.drawing.canvas import Frame, map_frame, resized
 from slopecli.products.drawing.classes import (
     STEP,
@@ -148,7 +149,7 @@ def map_seen_from_1(slope_map: SlopeMap, image: Image, image2: Image) -> tuple[s
 def _rays(report: Report, frame: Frame) -> FloatArray:
     """(h, w, 3) rays (x, y, 1) of the pixels of a picture of image 1; interpolated between every eighth."""
     size = frame.width, frame.height
-    counts = [max(2, -(-n // PAGE.ray_every_px) + 1) for n in size]
+    counts = [max(2, -(-n // NODE_STEP) + 1) for n in size]
     u, v = np.meshgrid(*(np.linspace(0.0, n - 1.0, count) for n, count in zip(size, counts, strict=True)))
     uv1 = (np.stack([u, v], -1) + 0.5) / frame.scale - 0.5
     coarse = rays_from_pixels(report.cameras[0], uv1.reshape(-1, 2)).reshape(*u.shape, 2).astype(np.float32)

@@ -15,7 +15,6 @@ class PageTunables:
     model_triangles: int = 12_000  # half a megabyte with the viewer; patches.glb has more
     texture_px: int = 1024  # long side of image 1 on the model
     jpeg_quality: int = 88
-    ray_every_px: int = 8  # of a picture: between these, rays are interpolated
 
 
 PAGE = PageTunables()
