@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal
 
+MIN_SIDE_PX = 16  # of a window, or an image: nothing can be matched in less
 MANY_WINDOWS = 64  # 8 x 8, from which on windows are answered together, and shown as a map
 MOST_SIGMA_DEG = 60.0  # bound of max_sigma_deg: with a larger 1-sigma any slope is possible
 

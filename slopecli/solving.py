@@ -42,7 +42,7 @@ class Answer:
     cameras: Cameras
     diagnostics: list[Diagnostic]
     test: CameraTest
-    focal_sigma: float = 0.0
+    focal_sigma: float
 
 
 def solve_scene(
@@ -59,9 +59,8 @@ def solve_scene(
     """
     cameras = scene.camera1, scene.camera2
     joined, solution, against_prior = _solve_settled(joined, scene, motions, options)
-    answer = Answer(
-        joined, solution, cameras, known, examine_cameras(joined, solution, cameras, scene, free=options.free_focal)
-    )
+    test = examine_cameras(joined, solution, cameras, scene, free=options.free_focal)
+    answer = Answer(joined, solution, cameras, known, test, 0.0)
     answer = _with_focal(answer, given, options, partial(_solve_scene_again, scene, options))
     joined, solution = answer.joined, answer.solution
     solution = with_scatter(solution, sightings_of(joined, solution, answer.cameras))
@@ -177,7 +176,7 @@ def solve_rows(joined: Joined, cameras: Cameras, noise: float | None, options: O
     refuse_unrelated(solved.solution, joined, cameras[1])
     joined, notes = review(solved, joined, noise, *cameras)
     test = examine_cameras(joined, solved.solution, cameras, free=options.free_focal)
-    answer = Answer(joined, solved.solution, cameras, diagnostics, test)
+    answer = Answer(joined, solved.solution, cameras, diagnostics, test, 0.0)
     answer = _with_focal(answer, cameras, options, partial(_solve_rows_again, options))
     joined, solution, merged = _merge_coplanar(answer.joined, answer.solution, options)
     return replace(answer, joined=joined, solution=solution, diagnostics=[*answer.diagnostics, *notes, *merged])

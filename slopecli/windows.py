@@ -5,11 +5,10 @@ from __future__ import annotations
 import numpy as np
 
 from slopecli.errors import InputError
+from slopecli.options import MIN_SIDE_PX
 from slopecli.types import BoolArray, FloatArray
 
 Window = tuple[int, int, int, int]  # x, y, width, height in px of image 1
-
-MIN_SIDE_PX = 16  # nothing can be matched in less
 
 
 def grid_windows(columns: int, rows: int, width: int, height: int) -> list[Window]:

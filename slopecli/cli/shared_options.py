@@ -162,7 +162,7 @@ map_options = (
 )
 _WINDOWS_HELP = "A window, px; repeat for more, in order of id"
 _FOUND = ", ".join(finder.choice for finder in FINDERS if finder.choice and finder.found)
-_PLANES_HELP = f"{FINDERS[0].choice}; or found: {_FOUND}"
+_PLANES_HELP = f"{Options.planes}; or found: {_FOUND}"
 window_options = (
     _option(PLANES, "--grid", "COLSxROWS", kinds.GRID, "Equal windows that cover image 1"),
     Option(PLANES, "--window windows", "X,Y,W,H", kinds.WINDOW, _WINDOWS_HELP, multiple=True),

@@ -16,6 +16,7 @@ from slopecli.cli.progress import StageProgress
 from slopecli.cli.shared_options import INPUT, OUTPUT, SOLVER, Command, Option, talk_options
 from slopecli.cli.table import Table, print_table
 from slopecli.cli.talk import Talk
+from slopecli.options import MIN_SIDE_PX
 from slopecli.study.parameters import StudyOptions
 
 if TYPE_CHECKING:
@@ -25,7 +26,7 @@ if TYPE_CHECKING:
     from slopecli.study.claims import Claim
 
 STUDY, FLIGHT, GROUND, ERRORS = "Study", "Flight", "Ground", "Errors"
-IMAGE_SIZE = two_sides("WIDTHxHEIGHT of at least 16 px each", "1024x768", 16)
+IMAGE_SIZE = two_sides(f"WIDTHxHEIGHT of at least {MIN_SIDE_PX} px each", "1024x768", MIN_SIDE_PX)
 _option = partial(Option, of=StudyOptions)
 
 

@@ -43,8 +43,9 @@ class CameraTestTunables:
     # of what is called wrong: step of the score that is looked into where lines see nothing; wrong ones reach 1
     nearly: float = 0.9
     faint: float = 0.5  # of the noise: change of residuals by a parameter below which a large sigma is no fault of it
-    far: float = 4.0  # times as far from epipolar lines as the matches, for cells of the overview
-    farthest_share: float = 0.1  # the farthest tenth of the cells
+    far: float = (
+        4.0  # times as far from epipolar lines as of the matches, for the farthest tenth of the cells of the overview
+    )
     floor_px: float = 0.01  # systematic residual that f could explain; lens models and interpolation leave 0.02
     centre_share: float = 0.03  # of the focal length: step of the principal point from which on it is freed
     # ratio of noises from which on another principal point is believed; right cameras reach 1.09
@@ -160,7 +161,7 @@ def _overview_contradicts(joined: Joined, every: Sightings, start: Settled) -> b
     if len(every.patch) < count + TEST.few_free:
         return False
     miss = np.abs(epipolar_distance(essential_matrix(start.R, start.T), *every.rays()))
-    of_matches, of_cells = (np.quantile(some, 1.0 - TEST.farthest_share) for some in (miss[:count], miss[count:]))
+    of_matches, of_cells = (np.quantile(some, 0.9) for some in (miss[:count], miss[count:]))
     return bool(of_cells > TEST.far * of_matches)
 
 
@@ -282,7 +283,7 @@ def _explained(test: CameraTest) -> _Explained | None:
     focal = freed.get("f")
     if focal is not None and test.start is not None:
         sigmas = np.append(test.sigma, focal.score.sigma[1:])
-        freed["f"] = Freed(test.step, test.start, focal.cost, focal.score._replace(sigma=sigmas))
+        freed["f"] = Freed(test.step, test.start, focal.cost, focal.score._replace(sigma=sigmas), focal.less_noise)
     return _Explained(best if clear else "", freed, before)
 
 

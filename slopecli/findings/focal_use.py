@@ -16,14 +16,13 @@ from slopecli.types import Camera, Diagnostic
 
 FIELD_OF_VIEW = "field of view"  # source of a camera that is known to no better than `FIELD_OF_VIEW_PERCENT`
 FIELD_OF_VIEW_PERCENT = 3.0  # 1-sigma of its focal length: data sheets round, and sensors are cropped
-FREED_BELOW = 0.015  # 1-sigma of the logarithm from which on the images are taken to know it better than the prior
 
 
 class FocalUse(NamedTuple):
     """step : logarithm of the focal length used over that of the cameras.  sigma : its 1-sigma, 0 if it is exact."""
 
-    step: float = 0.0
-    sigma: float = 0.0
+    step: float
+    sigma: float
 
 
 def prior_sigma(cameras: Cameras, options: Options) -> float:
@@ -49,7 +48,7 @@ def focal_to_use(test: CameraTest, prior: float, free: bool) -> FocalUse:
     if not prior or not told:
         return FocalUse(0.0, prior)
     both = 1.0 / np.sqrt(1.0 / prior**2 + 1.0 / own**2)
-    if both >= FREED_BELOW:
+    if both >= TEST.systematic:  # the images do not know it better than the prior
         return FocalUse(0.0, prior)
     return FocalUse(test.step * (both / own) ** 2, float(both))
 

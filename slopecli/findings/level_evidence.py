@@ -25,7 +25,6 @@ from slopecli.types import Camera, FloatArray, Plane, Solution
 IMAGE_UP = np.array([0.0, -1.0, 0.0])
 SUPPORTED = 3.0  # log odds, 20 to 1, from which on a plane that was taken as level is believed to be level
 BY_DEFAULT = 2.4  # log odds, 11 to 1, that a camera looks down whose up was not given: the default is made for that
-LEAST_KINDS = 2  # of evidence that must speak against the default: streets along the image, say, are one
 BEHIND = 0.02  # height below a plane, over the distance of a point, from which on the point lies behind the plane
 LEAST_SEGMENTS = 8
 LEAST_CONCENTRATION = 0.35  # share of edges along two axes, to 4 deg, by which a scene is built of right angles
@@ -131,7 +130,8 @@ def odds_of_camera(up: FloatArray, seen: Seen) -> LevelOdds:
     floor, upright_floor = _floor(upright, up, seen)
     clues = [edges, floor, _faces(up, upright, seen, 20.0)]  # hills slope by less
     odds = _sum(clues, BY_DEFAULT, 0.0, upright if upright_floor is None else upright_floor)
-    return odds if len(odds.against) >= LEAST_KINDS else odds._replace(log_odds=max(odds.log_odds, 0.0))
+    # one kind of evidence against the default is not enough: streets along the image, say
+    return odds if len(odds.against) > 1 else odds._replace(log_odds=max(odds.log_odds, 0.0))
 
 
 def _planes_of_points(seen: Seen) -> Seen:

@@ -16,7 +16,7 @@ from slopecli.types import Camera, Diagnostic, FloatArray, Image, IntArray
 
 FEW_FEATURES = 60  # in an image with hardly any texture
 MIN_INLIERS, INLIER_SHARE = 20, 0.12  # of the tentative matches: fewer agree on a motion by chance
-MANY_CONTRADICT, MOST_CONTRADICT = 0.15, 0.5  # of the dense matches that contradict the motion: warned of, refused
+MANY_CONTRADICT = 0.15  # of the dense matches that contradict the motion: warned of; half of them are refused
 MIRRORED = 1 / 3  # share of triangles that keep their orientation: half of them by chance, nearly all of a right pair
 REACHED = 0.8  # of the corner's distance from the axis, to which matches must reach for the distortion to be told there
 DISTORTED_PX = 1.0  # at the corner: a lens that is this close to its model is not reported
@@ -77,7 +77,7 @@ def contradicting_matches(pair: PairFacts) -> list[Diagnostic]:
     evidence = pair.scene.evidence
     share = 1 - len(evidence) / max(evidence.n_given, 1)
     found = f"{100 * share:.0f} % of the dense matches contradict the"
-    if share > MOST_CONTRADICT:
+    if share > 0.5:
         remedy = "give two images of the same ground, neither mirrored, and the camera they were taken with"
         raise NoAnswer("no-overlap", f"{found} best motion of the camera", remedy, value=share)
     if share < MANY_CONTRADICT:

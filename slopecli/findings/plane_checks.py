@@ -15,7 +15,7 @@ from slopecli.types import Diagnostic, Plane
 
 NON_PLANAR = "non-planar-patch"  # as a diagnostic, and as the reason of a plane
 ROUGH = 0.025  # RMS height off the plane over distance beyond which a patch is not one plane
-CEILING_DEG = 120.0  # slope of what faces down: walls and their errors reach as far beyond the vertical as 30 degrees
+WALL_DEG = 60.0  # few roofs are steeper, and few walls lean as far, or beyond the vertical
 TOUCHED = 0.02  # share of a plane that changed from which on it is named
 CHANGED = {
     "brightness": "became brighter or darker than the rest, as where a shadow moves",
@@ -56,7 +56,7 @@ def _share_of(plane: Plane, change: Change, facts: AnswerFacts) -> float:
 def upside_down(facts: AnswerFacts) -> list[Diagnostic]:
     """Up given the wrong way round: every plane of known slope is a ceiling, not just a wall that leans over."""
     known = [plane for plane in facts.planes if plane.slope_known]
-    if isinstance(facts.options.up, str) or min((plane.slope_deg for plane in known), default=0.0) <= CEILING_DEG:
+    if isinstance(facts.options.up, str) or min((plane.slope_deg for plane in known), default=0.0) <= 180.0 - WALL_DEG:
         return []
     message = f"every {known[0].noun} of known slope faces away from up, as if the ground hung over the camera"
     return [finding("upside-down", message, float(len(known)))]

@@ -12,6 +12,7 @@ from slopecli.types import FloatArray
 MAD_FACTOR = 1.4826  # sigma of a Gaussian over its median absolute deviation
 CHI2_MEDIAN = 0.4549  # median of chi-square with 1 degree of freedom, 1 / MAD_FACTOR^2
 CHI2_MEDIAN_2 = 1.3863  # and with 2 degrees of freedom, 2 ln 2
+CHI2_3 = 16.3  # that chi-square with 3 degrees of freedom exceeds once in 1000 times
 GATE_SIGMAS = 2.5  # residual, in robust sigmas, at which a Geman-McClure weight is 1/4
 
 

@@ -19,7 +19,6 @@ class GridTunables:
     sixteenth: float = 16.0  # footprints along the short side of the image, by default
     cells_a_footprint: float = 8.0  # cells along a footprint's diameter, by default
     least_footprint_px: float = 12.0  # grid px: smaller discs have no plane that is known to a few degrees
-    most_footprint: float = 0.5  # of the short side of the image
     most_cells: int = 4_000_000  # of a map: 36 MB of numbers a million
 
 
@@ -62,7 +61,7 @@ def choose_cells(
     """
     short = min(width, height)
     footprint_px = float(footprint_px or max(short / GRID.sixteenth, GRID.least_footprint_px / grid_scale))
-    least, most = GRID.least_footprint_px / grid_scale, GRID.most_footprint * short
+    least, most = GRID.least_footprint_px / grid_scale, 0.5 * short
     if not least - 1e-9 <= footprint_px <= most:
         raise InputError(
             f"a footprint of {footprint_px:.4g} px of image 1 has no plane that can be told; it must be between "

@@ -26,12 +26,9 @@ class TiltTunables:
     """Tunables of the uncertainty of planes of footprints; they are fitted to rendered ground with known depth."""
 
     noise: float = 0.85  # error of a plane by noise over that measured by ramps across the epipolar lines
-    edge: float = 0.9  # of edges of relief, see `edge_variance`
-    edge_px: float = 64.0  # grid px, diameter of the footprints that it was fitted to
+    edge_px: float = 51.84  # of edges of relief, see `edge_variance`: 0.9^2 in footprints of 64 px
     unmatched: float = 3.0  # 1-sigma of ground that is not matched, in the relief of its footprint
-    unmatched_jump: float = 1.0  # the same, in the largest jump nearby
     neighbours: float = 1.5  # footprints, sigma of the Gaussian over which the variance of noise is averaged
-    step_margin_px: int = 12  # grid px around a footprint where a step still moves its edge
     # height of a step, of the footprint's diameter, from which on a slope across it has no meaning
     step_share: float = 0.25
     step_length: float = 0.15  # pixels on it, of the footprint's diameter
@@ -205,7 +202,7 @@ def edge_variance(depth: DenseDepth, planes: FootprintPlanes) -> FloatArray:
     n, first, second = disc_sums(layers, planes.cells, COARSE)
     n, rise = np.maximum(n, 1.0), rise_of(planes, depth)
     jumps = np.maximum(second / n - 2 * rise * first / n + rise**2, 0.0)
-    return np.asarray(TILT.edge**2 * TILT.edge_px * jumps * depth.focal_px**2 / (2 * planes.cells.radius_px) ** 4)
+    return np.asarray(TILT.edge_px * jumps * depth.focal_px**2 / (2 * planes.cells.radius_px) ** 4)
 
 
 def _gap_variance(depth: DenseDepth, planes: FootprintPlanes, jump: FloatArray) -> FloatArray:
@@ -215,24 +212,24 @@ def _gap_variance(depth: DenseDepth, planes: FootprintPlanes, jump: FloatArray) 
     """
     relief = planes.relief / planes.middle[..., 2]
     lever = (1.0 - planes.sure) * depth.focal_px / (2 * planes.cells.radius_px)
-    return np.asarray(lever**2 * ((TILT.unmatched * relief) ** 2 + (TILT.unmatched_jump * jump) ** 2))
+    return np.asarray(lever**2 * ((TILT.unmatched * relief) ** 2 + jump**2))
 
 
 def rise_of(planes: FootprintPlanes, depth: DenseDepth) -> FloatArray:
     """(rows, columns) `DenseDepth.span` on the plane of a footprint."""
     rise = np.abs(planes.scaled_normal[..., :2]).sum(-1) * planes.middle[..., 2]
-    return np.asarray(rise * (DEPTH.jump_side_px - 1) / depth.focal_px)
+    return np.asarray(rise * (DEPTH.side_px - 1) / depth.focal_px)
 
 
 def largest_jump(depth: DenseDepth, planes: FootprintPlanes) -> FloatArray:
-    """(rows, columns) largest jump of ln w between neighbouring pixels in a footprint and a margin around it.
+    """(rows, columns) largest jump of ln w between neighbouring pixels in a footprint and around it.
 
-    What the plane of the footprint itself rises by is subtracted.
+    As far as twice the distance by which matching misplaces a step. What the plane of the footprint itself rises by is subtracted.
     """
-    cells, span, side = planes.cells, depth.span, DEPTH.jump_side_px - 1
+    cells, span, side = planes.cells, depth.span, DEPTH.side_px - 1
     rows, columns = (n // side for n in span.shape)
     blocks = span[: rows * side, : columns * side].reshape(rows, side, columns, side).max((1, 3))
-    reach = int(np.ceil((cells.radius_px + TILT.step_margin_px) / side))
+    reach = int(np.ceil((cells.radius_px + 2 * TILT.step_off_px) / side))
     disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * reach + 1, 2 * reach + 1))
     largest = cv2.dilate(blocks, disc)
     at = np.ix_(np.minimum(cells.v // side, rows - 1), np.minimum(cells.u // side, columns - 1))

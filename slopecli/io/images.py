@@ -15,8 +15,8 @@ from slopecli.io.decoding import decode_pixels
 from slopecli.io.files import read_file
 from slopecli.io.image_headers import ImageHeader, read_header
 from slopecli.io.pixel_values import to_8_bit
+from slopecli.options import MIN_SIDE_PX
 from slopecli.types import Image
-from slopecli.windows import MIN_SIDE_PX
 
 MAX_PIXELS = 300_000_000  # twice the largest single-shot sensor
 RAW_SUFFIXES = {".dng", ".nef", ".cr2", ".cr3", ".arw", ".raf", ".rw2", ".orf", ".pef", ".srw"}

@@ -17,7 +17,7 @@ from slopecli.geometry.motion import LensMisfit, epipolar_residual, find_lens_mi
 from slopecli.geometry.statistics import median, robust_least_squares
 from slopecli.look.dense import CELL, sparse_transfer
 from slopecli.look.matches import pair_rays, thin
-from slopecli.look.noise import NOISE_GREY, SYSTEMATIC_PX
+from slopecli.look.noise import NOISE_GREY, SAME_GROUND, SYSTEMATIC_PX
 from slopecli.look.photometric import detrend
 from slopecli.look.scene import Scene
 from slopecli.look.warp import FloatImage, Grid, covered, cut, resample, transfer_map
@@ -25,7 +25,6 @@ from slopecli.types import BoolArray, FloatArray
 
 LEAST_AREA = 0.01  # of image 1: relief and specular reflections make areas of up to 0.7 %
 BLOCK_PX = 6  # px of a cell, of image 1 averaged down to 1e5 px
-SAME_GROUND = 0.6  # correlation of the texture of a cell from which on both images show the same ground
 DARKER = 0.25  # change of log brightness that counts, if it is 4 sigmas as well; a shadow's is 0.4 and more
 CONTRADICTING_PX = 3.0  # off its epipolar line, or behind the camera: a match of something that moved
 

@@ -37,7 +37,6 @@ FULL_SMOOTHINGS = 5  # rounds of variational refinement of the flow at every sca
 # suffices as a check
 CLOSED_SHARE, CLEAR_AGREEMENT = 0.97, 0.9
 CELL = 8  # px of the working grid
-FIELD_STEP = 16  # px of the working grid between nodes of the displacement field
 
 
 @dataclass(frozen=True, eq=False)
@@ -210,10 +209,10 @@ def sparse_transfer(uv1: FloatArray, uv2: FloatArray, scale: FloatArray, shape: 
     if H is None:
         H = np.eye(3)
     apply = lambda uv: cv2.perspectiveTransform(np.asarray(uv, float)[:, None], H)[:, 0]  # noqa: E731
-    field = spread((uv1 + 0.5) * scale, uv2 - apply(uv1), shape, FIELD_STEP, np.ones(len(uv1)))
+    field = spread((uv1 + 0.5) * scale, uv2 - apply(uv1), shape, 2 * CELL, np.ones(len(uv1)))
 
     def transfer(uv: FloatArray) -> FloatArray:
-        node = (((uv + 0.5) * scale) / FIELD_STEP - 0.5).astype(np.float32)
+        node = (((uv + 0.5) * scale) / (2 * CELL) - 0.5).astype(np.float32)
         at = node[:, None]  # a column, as OpenCV allows at most 32767 points in a row
         missed = cv2.remap(field, at[..., 0], at[..., 1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
         return np.asarray(apply(uv) + missed[:, 0], float)

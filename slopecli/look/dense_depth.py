@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from slopecli.geometry.statistics import robust_sigma
 from slopecli.look.dense import Cells, dense_cells, flow, match_exposure, spread
 from slopecli.look.depth_transfer import DepthTransfer
-from slopecli.look.noise import LEAST_MATCH_PX, NOISE_GREY
+from slopecli.look.noise import LEAST_MATCH_PX, NOISE_GREY, OVERVIEW_CELL_PX, SAME_GROUND
 from slopecli.look.scene import Scene, whole_grid
 from slopecli.look.warp import (
     NODE_STEP,
@@ -45,11 +45,10 @@ class DepthTunables:
     # of a mean over the window: a window of 60 px, errors shared by some 8 of them
     window_noise: float = NOISE_GREY**2 / 8.0
     window_px: float = 2.5  # grid px, sigma of the Gaussian window of the alignment
-    median_px: int = 5  # grid px, side of the median filter between rounds
+    side_px: int = 5  # grid px, of the median filter between rounds, the smallest bare area, and the square of a jump
     # grid px, sigma of the Gaussian below which differences of the two images are texture, not shading
     shading_px: float = 6.0
     margin_px: int = 24  # grid px around windows
-    flow_px: float = 0.1  # grid px, 1-sigma of flow
     # 1-sigma of the logarithm of inverse depth before the images are asked: relief, errors of matches
     relief: float = 0.05
     reach_px: float = 0.5  # grid px, 1-sigma of what is left to align after the flow
@@ -57,17 +56,14 @@ class DepthTunables:
     own_px: float = 1.0  # grid px, sigma of the Gaussian over which gradients count as a pixel's own
     grain_px: float = 0.7  # grid px, sigma of the Gaussian that takes the noise of single pixels out of gradients
     rounding: float = 0.03  # sum of the squares of both gradients, that rounding to whole grey values makes
-    least_alike: float = 0.6  # see `_alike`; images without common texture have more in 1 of 1000 places
-    bare_px: int = 5  # grid px, side of the smallest area that counts as bare: smooth texture has smaller flat spots
-    untold_px: int = 7  # the same of ground whose depth the images do not tell
+    untold_px: int = 7  # grid px, side of the smallest area whose depth the images do not tell that counts as bare, too
     most_change: float = 0.5  # largest change of the logarithm of inverse depth by the flow
     most_step: float = 0.2  # the same by a round of alignment
     across_px: float = 1.0  # grid px, largest residual across the epipolar line that is believed
     step_gradient: float = 0.4  # of the displacement, px per px: ground of 45 degrees has a tenth to a fifth
     beside_px: int = 4  # grid px to either side of a step that may have the depth of the other side
     hidden: float = 0.02  # difference of the logarithms of inverse depth from which on a surface hides another
-    jump_side_px: int = 5  # grid px, side of the square over which a jump of depth is measured
-    noise_range: float = 2.5  # of the noise over that square, in its sigmas
+    noise_range: float = 2.5  # of the noise over the square of a jump, in its sigmas
 
 
 DEPTH = DepthTunables()
@@ -110,8 +106,8 @@ class DenseDepth:
 
     @cached_property
     def span(self) -> FloatImage:
-        """(h, w) range of ln w over a square of `DEPTH.jump_side_px`, beyond what its noise has."""
-        logarithm, kernel = np.log(self.w), np.ones((DEPTH.jump_side_px, DEPTH.jump_side_px), np.uint8)
+        """(h, w) range of ln w over a square of `DEPTH.side_px`, beyond what its noise has."""
+        logarithm, kernel = np.log(self.w), np.ones((DEPTH.side_px, DEPTH.side_px), np.uint8)
         noise = robust_sigma(self.across_px[self.known].astype(float)) / self.shift_px if self.known.any() else 0.0
         span = cv2.dilate(logarithm, kernel) - cv2.erode(logarithm, kernel)
         return np.asarray(np.maximum(span - DEPTH.noise_range * noise, 0.0))
@@ -146,7 +142,7 @@ def measure_depth(
         w = pair.along(w)
     uv2, told, own, left, noise = pair.check(w)
     shown = covered(uv2, scene.shape2, 1.0)
-    bare = shown & (_in_one_piece(~own, DEPTH.bare_px) | _in_one_piece(~told, DEPTH.untold_px))
+    bare = shown & (_in_one_piece(~own, DEPTH.side_px) | _in_one_piece(~told, DEPTH.untold_px))
     known = shown & told & (np.abs(across) < DEPTH.across_px) & (np.abs(left) < DEPTH.across_px)
     known &= ~_hidden(w, uv2, known, scene)
     step = _steps(w, shifts) & shown
@@ -205,7 +201,7 @@ class _Alignment:
         shown = covered(uv2, self._scene.shape2)
         moved = flow(self._grid.grey, match_exposure(pulled, self._grid.grey, shown), 1)
         by_shift = moved[..., 0] * self._shifts[..., 0] + moved[..., 1] * self._shifts[..., 1]
-        along = shown * by_shift / (self._length2 + (DEPTH.flow_px / DEPTH.relief) ** 2)
+        along = shown * by_shift / (self._length2 + (OVERVIEW_CELL_PX / DEPTH.relief) ** 2)
         side = moved[..., 1] * self._shifts[..., 0] - moved[..., 0] * self._shifts[..., 1]
         across = side / np.sqrt(self._length2 + 1e-12)
         return w * np.exp(np.clip(along, -DEPTH.most_change, DEPTH.most_change)), across
@@ -224,7 +220,7 @@ class _Alignment:
         slope = gx * self._shifts[..., 0] + gy * self._shifts[..., 1]
         step = _window(slope * difference) / (_window(slope * slope) + self._hold)
         return np.asarray(
-            cv2.medianBlur(w * np.exp(np.clip(step, -DEPTH.most_step, DEPTH.most_step)), DEPTH.median_px), np.float32
+            cv2.medianBlur(w * np.exp(np.clip(step, -DEPTH.most_step, DEPTH.most_step)), DEPTH.side_px), np.float32
         )
 
     def check(self, w: FloatImage) -> tuple[FloatImage, NDArray[np.bool_], NDArray[np.bool_], FloatImage, FloatImage]:
@@ -238,7 +234,7 @@ class _Alignment:
         slope = gx * self._shifts[..., 0] + gy * self._shifts[..., 1]
         side = (gy * self._shifts[..., 0] - gx * self._shifts[..., 1]) / length
         told = _window(slope * slope)
-        own = self._alike(slope, difference, length) > DEPTH.least_alike
+        own = self._alike(slope, difference, length) > SAME_GROUND
         seen, pull = _window(side * side), _window(side * difference)
         settled = 1.0 - (self._hold / (told + self._hold)) ** DEPTH.rounds
         alike = settled * pull * length / np.sqrt((seen + np.float32(1e-3)) * (told + np.float32(1e-3)))

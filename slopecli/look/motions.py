@@ -21,7 +21,7 @@ FeatureMatcher = Callable[[Grey, Grey], tuple[FloatArray, FloatArray, tuple[int,
 Motion = tuple[FloatArray, FloatArray]
 
 SCORE_PX = 0.5  # motions are ranked by squared epipolar residuals truncated at four times this
-LEAST_FOR_MOTION = 8  # for a motion: five determine it, three check it
+LEAST_FOR_MOTION = 8  # matches for a motion: five determine it, three check it; for a homography: four and four
 ENOUGH_INLIERS = 300  # consistent matches with which no further matcher is tried
 CONSISTENT_SHARE = 0.7  # of all matches, consistent with the best motion, with which the search for it ends
 

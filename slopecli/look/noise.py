@@ -16,7 +16,9 @@ ROUNDING_GREY = 0.5  # of that difference without any noise: grey values are rou
 SYSTEMATIC_PX = 0.02  # RMS misfit that lens models, interpolation and shading leave in the best of pairs
 LEAST_MATCH_PX = 0.05  # smallest sigma of a single match, sparse or of the overview, that is believed
 WORST_MATCH_PX = 0.7  # largest: residuals beyond a few of these are mismatches
-OVERVIEW_CELL_PX = 0.1  # of a match of the overview, px of its working grid
+OVERVIEW_CELL_PX = 0.1  # of a match of the overview, and of dense flow, px of their working grid
+# correlation of texture from which on both images show the same ground: others have more in 1 of 1000 places
+SAME_GROUND = 0.6
 
 LAGS = ((0, 1), (1, 0), (1, 1), (1, -1), (0, 2), (2, 0), (0, 3), (3, 0))  # rows, columns between two cells
 MAX_GAIN = 4.0  # of standard errors by correlation; errors shared by more cells are not noise

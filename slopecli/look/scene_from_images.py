@@ -33,7 +33,6 @@ from slopecli.windows import Window
 COARSE = OverviewEffort(max_pixels=0.15e6, finest=0, smoothings=1)
 FINE = OverviewEffort(max_pixels=0.5e6, finest=1, smoothings=FULL_SMOOTHINGS)
 WINDOW_CELLS = 6  # least cells of the overview along a window's shorter side: with them it has a first plane
-MOST_OF_IMAGE = 0.5  # share of image 1 that windows, and consistent cells, must cover to determine the motion
 
 Found = tuple[Scene, list[MotionEstimate]]  # a scene, and all motions that may explain it, best first
 OnLap = Callable[[str], None]  # called with "features" or "overview" whenever such a step ends
@@ -103,9 +102,9 @@ def _quick_scene(
 
 
 def may_suffice(windows: list[Window], grey1: Grey) -> bool:
-    """Whether the windows (px of image 1) are so large, and cover so much, that the quick pass is worth trying."""
+    """Whether the windows (px of image 1) are so large, and cover half of it, that the quick pass is worth trying."""
     covered = sum(width * height for _, _, width, height in windows)
-    return _cells_along(windows, grey1, FINE) >= WINDOW_CELLS and covered >= MOST_OF_IMAGE * grey1.size
+    return _cells_along(windows, grey1, FINE) >= WINDOW_CELLS and covered >= 0.5 * grey1.size
 
 
 def overview_effort(windows: list[Window], grey1: Grey) -> OverviewEffort:
@@ -125,9 +124,9 @@ def is_decided(sparse: Sparse) -> bool:
 
 
 def _is_clear(scene: Scene) -> bool:
-    """Whether most cells of the overview are matched, are consistent with the motion, and correlate well."""
+    """Whether half of the cells of the overview are matched, nine tenths of these consistent, and correlate well."""
     possible = float(np.prod(scene.shape1) * np.prod(scene.pyramid1.overview_scale)) / CELL**2
-    enough = max(0.9 * len(scene.cells), MOST_OF_IMAGE * possible)
+    enough = max(0.9 * len(scene.cells), 0.5 * possible)
     return len(scene.evidence) >= enough and median(scene.cells.agreement) >= CLEAR_AGREEMENT
 
 

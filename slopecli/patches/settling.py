@@ -15,6 +15,7 @@ from slopecli.errors import DegenerateConfiguration, SlopemapError
 from slopecli.geometry.epipolar import homogeneous
 from slopecli.geometry.homography import apply_homography, fit_homography, homography_of_plane
 from slopecli.geometry.statistics import median
+from slopecli.look.motions import LEAST_FOR_MOTION
 from slopecli.patches.join import Joined
 from slopecli.types import FloatArray, Solution
 
@@ -22,7 +23,6 @@ CLEARLY = 2.0  # times the noise: more is no chance, whatever the number of matc
 MOST_TRIED, MOST_ROUNDS = 8, 3  # patches left out in turn, and how often: each costs a solution
 MOST_NOISE = 0.05  # normalised: patches that leave room for more tell nothing of each other
 HELPED = 0.9  # of the noise: what leaving out one patch of several bad ones must bring
-ENOUGH_MATCHES = 8  # of a patch, from which on its own homography tells their noise
 BEHIND = "its matches put it behind a camera, or at infinity, and the joint solution does not settle with it"
 AGAINST = "its matches contradict the motion that the others agree on: mismatches, or something that moved"
 
@@ -99,7 +99,7 @@ def noise_of_each_alone(joined: Joined) -> float:
     for k, patch in enumerate(joined.patches):
         matches, weight = patch.matches, joined.weight[joined.rows(k)]
         freedom = 2 * len(matches) - 8
-        if len(matches) < ENOUGH_MATCHES:
+        if len(matches) < LEAST_FOR_MOTION:
             continue
         with suppress(DegenerateConfiguration):
             residual = apply_homography(fit_homography(matches.x1, matches.x2, weight), matches.x1) - matches.x2

@@ -16,6 +16,7 @@ import numpy as np
 from slopecli.ground.slope_map import SlopeMap
 from slopecli.products.georeference import Georeference
 from slopecli.products.map_tiff import NODATA, SOURCES, gdal_metadata, gdal_tags
+from slopecli.products.region_mesh import FARTHEST
 from slopecli.types import BoolArray, FloatArray, Image, IntArray
 
 
@@ -24,7 +25,6 @@ class _Raster:
     """Tunables of the raster."""
 
     most_pixels: int = 1_000_000  # as of a megapixel image with a cell a pixel; a view along the ground is cut to that
-    farthest: float = 20.0  # times the median distance; beyond it cells have no size worth drawing
     tile: int = 256  # px, GDAL's own
     reach: float = 1.05  # of half the diagonal between cells: a pixel beyond belongs to no cell
 
@@ -111,7 +111,7 @@ def orthographic(slope_map: SlopeMap, place: Georeference) -> Orthographic:
 
     known = slope_map.known & np.isfinite(slope_map.points).all(axis=2)
     away = np.linalg.norm(slope_map.points, axis=2)
-    known &= away <= RASTER.farthest * float(np.median(away[known])) if known.any() else False
+    known &= away <= FARTHEST * float(np.median(away[known])) if known.any() else False
     ground = np.full((*known.shape, 2), np.nan)
     ground[known] = place.metres(slope_map.points[known])
     if not known.any():

@@ -6,6 +6,7 @@ from typing import Literal
 
 import numpy as np
 
+from slopecli.findings.plane_checks import WALL_DEG
 from slopecli.geometry.camera import points_on_plane
 from slopecli.geometry.statistics import median
 from slopecli.options import MANY_WINDOWS
@@ -14,7 +15,6 @@ from slopecli.types import FloatArray, Plane, Report
 
 Kind = Literal["ground", "wall", "roof", "ceiling"]
 
-WALL_DEG = 60.0  # few roofs are steeper, and few walls lean as far
 LEVEL_DEG = 15.0  # streets and squares are flatter than this; flat roofs are higher
 LARGE = 0.1  # of the area of the largest level plane: a smaller one below it may be a mistake, or a pit
 AT_GROUND = 0.02  # height over the distance to the camera up to which a plane counts as lying on the ground

@@ -9,6 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from slopecli.errors import SlopemapError
+from slopecli.findings.parallax import LOW_PARALLAX_PX
 from slopecli.geometry.epipolar import fit_rotation, homogeneous
 from slopecli.geometry.motion import MotionEstimate, inverse_depth, refine_motion
 from slopecli.geometry.plane_fit import robust_plane
@@ -42,7 +43,7 @@ def first_move(
     R = fit_rotation(homogeneous(matches.x1).T, matches.x2.T, np.ones(len(matches)))
     y = R @ homogeneous(matches.x1).T
     parallax = median(np.hypot(*(y[:2] / y[2] - matches.x2.T))) * camera.focal_px
-    if parallax < TRACKING.start_parallax_px:
+    if parallax < LOW_PARALLAX_PX:
         return Skipped("parallax", f"moved too little for a first answer: {parallax:.1f} px of parallax")
     try:
         return _solved(frame, sparse, camera, aligner)

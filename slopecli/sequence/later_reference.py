@@ -11,6 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from slopecli.findings.parallax import LOW_PARALLAX_PX
 from slopecli.geometry.solver.many_views import ViewsSolution
 from slopecli.geometry.solver.reference_change import last_view
 from slopecli.geometry.solver.resection import Motion
@@ -41,8 +42,8 @@ class Follower:
     coarse: CoarseMotion
     R: FloatArray
     T: FloatArray
-    unit: float = 1.0
-    carried: CarriedWindows | None = None
+    unit: float
+    carried: CarriedWindows | None
     zoom: float = 1.0
 
     def follow(self, frame: Grey) -> Motion | Skipped:
@@ -150,7 +151,7 @@ class LaterReference:
         R = motion[0] @ self.R.T
         T = self.R @ (motion[1] - self.T)
         length = float(np.linalg.norm(T))
-        if length * median(self.u) * camera.focal_px < 2.0 * TRACKING.start_parallax_px:
+        if length * median(self.u) * camera.focal_px < 2.0 * LOW_PARALLAX_PX:
             return None
         known = np.ones(len(self.u), bool)
         found = self.aligner.find(frame, (R, T), self.normals, self.u, known, levels=1)

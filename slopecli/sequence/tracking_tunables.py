@@ -28,7 +28,6 @@ class TrackingTunables:
     least_likeness: float = 0.4  # correlation of the aligned frame with the reference: a moving shadow leaves 0.7
     misses: int = 2  # frames in turn whose track contradicts the rest, after which it is given up
     least_sigma_px: float = 0.03  # 1-sigma of a tracked point that is believed at least
-    start_parallax_px: float = 3.0  # median displacement that a rotation leaves, for the first move
     flat_grey: float = 4.0  # 1-sigma of the grey values of a frame below which it shows nothing
     same_grey: float = 0.2  # mean difference of two frames, grey levels, below which one repeats the other
     sharpness: float = 0.6  # of the frame used before: with less a frame is blurred

@@ -66,7 +66,7 @@ class Freed(NamedTuple):
     settled: Settled
     cost: float
     score: CameraScore
-    less_noise: float = 1.0
+    less_noise: float
 
 
 class _Tried(NamedTuple):
@@ -241,7 +241,7 @@ def _gauss_newton(sightings: Sightings, parameter: str, best: _Tried) -> Freed:
         else:
             break
         best, score = tried, _score(sightings, parameter, tried)
-    return Freed(*best, score)
+    return Freed(*best, score, 1.0)
 
 
 def _changed(sightings: Sightings, parameter: str, value: float) -> Sightings:

@@ -183,7 +183,7 @@ class ViewsSolution:
     inlier: BoolArray
     converged: bool
     iterations: int
-    noise_gain: float = 1.0
+    noise_gain: float
     alternative: ViewsSolution | None = None
     status: str = "none"
     delta_chi2: float | None = None

@@ -7,27 +7,18 @@ the answers of the two solutions, which are independent but for the motion of th
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
 
 from slopecli.geometry.epipolar import rotation_from_vector, skew
 from slopecli.geometry.solver.many_views import ViewsSolution
+from slopecli.geometry.statistics import CHI2_3
 from slopecli.types import BoolArray, FloatArray, IntArray
 
-SHOWN, REFERENCE = slice(0, 6), slice(6, 12)  # coordinates of two motions, a rotation vector and a position each
-TURN, SHIFT = slice(6, 9), slice(9, 12)  # those of the reference
-
-
-@dataclass(frozen=True)
-class JoinTunables:
-    """When a plane that a later reference shows is taken for that of the first."""
-
-    differs: float = 16.3  # chi-square that the difference of two right normals exceeds once in a thousand times
-
-
-JOIN = JoinTunables()
+# coordinates of two motions, a rotation vector and a position each, and those of the second one
+PART = {"shown": slice(0, 6), "reference": slice(6, 12), "turn": slice(6, 9), "shift": slice(9, 12)}
 
 
 class LaterViews(NamedTuple):
@@ -54,7 +45,7 @@ def last_view(solution: ViewsSolution) -> ViewsSolution:
     J = np.concatenate([motion, motion, solution.normal_gain.reshape(3 * m, -1)])
     covariance = J @ solution.motion_covariance @ J.T
     for i, own in enumerate(solution.own_covariance):
-        rows = slice(REFERENCE.stop + 3 * i, REFERENCE.stop + 3 * i + 3)
+        rows = slice(PART["reference"].stop + 3 * i, PART["reference"].stop + 3 * i + 3)
         covariance[rows, rows] += own
     both = replace(solution, R=solution.R[[-1, -1]], T=solution.T[[-1, -1]])
     return _with_coordinates(both, covariance)
@@ -86,7 +77,7 @@ def _compared(known: ViewsSolution, later: LaterViews) -> tuple[FloatArray, Floa
     """Derivatives (3c, .) of the planes as the later reference has them, by the coordinates of `known`, its unit and
     the coordinates of the later solution; how far (3c,) it finds them off; and the covariance (3c, 3c) of that."""
     R, T, m = known.R[1], known.T[1], len(known.scaled_normals)
-    count, own = REFERENCE.stop + 3 * m, later.solution
+    count, own = PART["reference"].stop + 3 * m, later.solution
     c = len(later.planes)
     H = np.zeros((3 * c, count + 1 + len(own.motion_covariance)))
     off, noise = np.zeros(3 * c), np.zeros((3 * c, 3 * c))
@@ -94,9 +85,9 @@ def _compared(known: ViewsSolution, later: LaterViews) -> tuple[FloatArray, Floa
         rows, N = slice(3 * j, 3 * j + 3), known.scaled_normals[plane]
         ahead = 1.0 - float(N @ T)
         seen = later.unit * (R @ N) / ahead
-        H[rows, TURN] = -skew(seen)
-        H[rows, SHIFT] = np.outer(seen, N) / ahead
-        first = REFERENCE.stop + 3 * plane
+        H[rows, PART["turn"]] = -skew(seen)
+        H[rows, PART["shift"]] = np.outer(seen, N) / ahead
+        first = PART["reference"].stop + 3 * plane
         H[rows, first : first + 3] = (later.unit * R + np.outer(seen, T)) / ahead
         H[rows, count] = seen / later.unit
         H[rows, count + 1 :] = -own.normal_gain[j]
@@ -106,30 +97,30 @@ def _compared(known: ViewsSolution, later: LaterViews) -> tuple[FloatArray, Floa
 
 
 def _agreeing(spread: FloatArray, off: FloatArray) -> BoolArray:
-    """(c,) planes whose difference (3c,) is within its covariance (3c, 3c)."""
+    """(c,) planes whose difference (3c,) is within its covariance (3c, 3c): right normals, but for one in 1000."""
     blocks = [slice(k, k + 3) for k in range(0, len(off), 3)]
-    return np.array([off[b] @ np.linalg.solve(spread[b, b], off[b]) < JOIN.differs for b in blocks], bool)
+    return np.array([off[b] @ np.linalg.solve(spread[b, b], off[b]) < CHI2_3 for b in blocks], bool)
 
 
 def _moved(known: ViewsSolution, later: LaterViews, move: FloatArray, P: FloatArray) -> ViewsSolution:
     """The joined solution: a step `move` of all coordinates away from the two, with their covariance P."""
     count, m, own = len(known.motion_covariance), len(known.scaled_normals), later.solution
     of_last = own.basis[-6:]
-    first, ref, last = move[SHOWN], move[REFERENCE], of_last @ move[count + 1 :]
+    first, ref, last = move[PART["shown"]], move[PART["reference"]], of_last @ move[count + 1 :]
     R, T = rotation_from_vector(ref[:3]) @ known.R[1], known.T[1] + ref[3:]
     R_last, T_last = rotation_from_vector(last[:3]) @ own.R[-1], own.T[-1] + last[3:]
     unit = later.unit + float(move[count])
     J = np.zeros((count, len(P)))
-    J[SHOWN, SHOWN] = np.eye(6)
-    J[TURN, TURN], J[TURN, count + 1 :] = R_last, of_last[:3]
-    J[SHIFT, TURN], J[SHIFT, SHIFT] = unit * R.T @ skew(T_last), np.eye(3)
-    J[SHIFT, count], J[SHIFT, count + 1 :] = R.T @ T_last, unit * R.T @ of_last[3:]
-    J[REFERENCE.stop :, REFERENCE.stop : count] = np.eye(3 * m)
+    J[PART["shown"], PART["shown"]] = np.eye(6)
+    J[PART["turn"], PART["turn"]], J[PART["turn"], count + 1 :] = R_last, of_last[:3]
+    J[PART["shift"], PART["turn"]], J[PART["shift"], PART["shift"]] = unit * R.T @ skew(T_last), np.eye(3)
+    J[PART["shift"], count], J[PART["shift"], count + 1 :] = R.T @ T_last, unit * R.T @ of_last[3:]
+    J[PART["reference"].stop :, PART["reference"].stop : count] = np.eye(3 * m)
     joined = replace(
         known,
         R=np.stack([rotation_from_vector(first[:3]) @ known.R[0], R_last @ R]),
         T=np.stack([known.T[0] + first[3:], T + unit * R.T @ T_last]),
-        scaled_normals=known.scaled_normals + move[REFERENCE.stop : count].reshape(m, 3),
+        scaled_normals=known.scaled_normals + move[PART["reference"].stop : count].reshape(m, 3),
     )
     return _with_coordinates(joined, J @ P @ J.T)
 
@@ -140,8 +131,8 @@ def _with_coordinates(solution: ViewsSolution, covariance: FloatArray) -> ViewsS
     return replace(
         solution,
         motion_covariance=covariance,
-        basis=every[: REFERENCE.stop],
-        normal_gain=every[REFERENCE.stop :].reshape(m, 3, -1),
+        basis=every[: PART["reference"].stop],
+        normal_gain=every[PART["reference"].stop :].reshape(m, 3, -1),
         own_covariance=np.zeros((m, 3, 3)),
         alternative=None,
     )

@@ -24,8 +24,7 @@ class AttitudeSigmas:
     bodies of fixed wings by 4.5; a compass beside motors is good to some 5."""
 
     gimbal: float = 1.0
-    body: float = 5.0
-    heading: float = 5.0
+    body: float = 5.0  # and any heading
     telephone: float = 10.0  # of its heading
 
 
@@ -51,7 +50,7 @@ class AttitudeSource:
     @property
     def yaw_sigma_deg(self) -> float:
         """1-sigma of the heading, degrees."""
-        return SIGMAS.heading
+        return SIGMAS.body
 
 
 SIGMAS = AttitudeSigmas()

@@ -21,19 +21,16 @@ Size = tuple[int, int]
 
 @dataclass(frozen=True)
 class LensErrors:
-    """Relative 1-sigmas of a focal length, and the sides of a film image, mm.
+    """Relative 1-sigmas of a focal length.
 
     calibrated : of the camera itself, by its maker, which the temperature moves.  nominal : of a lens by its name, as
-    data sheets round and focusing changes it.  convention : between the two equivalents, which are 4 % apart at most.
+    data sheets round and focusing changes it; as large is that of the two equivalents, which are 4 % apart at most.
     contradiction : between two statements of one file, beyond which neither is believed.
     """
 
     calibrated: float = 0.005
     nominal: float = 0.02
-    convention: float = 0.02
     contradiction: float = 0.15
-    film_width_mm: float = 36.0
-    film_height_mm: float = 24.0
 
 
 ERRORS = LensErrors()
@@ -109,8 +106,8 @@ def _equivalent(tags: ImageTags, taken: Size) -> Lens | None:
     longer, shorter = max(taken), min(taken)
     ratio = longer / shorter
     sensor_height = shorter if ratio < 1.6 else 0.75 * longer  # 1.6: between 3:2 and 16:9
-    per_mm = math.hypot(longer, sensor_height) / math.hypot(ERRORS.film_width_mm, ERRORS.film_height_mm)
-    sigma = math.hypot(ERRORS.nominal, ERRORS.convention, 0.5 / math.sqrt(3.0) / film)  # a whole number of mm
+    per_mm = math.hypot(longer, sensor_height) / math.hypot(36.0, 24.0)  # mm, of film
+    sigma = math.hypot(ERRORS.nominal, ERRORS.nominal, 0.5 / math.sqrt(3.0) / film)  # a whole number of mm
     return Lens(taken, film * per_mm, film * per_mm, sigma, f"35 mm equivalent {film:g} mm")
 
 

@@ -23,7 +23,7 @@ class DepthPlanes:
     target: FloatArray
     base: FloatArray
     bounds: tuple[float, float]
-    dim: int = 1
+    dim = 1
 
     def squares(self, planes: FloatArray) -> FloatArray:
         """Return (n, k) squared residuals."""

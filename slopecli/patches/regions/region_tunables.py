@@ -33,7 +33,6 @@ class RegionTunables:
     compact: float = 0.6  # ... this share of cells must lie on a plane that holds the one in the middle
     most_pieces: int = 150  # more than an image of half a megapixel shows
     # pieces merged
-    apart: float = 16.3  # chi-square that three parameters of one plane exceed once in 1000 times
     alike: float = 0.1  # cost per cell that a common plane may add besides: what lens and flow leave of one plane
     relief: float = 0.08  # offset of two parallel surfaces side by side, in widths of the smaller, that is relief
     parallel_deg: float = 6.0  # largest angle between these

@@ -25,7 +25,7 @@ class HomographyPlanes:
     x1: FloatArray
     x2: FloatArray
     bounds: tuple[float, float]
-    dim: int = 2
+    dim = 2
 
     @property
     def base(self) -> FloatArray:

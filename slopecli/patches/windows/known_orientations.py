@@ -45,7 +45,6 @@ class OrientationTunables:
     side_px: int = 24  # of the grid on which a window is compared: coarser than its noise
     steps: tuple[int, int] = (12, 100)  # least and most depths swept, 2/3 px of the grid apart
     least_seen: float = 0.75  # share of a window that image 2 must show: planes are compared on nearly the same pixels
-    worst_grey: float = 30.0  # difference beyond which it is a thing in the way, not shading
     alike: float = 0.02  # relative growth of the squared difference by which an orientation gets e times less likely
     unknown: float = 0.3  # probability beforehand of an orientation that is not among the known
 
@@ -339,5 +338,5 @@ def _misfit(view: View, planes: FloatArray, exposure: Exposure) -> FloatArray:
         if seen.mean() < KNOWN.least_seen:
             continue
         off = exposure.gain * sample_layer(layer, mapping) + exposure.offset - ours
-        found[i] = np.minimum(off[seen] ** 2, KNOWN.worst_grey**2).mean()
+        found[i] = np.minimum(off[seen] ** 2, TUNE.same_grey**2).mean()
     return found

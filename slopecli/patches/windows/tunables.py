@@ -24,8 +24,6 @@ class WindowTunables:
 
     # dense matches on that plane
     cells_across: int = 16  # along the longer side, as far as cells get no smaller than 4 px
-    smoothings: int = 1  # rounds of smoothing of the flow: more would flatten relief
-    faint_smoothings: int = 5  # where matches are not clear: faint texture needs them
     clear_score: float = 0.95  # of matches that need no smoothing, and are no chance
     flow_floor_px: float = 0.03  # grid px, 1-sigma: interpolation and quantisation of the flow
     max_sigma_px: float = 0.5  # grid px, 1-sigma: cells matched worse are not used
@@ -48,7 +46,7 @@ class WindowTunables:
     # borrowed planes
     reaches: tuple[float, ...] = (0.75, 1.5, 3.0)  # longer sides around the window, in which matches are looked for
     least_near: int = 20  # matches around the window: fewer do not tell one surface from another
-    same_grey: float = 30.0  # grey levels by which one material differs from place to place
+    same_grey: float = 30.0  # grey levels by which one material differs from place to place; more is a thing in the way
     textured_grey: float = 12.0  # standard deviation of grey levels that ought to have been matched
     unexplained_rad: float = float(np.radians(20.0))  # 1-sigma of the tilt of a textured window without matches
 

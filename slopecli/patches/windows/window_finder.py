@@ -11,7 +11,7 @@ from slopecli.geometry.epipolar import homogeneous
 from slopecli.geometry.motion import epipolar_residual, inverse_depth
 from slopecli.geometry.plane_fit import BEND_RAD, robust_plane
 from slopecli.geometry.statistics import median
-from slopecli.look.dense import CELL, Cells, dense_cells
+from slopecli.look.dense import CELL, FULL_SMOOTHINGS, Cells, dense_cells
 from slopecli.look.foerstner import correlate_windows, foerstner_corners
 from slopecli.look.matches import Evidence, Matches, pair_rays
 from slopecli.look.noise import LEAST_MATCH_PX, NOISE_GREY
@@ -19,7 +19,7 @@ from slopecli.look.photometric import PlaneFit, align_plane, sweep_planes
 from slopecli.look.scene import FINE_PX, Scene, axis_variance, view_of
 from slopecli.look.threads import single_threaded
 from slopecli.look.warp import covered, resample, sample_map
-from slopecli.options import Options
+from slopecli.options import MIN_SIDE_PX, Options
 from slopecli.patches.patch import Found, Patch, overdispersion, weight_of, window_footprint
 from slopecli.patches.windows.borrowed import borrow
 from slopecli.patches.windows.direct_alignment import polish
@@ -27,7 +27,7 @@ from slopecli.patches.windows.known_orientations import with_known_orientations
 from slopecli.patches.windows.tunables import TUNE
 from slopecli.patches.windows.unmatched_parts import with_unmatched_parts
 from slopecli.types import FloatArray
-from slopecli.windows import MIN_SIDE_PX, Window, check_windows, grid_windows, inside_window
+from slopecli.windows import Window, check_windows, grid_windows, inside_window
 
 
 def find_in_windows(scene: Scene, options: Options) -> Found:
@@ -157,9 +157,9 @@ def _densely_matched(patch: Patch, scene: Scene, normal: FloatArray) -> Patch:
         cells = dense_cells(grid, mapping, scene.pyramid2, scene.shape2, cell, finest=0, smoothings=smoothings)
         return with_cells(patch, cells.take(inside_window(cells.uv1, window)), scene, possible)
 
-    matched = flow_matched(TUNE.smoothings)
+    matched = flow_matched(1)  # more rounds of smoothing would flatten relief
     if matched.score < TUNE.clear_score:
-        smooth = flow_matched(TUNE.faint_smoothings)
+        smooth = flow_matched(FULL_SMOOTHINGS)  # faint texture needs them
         # smoothing extends the flow from textured ground into bare ground, where it is not a match
         matched = smooth if matched.origin == "own" or smooth.share >= TUNE.part_share else matched
     return with_unmatched_parts(polish(matched, scene, cell), matched, scene)

@@ -38,8 +38,8 @@ class Strip:
     size: int
     texts: list[Text] = field(default_factory=list)
     signs: list[tuple[Sign, np.ndarray]] = field(default_factory=list)
-    u: float = 0.0
-    v: float = 0.0
+    u: float = field(init=False)
+    v: float = field(init=False)
 
     def start(self, v: float) -> None:
         """Begin a line at a height."""

@@ -11,7 +11,6 @@ from typing import NamedTuple
 from slopecli.findings.codes import CODES
 from slopecli.findings.wording import forbidding
 from slopecli.ground.slope_map import SlopeMap
-from slopecli.products.page.page_tunables import PAGE
 from slopecli.report.kinds import many_windows
 from slopecli.report.sigma_parts import CAUSES
 from slopecli.report.slope_units import SlopeUnit, slope_unit_of
@@ -157,7 +156,7 @@ def why(label: str, sigma_deg: float, causes: dict[str, float]) -> Why:
 def cheapest_remedy(causes: dict[str, float]) -> str:
     """Return the cause to reduce first: of those that are at least half as large as the largest, the cheapest."""
     largest = max(causes.values())
-    return next(name for name in MEANING if causes[name] >= PAGE.matters * largest)
+    return next(name for name in MEANING if causes[name] >= 0.5 * largest)  # a smaller one is no remedy's aim
 
 
 def whys_of(report: Report, most: int) -> list[Why]:
