@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from slopecli.findings import CODES, finding, pair_checks, parallax, plane_checks, solution_checks
+from slopecli.findings import CODES, LIMITS, finding, parallax, plane_checks, solution_checks
 from slopecli.io import load_schema
 from slopecli.look import changes
 
@@ -99,11 +99,11 @@ def test_diagnostics_page_is_made_from_the_rows() -> None:
 
 def test_rows_have_the_numbers_of_the_code() -> None:
     for said in (
-        f"Below {parallax.LOW_PARALLAX_PX:.0f} px",
+        f"Below {LIMITS['low-parallax']:.0f} px",
         f"motion within {solution_checks.ALONG_DEG:.0f}°, slopes alike to {solution_checks.FLAT_DEG:.0f}°",
         f"at least {100 * changes.LEAST_AREA:.0f} %",
-        f"{100 * pair_checks.MANY_CONTRADICT:.0f} % of the matches contradict",
-        f"by more than {solution_checks.POOR_FIT_PX:g} px",
+        f"{100 * LIMITS['dense-shadow-or-motion']:.0f} % of the matches contradict",
+        f"by more than {LIMITS['poor-fit']:g} px",
     ):
         assert said in PAGE
     assert pytest.approx(0.25) == parallax.MOST_APART  # "a quarter of the distance"

@@ -8,7 +8,7 @@ __getattr__, __dir__ = lazy_names(
         "camera_checks": "implausible_cameras unlikely with_aspect",
         "camera_test": "CameraTest",
         "checks": "check_answer check_pair",
-        "codes": "CODES",
+        "codes": "CODES LIMITS",
         "facts": "AnswerFacts PairFacts epipole1_px",
         "focal_use": "focal_to_use",
         "level_evidence": "LevelOdds SUPPORTED Seen odds_of_camera odds_of_plane",

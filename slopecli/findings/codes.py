@@ -271,4 +271,14 @@ _ROWS: dict[Severity, dict[str, tuple[Any, ...]]] = {
     },
 }
 
+# the value from which on, or below which, a diagnostic is given; other checks have their numbers where they are made
+LIMITS = {
+    "low-texture": 60.0,
+    "no-overlap": 20.0,
+    "low-parallax": 3.0,  # below it errors of slopes are mostly matching noise
+    "dense-shadow-or-motion": 0.15,
+    "suspect-distortion": 1.0,  # at the corner
+    "non-planar-patch": 0.025,  # RMS height off the plane over its distance
+    "poor-fit": 0.5,  # beyond it the cameras or the images are suspect
+}
 CODES = tuple(Code(code, severity, *texts) for severity, rows in _ROWS.items() for code, texts in rows.items())

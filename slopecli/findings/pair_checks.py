@@ -6,6 +6,7 @@ import numpy as np
 
 from slopecli.errors import NoAnswer
 from slopecli.findings.camera_checks import implausible_cameras
+from slopecli.findings.codes import LIMITS
 from slopecli.findings.facts import PairFacts
 from slopecli.findings.wording import finding
 from slopecli.geometry.camera import radial_term
@@ -14,12 +15,9 @@ from slopecli.geometry.orientation import kept_orientation
 from slopecli.look.changes import lens_misfit
 from slopecli.types import Camera, Diagnostic, FloatArray, Image, IntArray
 
-FEW_FEATURES = 60  # in an image with hardly any texture
-MIN_INLIERS, INLIER_SHARE = 20, 0.12  # of the tentative matches: fewer agree on a motion by chance
-MANY_CONTRADICT = 0.15  # of the dense matches that contradict the motion: warned of; half of them are refused
+INLIER_SHARE = 0.12  # of the tentative matches: fewer agree on a motion by chance
 MIRRORED = 1 / 3  # share of triangles that keep their orientation: half of them by chance, nearly all of a right pair
 REACHED = 0.8  # of the corner's distance from the axis, to which matches must reach for the distortion to be told there
-DISTORTED_PX = 1.0  # at the corner: a lens that is this close to its model is not reported
 
 
 def refuse_identical(image1: Image, image2: Image) -> None:
@@ -32,14 +30,16 @@ def refuse_identical(image1: Image, image2: Image) -> None:
 def refuse_unmatched(n_features: tuple[int, int], n_matches: int, n_inliers: int) -> None:
     """Raise NoAnswer when an image has too few features, or no more matches agree on one motion than by chance."""
     few = min(n_features)
-    if few < FEW_FEATURES:
+    if few < LIMITS["low-texture"]:
         found = f"image {1 + n_features.index(few)} has only {few} distinctive point{'' if few == 1 else 's'}"
         remedy = "use sharper, larger, better exposed or closer images"
-        raise NoAnswer("low-texture", f"{found}, {FEW_FEATURES} are needed", remedy, value=float(few))
-    if n_inliers < MIN_INLIERS or n_inliers < INLIER_SHARE * n_matches:
+        raise NoAnswer("low-texture", f"{found}, {LIMITS['low-texture']:.0f} are needed", remedy, value=float(few))
+    if n_inliers < LIMITS["no-overlap"] or n_inliers < INLIER_SHARE * n_matches:
         found = f"of {n_matches} tentative matches only {n_inliers} agree on one motion"
         remedy = "give two images that show the same ground, at most a factor of two apart in scale"
-        raise NoAnswer("no-overlap", f"{found} (at least {MIN_INLIERS} needed)", remedy, value=float(n_inliers))
+        raise NoAnswer(
+            "no-overlap", f"{found} (at least {LIMITS['no-overlap']:.0f} needed)", remedy, value=float(n_inliers)
+        )
 
 
 def refuse_mirrored(x1: FloatArray, x2: FloatArray, surface: IntArray) -> None:
@@ -80,7 +80,7 @@ def contradicting_matches(pair: PairFacts) -> list[Diagnostic]:
     if share > 0.5:
         remedy = "give two images of the same ground, neither mirrored, and the camera they were taken with"
         raise NoAnswer("no-overlap", f"{found} best motion of the camera", remedy, value=share)
-    if share < MANY_CONTRADICT:
+    if share < LIMITS["dense-shadow-or-motion"]:
         return []
     message = f"{found} motion of the camera: shadows, vehicles or mismatches"
     remedy = "distrust windows where something moved, or take both images in quick succession"
@@ -108,7 +108,7 @@ def check_lens(misfit: LensMisfit | None, camera: Camera) -> list[Diagnostic]:
     supported = misfit.reach >= REACHED * corner and abs(misfit.term) < MOST_TERM
     radius = corner if supported else min(misfit.reach, corner)
     size_px, sigma_px = (abs(value) * radius**3 * camera.focal_px for value in (misfit.term, misfit.sigma))
-    if size_px < DISTORTED_PX:
+    if size_px < LIMITS["suspect-distortion"]:
         return []
     given = radial_term(camera)
     own = "besides that of the camera file" if camera.distortion else "which the camera file does not have,"

@@ -7,6 +7,7 @@ from statistics import NormalDist
 import numpy as np
 
 from slopecli.errors import NoAnswer
+from slopecli.findings.codes import LIMITS
 from slopecli.findings.facts import AnswerFacts, PairFacts
 from slopecli.findings.known_motion import known_length_m
 from slopecli.findings.wording import Separation, finding, listed
@@ -15,7 +16,7 @@ from slopecli.geometry.statistics import median
 from slopecli.options import Options
 from slopecli.types import Diagnostic, FloatArray, Plane
 
-LOW_PARALLAX_PX = 3.0  # median parallax below which errors of slopes are mostly matching noise
+LOW_PARALLAX_PX = LIMITS["low-parallax"]
 LEAST_FACTOR = 1.1  # times as far: a smaller change of the move is not recommended
 MOST_APART = 0.25  # of the distance to the scene: images taken farther apart overlap too little
 

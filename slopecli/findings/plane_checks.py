@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from slopecli.findings.codes import LIMITS
 from slopecli.findings.facts import AnswerFacts
 from slopecli.findings.wording import finding, listed
 from slopecli.look.changes import Change
@@ -14,7 +15,7 @@ from slopecli.patches.given import MOST_LEFT_OUT
 from slopecli.types import Diagnostic, Plane
 
 NON_PLANAR = "non-planar-patch"  # as a diagnostic, and as the reason of a plane
-ROUGH = 0.025  # RMS height off the plane over distance beyond which a patch is not one plane
+ROUGH = LIMITS["non-planar-patch"]
 WALL_DEG = 60.0  # few roofs are steeper, and few walls lean as far, or beyond the vertical
 TOUCHED = 0.02  # share of a plane that changed from which on it is named
 CHANGED = {

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from slopecli.findings.codes import LIMITS
 from slopecli.findings.facts import AnswerFacts
 from slopecli.findings.wording import finding
 from slopecli.geometry.epipolar import homogeneous
@@ -15,7 +16,7 @@ from slopecli.patches.join import MergedGroup
 from slopecli.patches.settling import much_less_alone
 from slopecli.types import Diagnostic, FloatArray, Solution
 
-POOR_FIT_PX = 0.5  # noise of matches beyond which the cameras or the images are suspect
+POOR_FIT_PX = LIMITS["poor-fit"]
 ALONG_DEG, FLAT_DEG = 15.0, 5.0  # a straight descent: motion off the planes' mean normal, and their RMS off it
 FLAT_PX = 0.2  # of image 2; points nearer to one plane than this do not help to tell the motion by their relief
 

@@ -224,7 +224,7 @@ def rise_of(planes: FootprintPlanes, depth: DenseDepth) -> FloatArray:
 def largest_jump(depth: DenseDepth, planes: FootprintPlanes) -> FloatArray:
     """(rows, columns) largest jump of ln w between neighbouring pixels in a footprint and around it.
 
-    As far as twice the distance by which matching misplaces a step. What the plane of the footprint itself rises by is subtracted.
+    As far as twice the distance by which matching misplaces a step. What the footprint's plane rises by is subtracted.
     """
     cells, span, side = planes.cells, depth.span, DEPTH.side_px - 1
     rows, columns = (n // side for n in span.shape)

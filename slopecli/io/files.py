@@ -21,6 +21,7 @@ from slopecli.errors import InputError
 
 TEMPORARY = ".slopemap-"  # prefix of the names of unfinished files and folders
 NO_WAITING = getattr(os, "O_NONBLOCK", 0)
+MOST_BYTES = 500_000_000  # of a file of numbers: correspondences, or a list of images
 PIPE_PATIENCE_S = 5.0  # until the first byte of a pipe must come; more would look like a hang
 DISK_FULL = (errno.ENOSPC, errno.EDQUOT)
 

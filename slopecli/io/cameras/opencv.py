@@ -29,7 +29,6 @@ FOUR = (
     "four coefficients and no lens model are read as k1 k2 p1 p2 of a radial-tangential lens (of a fisheye lens, add "
     '"model": "fisheye")'
 )
-MOST_NUMBERS = 1000  # of an array in a NumPy archive that is read; images and lists of points have more
 
 
 def find(content: CameraFileContent) -> dict[str, Any]:
@@ -115,7 +114,7 @@ def _numpy_arrays(data: bytes) -> dict[str, Any]:
             parts = archive.infolist()
             names = [part.filename.removesuffix(".npy") for part in parts]
             for name, part in zip(names, parts, strict=True):
-                if part.file_size > 8 * MOST_NUMBERS + 4096:  # its header is shorter
+                if part.file_size > 8 * 1000 + 4096:  # of numbers and a header: it is an image, or a list of points
                     arrays[name] = "a large array"
                     continue
                 try:

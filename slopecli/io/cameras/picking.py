@@ -9,7 +9,6 @@ from pathlib import PurePath
 from slopecli.errors import InputError
 
 ID = re.compile("0|[1-9][0-9]*")
-MAX_NAMES = 8  # of cameras, listed in a message
 
 
 def named(cameras: Collection[str], name: str) -> str:
@@ -80,7 +79,7 @@ def _ending_as(names: Iterable[str], path: str) -> list[str]:
 def listed(names: Iterable[str]) -> str:
     """The first names, for a message."""
     names = list(names)
-    return ", ".join(names[:MAX_NAMES]) + (", ..." if len(names) > MAX_NAMES else "")
+    return ", ".join(names[:8]) + (", ..." if len(names) > 8 else "")
 
 
 def _parts(path: str) -> list[str]:

@@ -19,11 +19,10 @@ from slopecli.io.cameras.formats import CAMERA_FORMATS, CameraFormat
 from slopecli.io.cameras.picking import listed, named, of_image, of_labelled_image, stem_of
 from slopecli.io.cameras.unread import looks_like
 from slopecli.io.cameras.values import Size, make_camera
-from slopecli.io.files import read_file
+from slopecli.io.files import MOST_BYTES, read_file
 from slopecli.options import CameraChoice
 from slopecli.types import Camera, Image
 
-MOST_LISTED = 256_000_000  # bytes of a list of images beside a camera file
 NEEDED = f"needed a camera file of one of these formats: {', '.join(form.name for form in CAMERA_FORMATS)}"
 
 
@@ -153,7 +152,7 @@ def beside(file: str | PathLike[str]) -> Beside:
     def read(name: str) -> bytes | None:
         path = Path(file).with_name(name)
         with suppress(InputError):
-            return read_file(path, "list of images", MOST_LISTED) if path.is_file() else None
+            return read_file(path, "list of images", MOST_BYTES) if path.is_file() else None
         return None
 
     return read

@@ -19,7 +19,8 @@ import numpy as np
 from slopecli.errors import InputError
 from slopecli.io.cameras import colmap
 from slopecli.io.cameras.content import CameraFileContent
-from slopecli.io.correspondences.match_source import LIMITS, MatchSource, Names, checked_rows, chosen_pair, taken
+from slopecli.io.correspondences.match_source import MatchSource, Names, checked_rows, chosen_pair, taken
+from slopecli.io.files import MOST_BYTES
 from slopecli.patches.given import Given
 from slopecli.types import Camera, FloatArray, IntArray
 
@@ -82,7 +83,7 @@ def _opened(source: MatchSource) -> Iterator[sqlite3.Connection]:
         with closing(sqlite3.connect(f"{place.absolute().as_uri()}?mode=ro&immutable=1", uri=True)) as database:
             database.execute("PRAGMA trusted_schema = OFF")
             database.text_factory = lambda text: text.decode("utf-8", "replace")
-            database.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, LIMITS.max_bytes)
+            database.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, MOST_BYTES)
             yield database
     except (sqlite3.Error, UnicodeError, OverflowError) as error:
         raise source.refused(f"is a damaged SQLite database ({str(error)[:80]}); copy it again") from None

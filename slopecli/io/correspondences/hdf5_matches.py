@@ -27,6 +27,7 @@ from slopecli.io.correspondences.match_source import (
     regular_file,
     taken,
 )
+from slopecli.io.files import MOST_BYTES
 from slopecli.patches.given import Given
 
 HALF = (
@@ -144,8 +145,8 @@ def _of_group(key: str, group: Any, by_key: Mapping[str, str]) -> Iterator[tuple
 
 def _loaded(source: MatchSource, array: Any, whose: str) -> NDArray[Any]:
     """The numbers of an array that lie in the file itself."""
-    if array.external or array.is_virtual or math.prod(array.shape) * array.dtype.itemsize > LIMITS.max_bytes:
+    if array.external or array.is_virtual or math.prod(array.shape) * array.dtype.itemsize > MOST_BYTES:
         raise source.refused(
-            f"{whose[: LIMITS.shown]} lies in other files, or is larger than {LIMITS.max_bytes / 1e6:.0f} MB"
+            f"{whose[: LIMITS.shown]} lies in other files, or is larger than {MOST_BYTES / 1e6:.0f} MB"
         )
     return np.asarray(array[()])

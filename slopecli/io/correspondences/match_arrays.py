@@ -12,7 +12,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from slopecli.io.correspondences.match_source import LIMITS, MatchSource, Names, checked_rows, taken
+from slopecli.io.correspondences.match_source import MatchSource, Names, checked_rows, taken
+from slopecli.io.files import MOST_BYTES
 from slopecli.io.numpy_files import array_of, member_of, members_of
 from slopecli.patches.given import Given
 from slopecli.types import FloatArray, IntArray
@@ -173,7 +174,7 @@ def _arrays(source: MatchSource) -> dict[str, NDArray[Any]]:
     for name, part in parts.items():
         if name in known or len(parts) == 1:
             try:
-                arrays[name] = member_of(data, part, LIMITS.max_bytes)
+                arrays[name] = member_of(data, part, MOST_BYTES)
             except ValueError as error:
                 raise source.refused(f"its {name[:20]!r} is {error}; save it again") from None
         else:

@@ -10,8 +10,8 @@ from os import PathLike
 from pathlib import Path
 
 from slopecli.errors import InputError
-from slopecli.io.correspondences.match_source import LIMITS, MatchSource, Names
-from slopecli.io.files import read_file, readable
+from slopecli.io.correspondences.match_source import MatchSource, Names
+from slopecli.io.files import MOST_BYTES, read_file, readable
 from slopecli.patches.given import Given
 
 
@@ -138,9 +138,9 @@ def _read(path: str | PathLike[str]) -> bytes:
         if sys.stdin is None:
             raise InputError("-: stdin is closed; give a file, or pipe the correspondences in")
         with readable(path):
-            data = sys.stdin.buffer.read(LIMITS.max_bytes + 1)
+            data = sys.stdin.buffer.read(MOST_BYTES + 1)
     else:
-        data = read_file(path, "file of correspondences", LIMITS.max_bytes, pipe=True)
-    if len(data) > LIMITS.max_bytes:
-        raise InputError(f"{path}: is larger than {LIMITS.max_bytes / 1e6:.0f} MB; give fewer correspondences")
+        data = read_file(path, "file of correspondences", MOST_BYTES, pipe=True)
+    if len(data) > MOST_BYTES:
+        raise InputError(f"{path}: is larger than {MOST_BYTES / 1e6:.0f} MB; give fewer correspondences")
     return data

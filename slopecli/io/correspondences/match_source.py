@@ -21,7 +21,6 @@ from slopecli.types import Camera, FloatArray, IntArray
 class MatchLimits:
     """Limits of files of correspondences."""
 
-    max_bytes: int = 500_000_000
     shown: int = 40  # characters of a bad cell or name in a message
     largest: float = 1e9  # coordinate: wider than any image, px or mrad
     sigmas: tuple[float, float] = (1e-6, 1e6)  # px or mrad
