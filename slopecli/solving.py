@@ -17,7 +17,7 @@ from slopecli.findings.solution_checks import POOR_FIT_PX, merged_groups
 from slopecli.geometry.motion import MotionEstimate
 from slopecli.geometry.solver.intrinsics import Settled, score_camera, with_focal_sigma
 from slopecli.geometry.solver.scatter import with_scatter
-from slopecli.geometry.statistics import median
+from slopecli.geometry.statistics import CERTAIN_SIGMAS, median
 from slopecli.look.scene import Scene
 from slopecli.options import Options
 from slopecli.patches.given import RAYS, settling_rows, solve_given
@@ -25,8 +25,6 @@ from slopecli.patches.join import Joined, merge_patches, solve_jointly
 from slopecli.patches.settling import set_aside_unsettled
 from slopecli.patches.sightings import every_sighting, seen_by, sightings_of
 from slopecli.types import Diagnostic, Solution
-
-AGREES = 3.0  # sigmas, those of the focal length given and of the images together, within which the two agree
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,7 +78,7 @@ def _with_focal(answer: Answer, given: Cameras, options: Options, again: Again) 
     known = prior_sigma(given, options)
     use = focal_to_use(test, known, options.free_focal)
     freed = options.free_focal and test.focal_factor is not None
-    focal_agrees = freed or abs(test.step) < AGREES * np.hypot(test.sigma, known)
+    focal_agrees = freed or abs(test.step) < CERTAIN_SIGMAS * np.hypot(test.sigma, known)
     notes = answer.diagnostics
     if test.centre or test.only_contradicted or not focal_agrees:
         notes = suspicion(test, joined, solution, options, again, notes)

@@ -17,6 +17,7 @@ import numpy as np
 from slopecli.geometry.epipolar import homogeneous, unit_vector
 from slopecli.look.features import Grey
 from slopecli.look.matches import ON_PLANE_PX, Evidence, gather_evidence, scene_planes, thin
+from slopecli.look.noise import APART
 from slopecli.look.segments import Segments, find_segments
 from slopecli.measure import Measured
 from slopecli.patches.join import Joined
@@ -25,7 +26,6 @@ from slopecli.types import Camera, FloatArray, Plane, Solution
 IMAGE_UP = np.array([0.0, -1.0, 0.0])
 SUPPORTED = 3.0  # log odds, 20 to 1, from which on a plane that was taken as level is believed to be level
 BY_DEFAULT = 2.4  # log odds, 11 to 1, that a camera looks down whose up was not given: the default is made for that
-BEHIND = 0.02  # height below a plane, over the distance of a point, from which on the point lies behind the plane
 LEAST_SEGMENTS = 8
 LEAST_CONCENTRATION = 0.35  # share of edges along two axes, to 4 deg, by which a scene is built of right angles
 
@@ -183,10 +183,10 @@ def _below(up: FloatArray, distance: float, seen: Seen) -> _Clue:
 
 
 def _share_behind(normal: FloatArray, distance: float, seen: Seen) -> float:
-    """Share of the points that lie behind a plane, by more than BEHIND of their distance."""
+    """Share of the points that lie behind a plane, by more than APART of their distance."""
     rays = homogeneous(seen.points.x1)
     height = (rays @ normal + distance * seen.points.w) / np.linalg.norm(rays, axis=1)
-    return float((height < -BEHIND).mean()) if len(height) else 0.0
+    return float((height < -APART).mean()) if len(height) else 0.0
 
 
 def _edges_on_plane(up: FloatArray, upright: FloatArray, segments: Segments | None) -> tuple[_Clue, FloatArray]:

@@ -19,11 +19,11 @@ from slopecli.types import FloatArray
 class Ellipsoid:
     """The earth of WGS 84: semi-major axis, m, and first eccentricity squared."""
 
-    semi_major_m: float = 6378137.0
-    eccentricity2: float = 6.69437999014e-3
+    semi_major_m: float
+    eccentricity2: float
 
 
-WGS84 = Ellipsoid()
+WGS84 = Ellipsoid(6378137.0, 6.69437999014e-3)
 
 
 def ned_from_camera(yaw_deg: float, pitch_deg: float, roll_deg: float, *, downward: bool = False) -> FloatArray:

@@ -7,13 +7,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from slopecli.geometry.epipolar import homogeneous, normal_angle
-from slopecli.geometry.statistics import MAD_FACTOR, median, robust_sigma
+from slopecli.geometry.statistics import CERTAIN_SIGMAS, MAD_FACTOR, median, robust_sigma
 from slopecli.types import BoolArray, FloatArray, IntArray
 
 PLANE_GATE = 4.5  # robust sigmas within which points belong to the plane; wide, as relief is not Gaussian
 CORE_SHARE = 0.35  # of the points belong to one surface even beside a step; their residuals rank hypotheses
 CORE_SIGMA = 0.4538  # quantile of |residual| at CORE_SHARE over the sigma of a Gaussian
-STEP_GATE = 3.0  # robust sigmas of the core beyond which points may lie across a step
 STEP_SIGMAS = 7.0  # distance of the surface across a step, in RMS residuals of the others
 BEND_RAD = np.radians(10.0)  # 1-sigma by which unmatched ground is assumed to tilt against matched ground, either axis
 
@@ -84,7 +83,7 @@ def _fit(rows: FloatArray, target: FloatArray, planes: FloatArray, floor: float)
     found = _step(rows, target, cores, floor)
     if found is not None:
         core, step = found
-        return _reweighted(rows[~step], target[~step], core, floor, STEP_GATE).over(rows, target)
+        return _reweighted(rows[~step], target[~step], core, floor, CERTAIN_SIGMAS).over(rows, target)
     plane = _reweighted(rows, target, candidates[half_size.argmin()], floor, PLANE_GATE)
     if plane.inlier.mean() < 0.75:  # more than a minority: the shape of the ground, not outliers
         plane = _reweighted(rows, target, everything, floor, PLANE_GATE)
@@ -157,7 +156,7 @@ def _step(rows: FloatArray, target: FloatArray, cores: FloatArray, floor: float)
     residual = target - cores @ rows.T
     size = np.abs(residual)
     scale = np.maximum(_row_quantile(size, CORE_SHARE) / CORE_SIGMA, floor)
-    off = size > STEP_GATE * scale[:, None]
+    off = size > CERTAIN_SIGMAS * scale[:, None]
     count = off.sum(axis=1)
     share = count / len(rows)
     spread = np.sqrt((size * size * ~off).sum(axis=1) / np.maximum(len(rows) - count, 1))

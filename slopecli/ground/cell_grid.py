@@ -16,8 +16,6 @@ from slopecli.types import FloatArray
 class GridTunables:
     """Sizes of cells and footprints."""
 
-    sixteenth: float = 16.0  # footprints along the short side of the image, by default
-    cells_a_footprint: float = 8.0  # cells along a footprint's diameter, by default
     least_footprint_px: float = 12.0  # grid px: smaller discs have no plane that is known to a few degrees
     most_cells: int = 4_000_000  # of a map: 36 MB of numbers a million
 
@@ -60,14 +58,14 @@ def choose_cells(
     InputError : the footprint is too small to have a plane, or too large for the image; or the cells are too many.
     """
     short = min(width, height)
-    footprint_px = float(footprint_px or max(short / GRID.sixteenth, GRID.least_footprint_px / grid_scale))
+    footprint_px = float(footprint_px or max(short / 16, GRID.least_footprint_px / grid_scale))
     least, most = GRID.least_footprint_px / grid_scale, 0.5 * short
     if not least - 1e-9 <= footprint_px <= most:
         raise InputError(
             f"a footprint of {footprint_px:.4g} px of image 1 has no plane that can be told; it must be between "
             f"{least:.3g} and {most:.4g} px ({width}x{height} px); change --footprint or --footprint-m"
         )
-    spacing_px = spacing_px or max(1, round(footprint_px / GRID.cells_a_footprint))
+    spacing_px = spacing_px or max(1, round(footprint_px / 8))
     if spacing_px > short:
         raise InputError(f"cells {spacing_px} px apart leave none in an image of {width}x{height} px; lower --spacing")
     count = (width // spacing_px) * (height // spacing_px)

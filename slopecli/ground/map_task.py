@@ -22,8 +22,6 @@ from slopecli.look.scene import Scene
 from slopecli.options import MapOptions, Options
 from slopecli.types import FloatArray, Report
 
-NEAREST_SHARE = 0.05  # quantile of the distance of the ground that stands for its nearest part
-
 
 @dataclass(frozen=True, eq=False)
 class MapTask:
@@ -80,7 +78,7 @@ def sizes_of(task: MapTask, grid_scale: float) -> CellGrid:
 def _refuse_height(task: MapTask, grid_scale: float) -> None:
     if task.wanted.max_height is None:
         return
-    pixel = task.ground_px(NEAREST_SHARE) / grid_scale
+    pixel = task.ground_px(0.05) / grid_scale
     least = least_limit(pixel, task.options.confidence)
     if task.wanted.max_height < least:
         raise InputError(

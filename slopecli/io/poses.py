@@ -16,7 +16,7 @@ from slopecli.options import Pose
 from slopecli.types import FloatArray
 
 ORTHONORMAL = 1e-4  # largest difference of R R^T from the identity: R printed with few digits
-SHORTEST_M, LONGEST_M = 1e-9, 1e12  # beyond, its square underflows or overflows
+LENGTHS_M = (1e-9, 1e12)  # beyond, its square underflows or overflows
 POSITIONS = ("T", "baseline_cam1", "t")
 WANTED = (
     'needed JSON with "R" (3x3, camera 2 from camera 1) and "T" (where camera 2 is in camera-1 axes, metres), '
@@ -74,7 +74,7 @@ def _position(path: str | PathLike[str], values: dict[str, Any], R: FloatArray) 
         raise InputError(f"{path}: has no {' or '.join(map(repr, POSITIONS))}; {WANTED}")
     for _, value in found:
         length = math.hypot(*value)
-        if not SHORTEST_M < length < LONGEST_M:
+        if not LENGTHS_M[0] < length < LENGTHS_M[1]:
             what = "is zero, so there is no parallax" if length == 0 else f"is {length:.3g} m long"
             raise InputError(f"{path}: its T {what}; {WANTED}")
     first, *others = (-R.T @ value if name == "t" else value for name, value in found)

@@ -19,7 +19,8 @@ from numpy.typing import NDArray
 from slopecli.geometry.statistics import robust_sigma
 from slopecli.look.dense import Cells, dense_cells, flow, match_exposure, spread
 from slopecli.look.depth_transfer import DepthTransfer
-from slopecli.look.noise import LEAST_MATCH_PX, NOISE_GREY, OVERVIEW_CELL_PX, SAME_GROUND
+from slopecli.look.matches import ON_PLANE_PX
+from slopecli.look.noise import APART, LEAST_MATCH_PX, NOISE_GREY, OVERVIEW_CELL_PX, SAME_GROUND
 from slopecli.look.scene import Scene, whole_grid
 from slopecli.look.warp import (
     NODE_STEP,
@@ -59,10 +60,8 @@ class DepthTunables:
     untold_px: int = 7  # grid px, side of the smallest area whose depth the images do not tell that counts as bare, too
     most_change: float = 0.5  # largest change of the logarithm of inverse depth by the flow
     most_step: float = 0.2  # the same by a round of alignment
-    across_px: float = 1.0  # grid px, largest residual across the epipolar line that is believed
     step_gradient: float = 0.4  # of the displacement, px per px: ground of 45 degrees has a tenth to a fifth
     beside_px: int = 4  # grid px to either side of a step that may have the depth of the other side
-    hidden: float = 0.02  # difference of the logarithms of inverse depth from which on a surface hides another
     noise_range: float = 2.5  # of the noise over the square of a jump, in its sigmas
 
 
@@ -143,7 +142,7 @@ def measure_depth(
     uv2, told, own, left, noise = pair.check(w)
     shown = covered(uv2, scene.shape2, 1.0)
     bare = shown & (_in_one_piece(~own, DEPTH.side_px) | _in_one_piece(~told, DEPTH.untold_px))
-    known = shown & told & (np.abs(across) < DEPTH.across_px) & (np.abs(left) < DEPTH.across_px)
+    known = shown & told & (np.abs(across) < ON_PLANE_PX) & (np.abs(left) < ON_PLANE_PX)
     known &= ~_hidden(w, uv2, known, scene)
     step = _steps(w, shifts) & shown
     side = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * DEPTH.beside_px + 1, 2 * DEPTH.beside_px + 1))
@@ -305,4 +304,4 @@ def _hidden(w: FloatImage, uv2: FloatImage, known: NDArray[np.bool_], scene: Sce
     place = at[..., 1] * width + at[..., 0]
     nearest, logarithm = np.full(height * width, -np.inf, np.float32), np.log(w)
     np.maximum.at(nearest, place[known], logarithm[known])
-    return np.asarray(nearest[place] - logarithm > DEPTH.hidden)
+    return np.asarray(nearest[place] - logarithm > APART)

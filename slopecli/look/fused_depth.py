@@ -13,7 +13,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from slopecli.geometry.statistics import robust_sigma
+from slopecli.geometry.statistics import CERTAIN_SIGMAS, robust_sigma
 from slopecli.look.dense_depth import DenseDepth
 from slopecli.look.noise import SYSTEMATIC_PX
 from slopecli.look.warp import FloatImage
@@ -24,7 +24,6 @@ from slopecli.types import BoolArray
 class FusionTunables:
     """How depths of several pairs are compared."""
 
-    far_off: float = 3.0  # sigmas: a depth farther from the mean is a mismatch, or is hidden in that image
     # baseline, of the distance, at which the displacement that makes a step (`DEPTH.step_gradient`) tells steps from
     # slopes: with three times as much all ground seen at an angle would be one
     steps_at: float = 0.15
@@ -124,5 +123,5 @@ def _mean(logarithms: Sequence[FloatImage], weights: Sequence[FloatImage]) -> Fl
 
 def _near(value: FloatImage, weight: FloatImage, mean: FloatImage) -> FloatImage:
     """The weight where a value is near the mean, within its noise and a hundredth of the depth; else 0."""
-    off: BoolArray = np.abs(value - mean) > FUSION.far_off * np.sqrt(1.0 / np.maximum(weight, 1e-12) + 1e-6)
+    off: BoolArray = np.abs(value - mean) > CERTAIN_SIGMAS * np.sqrt(1.0 / np.maximum(weight, 1e-12) + 1e-6)
     return np.asarray(np.where(off, 0.0, weight), np.float32)

@@ -30,6 +30,7 @@ from slopecli.types import Camera
 from slopecli.windows import Window
 
 # Overviews of the quick pass. Large windows need them only for a first plane, as each is matched finely afterwards.
+# The pixels of the finer one are those of any working grid over all of image 1: regions, large windows.
 COARSE = OverviewEffort(max_pixels=0.15e6, finest=0, smoothings=1)
 FINE = OverviewEffort(max_pixels=0.5e6, finest=1, smoothings=FULL_SMOOTHINGS)
 WINDOW_CELLS = 6  # least cells of the overview along a window's shorter side: with them it has a first plane

@@ -26,8 +26,7 @@ WIDEST_RAY = 5.0  # tangent of the angle to the axis
 RAYS = Camera(0, 0, 1.0, 1.0, 0.0, 0.0, source="rays")  # stands for no camera: its pixels are rays
 ROUNDING = 1e-7  # normalised coordinates: rows that agree better are exact
 FEWEST = 3  # points that make a plane
-MOST_ALIKE = 0.25  # share of the rows that may have one point in an image; features give few of them twice
-MOST_LEFT_OUT = 0.25  # share of a patch's rows off its plane beyond which it is not one plane
+MOST_LEFT_OUT = 0.25  # share of a patch's rows off its plane beyond which it is not one plane, or of rows at one point
 
 
 @dataclass(frozen=True, eq=False)
@@ -112,7 +111,7 @@ def _check_distinct(given: Given) -> None:
         # a number for each place: equal for equal points, and hardly ever for others
         _, first, count = np.unique(xy @ np.array([1.0, 0.7853981]), return_index=True, return_counts=True)
         most = int(count.argmax())
-        if count[most] > max(MOST_ALIKE * len(xy), FEWEST):
+        if count[most] > max(MOST_LEFT_OUT * len(xy), FEWEST):
             u, v = xy[first[most]]
             raise InputError(
                 f"{given.path}: {count[most]} of {len(xy)} rows have the point ({u:g}, {v:g}) in image {image}; "

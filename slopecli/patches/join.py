@@ -32,7 +32,7 @@ class Joined:
     patches : those with matches.  unanswered : those without.
     matches : (n) of the patches, one after the other, then those on no patch.
     plane : (n,) index of the patch that a match is on, -1 for none (it then constrains the motion only).
-    weight : (n,) inverse variances, 1 for a 1-sigma of `patch.REFERENCE_PX`; of given rows, for their median sigma.
+    weight : (n,) inverse variances, 1 for a 1-sigma of `noise.LEAST_MATCH_PX`; of given rows, for their median sigma.
     segmentation : steps of the finder `regions`, for pictures.
     """
 

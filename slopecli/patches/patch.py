@@ -13,13 +13,13 @@ from numpy.typing import NDArray
 from slopecli.geometry.statistics import CHI2_MEDIAN, median
 from slopecli.look.gradient_components import Labels, resized
 from slopecli.look.matches import Matches
+from slopecli.look.noise import LEAST_MATCH_PX
 from slopecli.patches import FINDER_OF, Finder
 from slopecli.types import BoolArray, FloatArray, IntArray, Segmentation
 from slopecli.windows import Window, box_polygon, window_polygon
 
 IN_DOUBT_DEG = 5.0  # 1-sigma of a tilt from which on a plane agrees with any other, and is not taken as level
 LEAST_MATCHED = 0.5  # share of a window that must be matched to tell its slope
-REFERENCE_PX = 0.05  # 1-sigma of a match of weight 1
 
 
 @dataclass(frozen=True, eq=False)
@@ -100,7 +100,7 @@ class Patch:
     Attributes
     ----------
     id : the number users know it by.  source : that of its finder in `FINDERS`.  footprint : its pixels of image 1.
-    matches : (n) on its plane.  weight : (n,) inverse variance along the epipolar line, relative to REFERENCE_PX.
+    matches : (n) on its plane.  weight : (n,) inverse variance along the epipolar line, relative to LEAST_MATCH_PX.
     cell : (n, 2) row and column of the matches on a lattice; errors of neighbouring matches are correlated.
     origin : "own" where the matches lie in the patch, "borrowed" where they are those of the plane around it, "none".
     score : correlation of the images after matching.  share : of the patch that is matched.
@@ -154,7 +154,7 @@ class Found(NamedTuple):
 
 def weight_of(variance_px2: FloatArray) -> FloatArray:
     """(n,) weights of matches of these noise variances, px of image 2 squared."""
-    return REFERENCE_PX**2 / variance_px2
+    return LEAST_MATCH_PX**2 / variance_px2
 
 
 def overdispersion(normalised_squares: FloatArray) -> float:

@@ -25,7 +25,6 @@ class _Raster:
     """Tunables of the raster."""
 
     most_pixels: int = 1_000_000  # as of a megapixel image with a cell a pixel; a view along the ground is cut to that
-    tile: int = 256  # px, GDAL's own
     reach: float = 1.05  # of half the diagonal between cells: a pixel beyond belongs to no cell
 
 
@@ -85,13 +84,13 @@ def map_to_geotiff(slope_map: SlopeMap) -> bytes:
     content = io.BytesIO()
     with tifffile.TiffWriter(content, byteorder="<") as file:
         step = 1
-        while step == 1 or max(bands.shape[1:]) > RASTER.tile * step // 2:
+        while step == 1 or max(bands.shape[1:]) > 128 * step:  # until it fits into half a tile
             file.write(
                 np.ascontiguousarray(bands[:, ::step, ::step]),
                 photometric="minisblack",
                 planarconfig="separate",
                 extrasamples=(0,) * (len(bands) - 1),
-                tile=(RASTER.tile, RASTER.tile),
+                tile=(256, 256),  # GDAL's own
                 compression="zlib",
                 subfiletype=0 if step == 1 else 1,
                 metadata=None,  # neither a description nor a version of tifffile's own

@@ -9,6 +9,7 @@ import numpy as np
 from slopecli.findings.plane_checks import WALL_DEG
 from slopecli.geometry.camera import points_on_plane
 from slopecli.geometry.statistics import median
+from slopecli.look.noise import APART
 from slopecli.options import MANY_WINDOWS
 from slopecli.patches.patch import IN_DOUBT_DEG
 from slopecli.types import FloatArray, Plane, Report
@@ -17,7 +18,6 @@ Kind = Literal["ground", "wall", "roof", "ceiling"]
 
 LEVEL_DEG = 15.0  # streets and squares are flatter than this; flat roofs are higher
 LARGE = 0.1  # of the area of the largest level plane: a smaller one below it may be a mistake, or a pit
-AT_GROUND = 0.02  # height over the distance to the camera up to which a plane counts as lying on the ground
 LEAST_CEILING = 0.02  # share of image 1: what is smaller and faces down is part of a tree, or of a person
 SHOWN = 0.005  # share of image 1 from which on a plane matters
 POOR_COUNTS = 0.25  # what a share counts of a plane that is poor, or that nothing tells the slope of
@@ -72,7 +72,7 @@ def _kind(plane: Plane, outline: FloatArray, ground: Plane | None, share: float)
         return None
     # height of its lower end (10 % of its outline) above the ground, over its distance to the camera
     height = (outline @ ground.normal_cam1 + ground.distance) / np.linalg.norm(outline, axis=1)
-    return "roof" if len(height) and np.quantile(height, 0.1) >= AT_GROUND else "ground"
+    return "roof" if len(height) and np.quantile(height, 0.1) >= APART else "ground"
 
 
 def _outline(plane: Plane, report: Report) -> FloatArray:

@@ -14,10 +14,10 @@ from slopecli.look.matches import Evidence, Matches
 from slopecli.options import Options
 from slopecli.patches.join import Joined
 from slopecli.patches.patch import Patch
+from slopecli.patches.windows.tunables import TUNE
 from slopecli.patches.windows.unmatched_parts import gaps_of, unseen_rad
 from slopecli.patches.windows.window_finder import window_patch
 from slopecli.report.build import build_report
-from slopecli.sequence.tracking_tunables import TRACKING
 from slopecli.sequence.view_estimator import ViewEstimator
 from slopecli.types import BoolArray, Camera, Diagnostic, FloatArray, Image, ImageInfo, Plane, Report, Solution
 from slopecli.windows import Window
@@ -60,8 +60,8 @@ def _patch(
     tracks, blank = estimator.tracks, window_patch(window, i + 1)
     own = known & (tracks.patch == i)
     n = int(np.count_nonzero(own))
-    if n < TRACKING.slope_points:
-        return blank.unmatched(f"{n} of its points could be tracked, at least {TRACKING.slope_points} are needed")
+    if n < TUNE.least_matches:
+        return blank.unmatched(f"{n} of its points could be tracked, at least {TUNE.least_matches} are needed")
     share = min(n / max(int(tracks.cells[i]), 1), 1.0)
     relief_px = float(estimator.best.root.relief[i]) * evidence.focal_px
     gaps = gaps_of(window, tracks.uv[own], share)

@@ -27,7 +27,6 @@ class TrackingTunables:
     most_sigma_px: float = 1.0  # 1-sigma of the points under a motion: with more it is another motion, or other ground
     least_likeness: float = 0.4  # correlation of the aligned frame with the reference: a moving shadow leaves 0.7
     misses: int = 2  # frames in turn whose track contradicts the rest, after which it is given up
-    least_sigma_px: float = 0.03  # 1-sigma of a tracked point that is believed at least
     flat_grey: float = 4.0  # 1-sigma of the grey values of a frame below which it shows nothing
     same_grey: float = 0.2  # mean difference of two frames, grey levels, below which one repeats the other
     sharpness: float = 0.6  # of the frame used before: with less a frame is blurred
@@ -42,7 +41,6 @@ class TrackingTunables:
         64  # of each ninth of a later reference: for its motions, a quarter of those for slopes suffices
     )
     next_depth: float = 1.25  # times the baseline of the last frame kept for depth, from which on another is kept
-    slope_points: int = 8  # tracks that a window needs for an answer
 
 
 TRACKING = TrackingTunables()

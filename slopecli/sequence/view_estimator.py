@@ -23,6 +23,7 @@ from slopecli.geometry.solver.summed_views import sum_up
 from slopecli.geometry.solver.view_roots import judged
 from slopecli.geometry.solver.views import Summed, ViewPoints, ViewState
 from slopecli.look.noise import correlation_gain
+from slopecli.patches.windows.tunables import TUNE
 from slopecli.sequence.frame_alignment import Found
 from slopecli.sequence.fused_planes import Ground, fused_normals
 from slopecli.sequence.shared_errors import halves_ratio, neighbours_ratio, noise_alone
@@ -56,7 +57,7 @@ class ViewEstimator:
     def __init__(self, tracks: Tracks, focal_px: float) -> None:
         self.tracks = tracks
         self._focal_px = focal_px
-        self._floor = TRACKING.least_sigma_px / focal_px
+        self._floor = TUNE.flow_floor_px / focal_px
         self._ground = Ground(tracks)
         self._lines: list[Line] = []
         self.alive = np.ones(len(tracks), bool)

@@ -20,9 +20,10 @@ from slopecli.geometry.solver.joint import Fit
 from slopecli.geometry.solver.observations import Observations, linearise, observe, predict
 from slopecli.geometry.solver.priors import MotionPrior
 from slopecli.geometry.solver.refinement import State, System, normal_equations, optimal_normals
+from slopecli.geometry.statistics import CHI2_1_IN_100
 from slopecli.types import FloatArray, IntArray
 
-JOINED_CHI2 = 6.63  # chi-square, 1 degree of freedom, at 0.99: roots with a lower ridge between them are joined
+JOINED_CHI2 = CHI2_1_IN_100[1]  # roots with a lower ridge between them are joined
 
 
 class Covariance(NamedTuple):

@@ -38,12 +38,12 @@ GUESSED = "the focal length of its cameras is COLMAP's guess and was not used"
 class _Conventions:
     """What COLMAP's files rely on."""
 
-    ids: int = 2**31 - 1  # pair_id = first image_id x this + second
-    centre_px: float = 0.5  # of the first pixel
-    unusable: tuple[int, ...] = (1, 7)  # config of a pair: degenerate; a watermark that all images have
+    ids: int  # pair_id = first image_id x this + second
+    centre_px: float  # of the first pixel
+    unusable: tuple[int, ...]  # config of a pair: degenerate; a watermark that all images have
 
 
-COLMAP = _Conventions()
+COLMAP = _Conventions(2**31 - 1, 0.5, (1, 7))
 
 
 def read(source: MatchSource) -> Given:

@@ -8,14 +8,15 @@ import numpy as np
 
 from slopecli.geometry.epipolar import homogeneous
 from slopecli.geometry.motion import epipolar_residual, inverse_depth
-from slopecli.geometry.statistics import median, robust_sigma
+from slopecli.geometry.statistics import GATE_SIGMAS, median, robust_sigma
 from slopecli.look.dense import Cells
 from slopecli.look.gradient_components import Labels
-from slopecli.look.matches import pair_rays
-from slopecli.look.noise import correlation_gain
+from slopecli.look.matches import MIN_ON_PLANE, ON_PLANE_PX, pair_rays
+from slopecli.look.noise import SYSTEMATIC_PX, correlation_gain
 from slopecli.look.scene import Scene, axis_variance
 from slopecli.look.warp import FloatImage
 from slopecli.patches.regions.region_tunables import REGION
+from slopecli.patches.windows.tunables import TUNE
 from slopecli.types import BoolArray, FloatArray
 
 
@@ -60,7 +61,7 @@ class CellLattice:
 
     def on_plane(self, plane: FloatArray, tolerance: float) -> BoolArray:
         """Return (h, w) whether a cell is known and lies on the plane."""
-        return np.asarray(self.known & (self.off(plane) < REGION.gate * tolerance))
+        return np.asarray(self.known & (self.off(plane) < GATE_SIGMAS * tolerance))
 
 
 def lattice_of(cells: Cells, shape: tuple[int, int], scene: Scene) -> CellLattice:
@@ -70,11 +71,11 @@ def lattice_of(cells: Cells, shape: tuple[int, int], scene: Scene) -> CellLattic
     across = epipolar_residual(scene.R, scene.T, x1, x2) * focal
     w, leverage = inverse_depth(scene.R, scene.T, x1, x2)
     texture = axis_variance(cells.information, cells.uv1, scene, 0.0, REGION.grey)
-    good = seen & (w > 0) & (leverage > 0) & (cells.agreement > REGION.least_agreement)
+    good = seen & (w > 0) & (leverage > 0) & (cells.agreement > TUNE.fair_score)
     noise = _noise_px(across[good], texture[good, 1])
     good &= np.abs(across) < 3.0 * np.sqrt(noise**2 + texture[:, 1])
     variance = noise**2 + texture[:, 0]
-    good &= variance < max(REGION.most_noise_px, 3.0 * noise) ** 2
+    good &= variance < max(ON_PLANE_PX, 3.0 * noise) ** 2
     index, scale = cells.index[good], (leverage * focal / np.sqrt(variance))[good]
     size = shape[0] // REGION.cell_px, shape[1] // REGION.cell_px
     rows, target, known = np.zeros((*size, 3), np.float32), np.zeros(size, np.float32), np.zeros(size, bool)
@@ -93,13 +94,13 @@ def _noise_px(across: FloatArray, texture: FloatArray) -> float:
     """
     if not len(across):
         return REGION.least_noise_px
-    clear = texture <= max(REGION.textured_px**2, float(np.quantile(texture, 0.1)))
+    clear = texture <= max(SYSTEMATIC_PX**2, float(np.quantile(texture, 0.1)))
     return robust_sigma(across[clear], REGION.least_noise_px)
 
 
 def _unexplained(w: FloatArray, scale: FloatArray) -> float:
     """Return the cost of a cell of any depth; w (n,) inverse depths of all cells, scale (n,) inverse sigmas."""
-    if len(w) < REGION.least_cells:
+    if len(w) < MIN_ON_PLANE:
         return 0.0
     low, high = np.quantile(w, [0.01, 0.99])
     span = max((high - low) * median(scale), 10.0 * max(REGION.tolerances))

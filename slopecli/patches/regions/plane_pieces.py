@@ -7,8 +7,9 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from slopecli.geometry.statistics import geman_mcclure
+from slopecli.geometry.statistics import GATE_SIGMAS, geman_mcclure
 from slopecli.look.gradient_components import Labels
+from slopecli.look.matches import MIN_ON_PLANE
 from slopecli.patches.labelling.depth_planes import solve_regular
 from slopecli.patches.labelling.energy import cover
 from slopecli.patches.regions.cell_lattice import CellLattice
@@ -85,12 +86,12 @@ def _folded(lattice: CellLattice, piece: Piece) -> list[tuple[FloatArray, BoolAr
         first = (at - at.mean(0)) @ direction > 0
         planes: list[FloatArray] = []
         for _ in range(5):  # settles in three or four
-            if min(np.count_nonzero(first), np.count_nonzero(~first)) < REGION.least_cells:
+            if min(np.count_nonzero(first), np.count_nonzero(~first)) < MIN_ON_PLANE:
                 break
             planes = [solve_regular(rows[k].T @ rows[k], rows[k].T @ target[k]) for k in (first, ~first)]
             off = [np.abs(rows @ plane - target) for plane in planes]
             nearer = np.zeros(lattice.shape, np.float32)
-            nearer[own] = np.clip(off[0] - off[1], -REGION.gate, REGION.gate)
+            nearer[own] = np.clip(off[0] - off[1], -GATE_SIGMAS, GATE_SIGMAS)
             first = cv2.blur(nearer, (3, 3))[own] < 0  # neighbours are on one side
         else:
             cost = float(lattice.cost(np.where(first, *off), 1.0).sum())
@@ -118,7 +119,7 @@ def fewest_pieces(lattice: CellLattice, pieces: list[Piece]) -> list[Piece]:
     own = np.full(lattice.shape, -1)
     own[lattice.known] = np.where(cost[:, chosen].min(1) < lattice.unexplained, cost[:, chosen].argmin(1), -1)
     found = [Piece(pieces[k].plane, pieces[k].tolerance, own == at) for at, k in enumerate(chosen)]
-    return [piece for piece in found if np.count_nonzero(piece.cells) >= REGION.least_cells]
+    return [piece for piece in found if np.count_nonzero(piece.cells) >= MIN_ON_PLANE]
 
 
 def _worth_their_price(cost: FloatArray, chosen: IntArray, lattice: CellLattice) -> IntArray:
@@ -139,7 +140,7 @@ def weighted_system(
     """Return the normal equations (3, 3), (3,) of a plane through cells (h, w), those far off it weighted down."""
     own = cells & lattice.known
     rows, target = lattice.rows[own].astype(float), lattice.target[own].astype(float)
-    weighted = rows.T * (geman_mcclure(rows @ plane - target, REGION.gate * tolerance) / tolerance**2)
+    weighted = rows.T * (geman_mcclure(rows @ plane - target, GATE_SIGMAS * tolerance) / tolerance**2)
     return weighted @ rows, weighted @ target
 
 
@@ -153,7 +154,7 @@ def _grown(
     fitted, cells = plane, part
     for _ in range(3):
         grown = _compact(lattice.on_plane(plane, tolerance), part, density)
-        if grown is None or np.count_nonzero(grown & lattice.known) < REGION.least_cells:
+        if grown is None or np.count_nonzero(grown & lattice.known) < MIN_ON_PLANE:
             return None
         fitted, cells, plane = plane, grown, solve_regular(*weighted_system(lattice, plane, tolerance, grown))
     return Piece(fitted, tolerance, cells)
@@ -161,7 +162,7 @@ def _grown(
 
 def _compact(on_plane: BoolArray, part: BoolArray, density: FloatArray) -> BoolArray | None:
     """Return the connected cells (h, w) amid cells on the plane that share most with a part; None if none do."""
-    amid = (around(on_plane) >= REGION.compact * density) & (density >= REGION.least_cells)
+    amid = (around(on_plane) >= REGION.compact * density) & (density >= MIN_ON_PLANE)
     count, pieces = cv2.connectedComponents(amid.astype(np.uint8), connectivity=4)
     shared = np.bincount(pieces[part], minlength=count)
     shared[0] = 0

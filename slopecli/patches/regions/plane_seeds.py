@@ -8,6 +8,7 @@ import cv2
 import numpy as np
 
 from slopecli.look.gradient_components import Labels
+from slopecli.look.matches import MIN_ON_PLANE
 from slopecli.patches.labelling.depth_planes import solve_regular
 from slopecli.patches.regions.cell_lattice import CellLattice
 from slopecli.patches.regions.region_tunables import REGION
@@ -57,7 +58,7 @@ def plane_seeds(lattice: CellLattice, components: Labels) -> PlaneSeeds:
     component = _component_of_middles(components, lattice.shape)
     count = int(component.max()) + 1
     own = np.stack([np.bincount(component.ravel(), layer.ravel(), count) for layer in moments], -1)
-    numbers = np.flatnonzero((own[:, -1] >= REGION.least_cells) & (np.arange(count) > 0))
+    numbers = np.flatnonzero((own[:, -1] >= MIN_ON_PLANE) & (np.arange(count) > 0))
     planes, cost = _fitted(np.concatenate([*sums, own[numbers]]))
     return PlaneSeeds(planes, cost, box, component, numbers)
 
@@ -78,7 +79,7 @@ def _squares(moments: list[FloatArray], side: int) -> tuple[IntArray, FloatArray
         for layer in moments
     ]
     row, column = np.mgrid[0:height:step, 0:width:step]
-    enough = layers[-1] >= max(REGION.least_cells, 0.4 * side * side)
+    enough = layers[-1] >= max(MIN_ON_PLANE, 0.4 * side * side)
     i, j = row[enough], column[enough]
     box = (
         np.maximum(i - half, 0),

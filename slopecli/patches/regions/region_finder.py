@@ -22,6 +22,7 @@ from slopecli.look.gradient_components import (
     without_small_pieces,
 )
 from slopecli.look.scene import Scene, whole_grid
+from slopecli.look.scene_from_images import FINE
 from slopecli.look.threads import single_threaded
 from slopecli.look.transfer_error import Comparison
 from slopecli.options import Options
@@ -67,7 +68,7 @@ def find_regions(scene: Scene, options: Options) -> Found:
 
 def region_stages(scene: Scene, options: Options) -> RegionStages:
     """Return the stages of the finder; see `find_regions`."""
-    grid = whole_grid(scene, REGION.working_pixels)
+    grid = whole_grid(scene, FINE.max_pixels)
     # steps 1-3: gradient, threshold, components
     gradient = smooth_gradient(grid.grey)
     threshold = options.gradient_threshold or adaptive_threshold(gradient)

@@ -13,10 +13,12 @@ from slopecli.look.depth_transfer import DepthTransfer
 from slopecli.look.gradient_components import Labels, grown
 from slopecli.look.matches import Matches
 from slopecli.look.scene import Scene, whole_grid
+from slopecli.look.scene_from_images import FINE
 from slopecli.look.warp import FloatImage, Grid
 from slopecli.patches.labelling.depth_planes import solve_regular
 from slopecli.patches.patch import Patch
 from slopecli.patches.regions.region_tunables import REGION
+from slopecli.patches.windows.tunables import TUNE
 from slopecli.patches.windows.window_finder import with_cells
 from slopecli.types import FloatArray
 
@@ -29,7 +31,7 @@ def match_labelled(labels: Labels, planes: list[FloatArray], scene: Scene) -> Ce
     labels : (h, w) 1..k, 0 for none, of the pixels of the working grid.
     planes : scaled normals (3,) of the k planes.
     """
-    grid = whole_grid(scene, REGION.working_pixels)
+    grid = whole_grid(scene, FINE.max_pixels)
     # flow needs to see past a region's border, and over the holes in it
     mapping = _mapping(grid, grown(labels, REGION.reach_px), planes, scene)
     return dense_cells(grid, mapping, scene.pyramid2, scene.shape2, REGION.cell_px, finest=0)
@@ -69,7 +71,7 @@ def _matched(patch: Patch, cells: Cells, scene: Scene) -> Patch:
         return patch.unmatched("too little texture: few of its pixels can be matched")
     if not _spread(matched.matches.x1):
         return patch.unmatched("its matches lie on a line, so they leave its tilt open")
-    if matched.share < REGION.scarce_share and matched.score < REGION.faint_score:
+    if matched.share < TUNE.scarce_share and matched.score < REGION.faint_score:
         return patch.unmatched("too little texture: few of its pixels can be matched, and those agree poorly")
     reason = "faint: its matches agree poorly" if matched.score < REGION.faint_score else ""
     sigma = matched.tilt_sigma_rad + np.hypot(_repeated_rad(matched.matches, scene), _uneven_rad(matched, scene))
@@ -88,7 +90,7 @@ def _repeated_rad(matches: Matches, scene: Scene) -> float:
     normal = np.asarray(np.linalg.lstsq(rows, w * leverage, rcond=None)[0], float)
     centred = matches.x1 - matches.x1.mean(0)
     drift = centred @ np.linalg.svd(centred, full_matrices=False)[2].T
-    drift *= REGION.repeated_px / scene.camera2.focal_px / drift.std(0)
+    drift *= TUNE.flow_floor_px / scene.camera2.focal_px / drift.std(0)
     tilts = np.asarray(np.linalg.lstsq(rows, drift, rcond=None)[0].T, float)
     return float(np.hypot(*(normal_angle(normal, normal + tilt) for tilt in tilts)))
 

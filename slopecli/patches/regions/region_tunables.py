@@ -14,21 +14,15 @@ class RegionTunables:
     """Parameters in the order in which the procedure needs them."""
 
     # sizes of images and of the smallest pieces
-    working_pixels: float = 5.0e5  # of image 1 that are matched and labelled; borders of planes are as exact as that
     least_share: float = 5e-4  # of the image: smaller components propose no plane
     least_piece: float = 3e-4  # share of the image: smaller pieces of a plane are dropped
     # cells
     cell_px: int = 6  # working px a side: several fit in a region of a thousandth of the image
     least_noise_px: float = 0.04  # 1-sigma of a cell of ideal texture, working px: less is not believed of flow
     grey: float = 1.0  # 1-sigma of a grey value that explains the errors of faint cells: flow sees more than the cell
-    textured_px: float = 0.02  # 1-sigma by texture alone, working px, below which residuals tell the noise of the pair
-    most_noise_px: float = 1.0  # 1-sigma along the epipolar line: cells known worse do not help to find a plane
-    least_agreement: float = 0.3  # correlation of a cell: below it, what is matched is other ground
     # planes proposed, and the pieces grown from them
     windows: tuple[int, ...] = (3, 5, 9, 17, 33)  # cells a side of the squares that propose a plane
-    least_cells: int = 6  # through which a plane is fitted: three, and as many to check it
     tolerances: tuple[float, ...] = (1.0, 2.5, 5.0)  # in sigmas: a surface with relief is off its plane by more
-    gate: float = 2.5  # tolerances within which a cell lies on a plane
     near_cells: int = 5  # side of the square in which ...
     compact: float = 0.6  # ... this share of cells must lie on a plane that holds the one in the middle
     most_pieces: int = 150  # more than an image of half a megapixel shows
@@ -49,9 +43,7 @@ class RegionTunables:
     # matches of regions
     reach_px: float = 16.0  # working px by which flow sees past a region's border
     least_width: float = 1e-2  # smallest over largest spread of a region's matches: a line leaves the tilt open
-    scarce_share: float = 0.3  # matched share of a region below which ...
-    faint_score: float = 0.7  # ... and correlation below which its matches leave the tilt open
-    repeated_px: float = 0.03  # 1-sigma, px of image 2, by which flow on faint texture stays where it started
+    faint_score: float = 0.7  # of the few matches of a region, correlation below which they leave the tilt open
 
 
 REGION = RegionTunables()

@@ -10,10 +10,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from slopecli.geometry.statistics import CHI2_1_IN_100
 from slopecli.ground.tilt_uncertainty import Root, focal_shift, motion_gain, normals_under
 from slopecli.ground.window_planes import WindowPlanes, fit_windows
 from slopecli.look.dense_depth import measure_depth
 from slopecli.look.scene import Scene
+from slopecli.look.scene_from_images import FINE
 from slopecli.look.threads import single_threaded
 from slopecli.patches.join import Joined
 from slopecli.types import BoolArray, FloatArray, IntArray, Solution
@@ -23,7 +25,6 @@ from slopecli.types import BoolArray, FloatArray, IntArray, Solution
 class DenseTunables:
     """When the plane through all pixels takes the place of that through the matches."""
 
-    most_pixels: float = 0.5e6  # that are measured: the planes of large windows need no more
     rough_px: float = 0.5  # RMS relief of the matches, px on the ground, from which on a window is not flat
     # share of a window's pixels that must be matched without doubt; the rest is in the covariance
     least_sure: float = 0.6
@@ -31,7 +32,6 @@ class DenseTunables:
     # times the variance of the plane through the matches, which lacks that of the ground they leave out: with more, the
     # pixels are too faint to take its place
     as_sure: float = 4.0
-    agrees: float = 9.21  # chi-square that the difference of two right tilts exceeds once in 100 times
 
 
 DENSE = DenseTunables()
@@ -51,7 +51,7 @@ def with_dense_planes(joined: Joined, solution: Solution, scene: Scene, focal_si
     windows = [joined.patches[k].footprint.bounds for k in index]
     root = Root.of(solution, focal_sigma, (scene.camera1, scene.camera2))
     with single_threaded():
-        depth = measure_depth(replace(scene, R=solution.R, T=solution.T), windows, DENSE.most_pixels)
+        depth = measure_depth(replace(scene, R=solution.R, T=solution.T), windows, FINE.max_pixels)
         dense = fit_windows(depth, windows, root)
     better = _better(dense, solution, joined, index)
     if not better.any():
@@ -85,7 +85,7 @@ def _better(dense: WindowPlanes, solution: Solution, joined: Joined, index: IntA
         & (dense.planes.sure[0] >= DENSE.least_sure)
         & (dense.relief < DENSE.same_ground * solution.relief[index])
     )
-    return np.asarray(same & (own < DENSE.as_sure * sparse) & (apart**2 < DENSE.agrees * (own + sparse)))
+    return np.asarray(same & (own < DENSE.as_sure * sparse) & (apart**2 < CHI2_1_IN_100[2] * (own + sparse)))
 
 
 def _tilt_variance(normals: FloatArray, covariance: FloatArray) -> FloatArray:

@@ -9,12 +9,12 @@ import numpy as np
 from slopecli.geometry.epipolar import homogeneous
 from slopecli.geometry.motion import inverse_depth
 from slopecli.geometry.statistics import CHI2_MEDIAN, median
-from slopecli.look.matches import Matches, pair_rays
-from slopecli.look.noise import SYSTEMATIC_PX
+from slopecli.look.matches import ON_PLANE_PX, Matches, pair_rays
+from slopecli.look.noise import LEAST_MATCH_PX, SYSTEMATIC_PX
 from slopecli.look.photometric import PlaneFit, View, align_plane, cell_shifts
 from slopecli.look.scene import FINE_PX, Scene, axis_variance, epipolar_axes, view_of
 from slopecli.look.warp import sample_map
-from slopecli.patches.patch import REFERENCE_PX, Patch, overdispersion, weight_of
+from slopecli.patches.patch import Patch, overdispersion, weight_of
 from slopecli.patches.windows.tunables import TUNE
 from slopecli.types import FloatArray
 
@@ -35,7 +35,7 @@ def polish(patch: Patch, scene: Scene, cell: int) -> Patch:
     root = leverage * np.sqrt(patch.weight)
     normal = np.asarray(np.linalg.lstsq(homogeneous(x1) * root[:, None], w * root, rcond=None)[0])
     off = _misfit_px(normal, x1, x2, scene)
-    if median(off**2 * patch.weight) / REFERENCE_PX**2 > 5 * CHI2_MEDIAN:  # 5 times the variance of noise: relief
+    if median(off**2 * patch.weight) / LEAST_MATCH_PX**2 > 5 * CHI2_MEDIAN:  # 5 times the variance of noise: relief
         return patch
     view = view_of(patch.window, scene, FINE_PX, border=False)
     fit = _align_best(view, normal, scene, patch.score)
@@ -71,7 +71,7 @@ def _shifted_cells(patch: Patch, view: View, fit: PlaneFit, scene: Scene, cell: 
     # twice the noise of grey values, as interpolation gives neighbouring cells some of it in common
     variance = axis_variance(shifts.information, uv1, scene, SYSTEMATIC_PX, 2.0)
     x1, x2, seen = pair_rays(scene.camera1, scene.camera2, uv1, uv2)
-    good = seen & (np.abs(shift).max(0) < TUNE.mismatch_px) & (variance[:, 0] < TUNE.mismatch_px**2)
+    good = seen & (np.abs(shift).max(0) < ON_PLANE_PX) & (variance[:, 0] < ON_PLANE_PX**2)
     if good.sum() < max(TUNE.least_matches, 0.3 * len(patch.matches)):  # fewer than 30 % of those of flow: it is better
         return None
     matches, variance = Matches(uv1, uv2, x1, x2).take(good), variance[good, 0] / view.grid.mean_scale**2

@@ -17,6 +17,7 @@ import numpy as np
 from slopecli.geometry.epipolar import homogeneous, tangent_basis
 from slopecli.geometry.motion import inverse_depth
 from slopecli.geometry.statistics import median, robust_sigma
+from slopecli.look.dense import CLEAR_AGREEMENT
 from slopecli.look.matches import MIN_ON_PLANE, ON_PLANE_PX, Matches
 from slopecli.look.noise import MAX_GAIN, ROUNDING_GREY
 from slopecli.look.photometric import TILTS, View, align_plane
@@ -34,7 +35,6 @@ class OrientationTunables:
     """When an orientation is known, which windows are compared with it, and how well they must fit."""
 
     faint_score: float = 0.55  # own matches that agree less, and are in doubt, are chance as often as not
-    clear_score: float = 0.9  # with better ones a window needs no other start
     starts: int = 3  # known orientations that a faint window is aligned from, those of the least misfit
     better: float = 0.05  # growth of the correlation by which another start is no chance
     most_windows: int = 100  # in a finer grid the planes next to a window tell more than orientations far away
@@ -42,7 +42,6 @@ class OrientationTunables:
     same_rad: float = float(np.radians(1.5))  # orientations nearer to each other are compared once
     sure_rad: float = float(np.radians(3.0))  # 1-sigma of the tilt of a plane whose orientation counts as known
     parallel_rad: float = float(np.radians(10.0))  # orientations that shading does not tell from each other
-    side_px: int = 24  # of the grid on which a window is compared: coarser than its noise
     steps: tuple[int, int] = (12, 100)  # least and most depths swept, 2/3 px of the grid apart
     least_seen: float = 0.75  # share of a window that image 2 must show: planes are compared on nearly the same pixels
     alike: float = 0.02  # relative growth of the squared difference by which an orientation gets e times less likely
@@ -116,14 +115,14 @@ def _is_faint(patch: Patch) -> bool:
     by_matches = patch.tilt_sigma_rad - patch.unmatched_sigma_rad
     return (
         patch.origin == "own"
-        and KNOWN.faint_score <= patch.score < KNOWN.clear_score
+        and KNOWN.faint_score <= patch.score < CLEAR_AGREEMENT
         and by_matches > np.radians(IN_DOUBT_DEG)
     )
 
 
 def _realigned(patch: Patch, known: list[KnownPlane], exposure: Exposure, scene: Scene, rematch: Rematch) -> Patch:
     """The window matched anew from the known orientation that its texture aligns best from, if clearly better so."""
-    small, view = (view_of(patch.window, scene, side, border=False) for side in (KNOWN.side_px, FINE_PX))
+    small, view = (view_of(patch.window, scene, side, border=False) for side in (TUNE.coarse_px // 2, FINE_PX))
     if min(small.grid.shape) < 8:  # px: too narrow to compare
         return patch
     found = _compared(small, np.array([plane.normal for plane in known]), _depths(small, scene), exposure, 1.0)
@@ -219,7 +218,7 @@ class Compared(NamedTuple):
 
 def _settled(patch: Patch, known: list[KnownPlane], exposure: Exposure, scene: Scene) -> Patch:
     """The window with the best of the known orientations; as it is if none fits, or its own matches fit better."""
-    view = view_of(patch.window, scene, KNOWN.side_px, border=False)
+    view = view_of(patch.window, scene, TUNE.coarse_px // 2, border=False)
     if min(view.grid.shape) < 8:  # px: too narrow to compare
         return patch
     depths, n = _depths(view, scene), len(known)

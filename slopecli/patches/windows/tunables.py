@@ -13,7 +13,7 @@ class WindowTunables:
     grid (`scene.FINE_PX` a side)."""
 
     # the first plane of a window
-    coarse_px: int = 48  # side of the grid on which planes are searched for; half of it tells what image 2 shows
+    coarse_px: int = 48  # side of the grid on which planes are searched for; half of it is coarser than the noise
     overview_share: float = 0.25  # covered by overview matches, with which they give the first plane
     part_share: float = 0.1  # matched under that plane, where too little is in image 2 for planes to be compared
     good_score: float = 0.8  # of a plane, with which no other is searched for; below it matches agree poorly
@@ -25,9 +25,8 @@ class WindowTunables:
     # dense matches on that plane
     cells_across: int = 16  # along the longer side, as far as cells get no smaller than 4 px
     clear_score: float = 0.95  # of matches that need no smoothing, and are no chance
-    flow_floor_px: float = 0.03  # grid px, 1-sigma: interpolation and quantisation of the flow
+    flow_floor_px: float = 0.03  # px, 1-sigma: interpolation and quantisation of the flow
     max_sigma_px: float = 0.5  # grid px, 1-sigma: cells matched worse are not used
-    mismatch_px: float = 1.0  # grid px off the epipolar line, or off the plane a window was aligned with
     least_matches: int = 8  # through fewer a plane is chance
     least_share: float = 0.04  # matched, the same
     same_ground_score: float = 0.5  # below it, parts of two images show different ground

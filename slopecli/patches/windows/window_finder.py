@@ -13,7 +13,7 @@ from slopecli.geometry.plane_fit import BEND_RAD, robust_plane
 from slopecli.geometry.statistics import median
 from slopecli.look.dense import CELL, FULL_SMOOTHINGS, Cells, dense_cells
 from slopecli.look.foerstner import correlate_windows, foerstner_corners
-from slopecli.look.matches import Evidence, Matches, pair_rays
+from slopecli.look.matches import ON_PLANE_PX, Evidence, Matches, pair_rays
 from slopecli.look.noise import LEAST_MATCH_PX, NOISE_GREY
 from slopecli.look.photometric import PlaneFit, align_plane, sweep_planes
 from slopecli.look.scene import FINE_PX, Scene, axis_variance, view_of
@@ -174,7 +174,7 @@ def with_cells(patch: Patch, cells: Cells, scene: Scene, possible: float) -> Pat
     focal = scene.camera2.focal_px
     variance = axis_variance(cells.information, cells.uv1, scene, TUNE.flow_floor_px, NOISE_GREY) / cells.pixel_scale**2
     residual = np.abs(epipolar_residual(scene.R, scene.T, x1, x2)) * focal * cells.pixel_scale
-    good = seen & (residual < TUNE.mismatch_px)
+    good = seen & (residual < ON_PLANE_PX)
     good &= (variance[:, 0] * cells.pixel_scale**2 < TUNE.max_sigma_px**2) & (cells.agreement > TUNE.fair_score)
     good[good] &= inverse_depth(scene.R, scene.T, x1[good], x2[good])[0] > 0
     share = float(good.sum() / possible)
@@ -238,7 +238,7 @@ def _correlated(patch: Patch, scene: Scene, normal: FloatArray) -> Patch:
     x1, x2, seen = pair_rays(scene.camera1, scene.camera2, uv1, uv2)
     ok &= seen & inside_window(uv1, patch.window)
     grid_focal = scene.camera2.focal_px * scale
-    ok[ok] &= np.abs(epipolar_residual(scene.R, scene.T, x1[ok], x2[ok])) * grid_focal < TUNE.mismatch_px
+    ok[ok] &= np.abs(epipolar_residual(scene.R, scene.T, x1[ok], x2[ok])) * grid_focal < ON_PLANE_PX
     if ok.sum() < TUNE.least_matches:
         return patch.unmatched("too few corners matched")
     w, leverage = inverse_depth(scene.R, scene.T, x1[ok], x2[ok])
