@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 from planes import Mask, camera_of, covering, true_planes
 
 from slopecli.errors import NoAnswer
-from slopecli.geometry import normal_angle
+from slopecli.geometry import GATE_SIGMAS, normal_angle
 from slopecli.io import load_image
 from slopecli.look import find_scene
 from slopecli.options import Options
@@ -80,7 +80,7 @@ def _share_on_plane(lattice: CellLattice, cells: Mask, normal: NDArray[np.float6
     along = lattice.rows[own] @ normal
     distance = np.median(lattice.target[own] / np.where(np.abs(along) < 1e-9, np.nan, along))
     off = np.abs(along * distance - lattice.target[own])
-    return float((off < REGION.gate * max(REGION.tolerances)).mean())
+    return float((off < GATE_SIGMAS * max(REGION.tolerances)).mean())
 
 
 def _holds(pieces: Sequence[Piece], known: Mask, normal: NDArray[np.float64]) -> bool:

@@ -19,7 +19,7 @@ from slopecli.batch import COLUMNS, TRANSIENT, Outcome, run
 from slopecli.cli import PAIRINGS
 from slopecli.findings import CODES
 from slopecli.ground import cell_grid, footprint_planes, lander, map_task, safety, sites, tilt_uncertainty
-from slopecli.look import dense_depth
+from slopecli.look import FINE, dense_depth
 from slopecli.look import gradient_components as segmentation
 from slopecli.options import MapOptions, Options
 from slopecli.patches.regions import REGION
@@ -186,14 +186,14 @@ def test_segment_page_has_the_numbers_of_the_code() -> None:
     text = " ".join(SEGMENT.split())
     for said in (
         f"Steeper than {kinds.WALL_DEG:.0f}° from level: **wall**",
-        f"level is below {kinds.LEVEL_DEG:.0f}° with a sigma below {kinds.KNOWN_DEG:.0f}°",
-        f"stands off by less than {100 * kinds.AT_GROUND:.0f} % of its distance",
+        f"level is below {kinds.LEVEL_DEG:.0f}° with a sigma below {kinds.IN_DOUBT_DEG:.0f}°",
+        f"stands off by less than {100 * kinds.APART:.0f} % of its distance",
         f"{100 * segmentation.INTERIOR_SHARE:.0f} % of it count as inside",
         f"down to {100 * REGION.least_share:g} % of the image",
     ):
         assert said in text
     assert pytest.approx(0.1) == kinds.LARGE  # "a tenth of the largest"
-    assert pytest.approx(5e5) == REGION.working_pixels  # "half a megapixel"
+    assert pytest.approx(5e5) == FINE.max_pixels  # "half a megapixel"
 
 
 def test_pictures_are_small() -> None:
@@ -344,7 +344,7 @@ def test_map_page_has_every_band_and_the_numbers_of_the_code() -> None:
         f"be at least {cell_grid.GRID.least_footprint_px:g} px",
         f"for at least {100 * tilt_uncertainty.TILT.step_length:g} % of that diameter",
         f"Images larger than {dense_depth.DEPTH.most_pixels / 1e6:.1f} megapixels",
-        f"less than {dense_depth.DEPTH.across_px:g} px, where nothing",
+        f"less than {dense_depth.ON_PLANE_PX:g} px, where nothing",
         f"within {dense_depth.DEPTH.beside_px} px",
         f"by {heights.flattened_gsd:g} pixels of ground on average, with a sigma of {heights.flattened_sigma_gsd:g}",
         f"{safety.least_limit(1.0, 0.99):.1f} g for 0.99",
@@ -354,11 +354,10 @@ def test_map_page_has_every_band_and_the_numbers_of_the_code() -> None:
         f"up to `--sites N` ({MapOptions().sites})",
     ):
         assert said in text, said
-    assert (cell_grid.GRID.sixteenth, cell_grid.GRID.cells_a_footprint, cell_grid.GRID.most_footprint) == (
-        16.0,
-        8.0,
-        0.5,
-    )
+    cells = cell_grid.choose_cells(
+        2560, 1600, 1.0, None, None
+    )  # "a sixteenth of the short side", "an eighth of the footprint"
+    assert (cells.footprint_px, cells.spacing_px) == (100.0, 12)
     assert (footprint_planes.BLOCKS, dense_depth.DEPTH.rounds) == (12, 3)
     assert pytest.approx(0.25) == tilt_uncertainty.TILT.step_share  # "a quarter of the footprint's diameter"
     forbidding = {code.code for code in CODES if code.forbids_safe}

@@ -10,6 +10,7 @@ import pytest
 from scenery import Pair, Surface, make_camera, pixel_grid, render, tilted, turn, unit
 
 from slopecli.look import (
+    FINE,
     Images,
     Scene,
     build_scene,
@@ -94,7 +95,7 @@ def test_cells_are_no_worse_than_their_sigmas_say_whatever_the_size_of_image_2(s
     images = Images(pair.grey1, pair.grey2, pair.camera1, pair.camera2)
     sparse = find_motions(images, feature_matchers("sift"), 0)
     scene = replace(build_scene(images, sparse)[0], R=R, T=T)  # an error of the motion moves all cells alike
-    grid = whole_grid(scene, REGION.working_pixels)
+    grid = whole_grid(scene, FINE.max_pixels)
     lattice = lattice_of(depth_cells(scene, grid, CELL), grid.shape, scene)
     off = lattice.off(GROUND)[lattice.known]
     assert len(off) > 500
