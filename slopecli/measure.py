@@ -19,13 +19,12 @@ from slopecli.geometry.slope import (
     normal_covariances,
     surface_normals,
 )
+from slopecli.geometry.statistics import CERTAIN_SIGMAS
 from slopecli.geometry.tilt_distribution import probability_below, slope_interval
 from slopecli.options import Options
 from slopecli.patches.join import Joined
 from slopecli.patches.patch import IN_DOUBT_DEG, Patch
 from slopecli.types import BoolArray, FloatArray, Report, Slopes, Solution, Up, Verdict
-
-MOST_VAGUE = 1.0 / 3.0  # 1-sigma of a scaled normal over its length: beyond, it may be zero, and face any way
 
 
 class SlopeNumbers(TypedDict):
@@ -68,7 +67,7 @@ class Measured:
         """
         largest = np.linalg.eigvalsh(self.solution.normal_covariance)[:, -1]
         length = np.linalg.norm(self.solution.scaled_normals, axis=1)
-        return np.asarray(self.solution.converged & (largest <= (MOST_VAGUE * length) ** 2))
+        return np.asarray(self.solution.converged & (largest <= (length / CERTAIN_SIGMAS) ** 2))
 
 
 def measure(solution: Solution, joined: Joined, options: Options) -> Measured:

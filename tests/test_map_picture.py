@@ -13,8 +13,7 @@ from report_factory import make_ambiguity, make_image, make_report
 from slopecli.ground import SlopeMap
 from slopecli.products import draw_map, draw_sigma
 from slopecli.products.drawing import (
-    LARGEST_PX,
-    SMALLEST_MAP_PX,
+    LONG_SIDE_PX,
     STEP,
     UNKNOWN,
     bar_length_m,
@@ -139,7 +138,7 @@ def test_any_size_is_drawn_legibly(width: int, height: int) -> None:
     for draw in (draw_map, draw_sigma):
         sheet = draw(slope_map, flat_image(width, height))
         assert sheet.dtype == np.uint8
-        long_side = np.clip(max(width, height), SMALLEST_MAP_PX, LARGEST_PX)
+        long_side = np.clip(max(width, height), LONG_SIDE_PX["smallest map"], LONG_SIDE_PX["largest"])
         assert sheet.shape[1] == round(width * long_side / max(width, height))
         assert sheet.shape[0] > round(height * long_side / max(width, height))
 

@@ -25,9 +25,7 @@ from report_factory import (
 from slopecli.geometry import pixels_from_rays, rays_from_pixels
 from slopecli.products import draw_overlay
 from slopecli.products.drawing import (
-    LARGEST_PX,
-    SMALLEST_MAP_PX,
-    SMALLEST_PX,
+    LONG_SIDE_PX,
     Footprint,
     Placed,
     downhill_px,
@@ -74,7 +72,9 @@ def shared_area(a: Placed, b: Placed) -> float:
 )
 def test_long_side_is_kept_between_the_limits(width: int, height: int) -> None:
     picture = draw_overlay(make_report(make_camera(width, height)), make_image(width, height))
-    drawn = round(width * np.clip(1, SMALLEST_PX / max(width, height), LARGEST_PX / max(width, height)))
+    drawn = round(
+        width * np.clip(1, LONG_SIDE_PX["smallest"] / max(width, height), LONG_SIDE_PX["largest"] / max(width, height))
+    )
     assert picture.dtype == np.uint8
     assert picture.shape[1] == drawn
     assert picture.shape[0] > round(height / width * drawn)  # the legend is below, not on the image
@@ -320,7 +320,7 @@ def edge_distance(labels: np.ndarray) -> np.ndarray:
 
 def test_a_map_of_planes_is_drawn_large_enough_for_its_numbers() -> None:
     picture = draw_overlay(make_region_report(), make_image())
-    assert picture.shape[1] == SMALLEST_MAP_PX
+    assert picture.shape[1] == LONG_SIDE_PX["smallest map"]
     assert draw_overlay(region_report(), flat_image(1280, 960)).shape[1] == 1280
 
 

@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 
 from slopecli.geometry import (
-    CHI2_MEDIAN,
-    CHI2_MEDIAN_2,
+    CHI2,
     MAD_FACTOR,
     geman_mcclure,
     median,
@@ -32,8 +31,8 @@ def test_the_median_of_what_is_not_known_is_not_a_number(values: list[float]) ->
 def test_the_medians_of_chi_square_are_those_of_the_distribution() -> None:
     quartile = NormalDist().inv_cdf(0.75)
     assert pytest.approx(1.0 / quartile, abs=1e-4) == MAD_FACTOR
-    assert pytest.approx(quartile**2, abs=1e-4) == CHI2_MEDIAN
-    assert pytest.approx(2.0 * np.log(2.0), abs=1e-4) == CHI2_MEDIAN_2
+    assert pytest.approx(quartile**2, abs=1e-4) == CHI2[1, 0.5]
+    assert pytest.approx(2.0 * np.log(2.0), abs=1e-4) == CHI2[2, 0.5]
 
 
 def test_robust_sigma_is_that_of_the_majority_and_within_its_bounds() -> None:

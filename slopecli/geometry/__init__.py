@@ -33,8 +33,7 @@ __getattr__, __dir__ = lazy_names(
         "solver.many_views": "ViewsSolution",
         "solver.multiview": "cramer_rao_bound_of_views solve_views",
         "solver.uncertainty": "cramer_rao_bound",
-        "statistics": "CHI2_MEDIAN CHI2_MEDIAN_2 GATE_SIGMAS MAD_FACTOR geman_mcclure median "
-        "robust_least_squares robust_sigma",
+        "statistics": "CHI2 GATE_SIGMAS MAD_FACTOR geman_mcclure median robust_least_squares robust_sigma",
         "tilt_distribution": "disc_probability probability_below slope_interval",
     },
 )

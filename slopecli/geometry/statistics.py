@@ -10,10 +10,8 @@ from numpy.typing import ArrayLike
 from slopecli.types import FloatArray
 
 MAD_FACTOR = 1.4826  # sigma of a Gaussian over its median absolute deviation
-CHI2_MEDIAN = 0.4549  # median of chi-square with 1 degree of freedom, 1 / MAD_FACTOR^2
-CHI2_MEDIAN_2 = 1.3863  # and with 2 degrees of freedom, 2 ln 2
-CHI2_1_IN_100 = {1: 6.63, 2: 9.21}  # that chi-square exceeds once in 100 times, by degrees of freedom
-CHI2_3 = 16.3  # that chi-square with 3 degrees of freedom exceeds once in 1000 times
+# quantiles of chi-square, by degrees of freedom and probability
+CHI2 = {(1, 0.5): 0.4549, (2, 0.5): 1.3863, (1, 0.99): 6.63, (2, 0.99): 9.21, (3, 0.999): 16.3}
 CERTAIN_SIGMAS = 3.0  # a difference that is larger has a cause
 GATE_SIGMAS = 2.5  # residual, in robust sigmas, at which a Geman-McClure weight is 1/4
 

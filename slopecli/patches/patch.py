@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from slopecli.geometry.statistics import CHI2_MEDIAN, median
+from slopecli.geometry.statistics import CHI2, median
 from slopecli.look.gradient_components import Labels, resized
 from slopecli.look.matches import Matches
 from slopecli.look.noise import LEAST_MATCH_PX
@@ -164,4 +164,4 @@ def overdispersion(normalised_squares: FloatArray) -> float:
     normalised_squares : (n,) squared residuals over their predicted variances.
     """
     least = np.interp(len(normalised_squares), [20, 60], [1.0, 0.25])
-    return max(median(normalised_squares) / CHI2_MEDIAN, float(least))
+    return max(median(normalised_squares) / CHI2[1, 0.5], float(least))

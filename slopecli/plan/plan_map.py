@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from slopecli.plan.result import Plan, PlannedWindow, sigma_text
 from slopecli.products.drawing import marks
-from slopecli.products.drawing.canvas import LARGEST_PX, SMALLEST_PX, converted, text_size
+from slopecli.products.drawing.canvas import LONG_SIDE_PX, converted, text_size
 from slopecli.products.drawing.colours import slope_range_colours
 from slopecli.products.drawing.legend import ColourBar, Sign, banner, draw_sheet, focus_sign, swatch
 from slopecli.products.drawing.lettering import SMALLEST_TEXT_PX, Label, Text, label_texts, write
@@ -27,7 +27,7 @@ UNITS = {"m": " m", "baseline": " baselines", "height": " of the height"}
 def draw_plan(plan: Plan) -> NDArray[np.uint8]:
     """Draw a plan, (h, w, 3) uint8 BGR, with a legend below and a warning above where two answers are likely."""
     longest = max(plan.camera.width, plan.camera.height)
-    scale = float(np.clip(1.0, SMALLEST_PX / longest, LARGEST_PX / longest))
+    scale = float(np.clip(1.0, LONG_SIDE_PX["smallest"] / longest, LONG_SIDE_PX["largest"] / longest))
     shape = round(plan.camera.height * scale), round(plan.camera.width * scale), 3
     picture = np.full(shape, (214, 214, 210), np.uint8)  # light grey: there is no image yet
     text_px = text_size(picture)

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from slopecli.geometry.camera import pixels_from_rays, rays_from_pixels
 from slopecli.products.drawing import marks
-from slopecli.products.drawing.canvas import LARGEST_PX, SMALLEST_MAP_PX, converted, ground, text_size
+from slopecli.products.drawing.canvas import LONG_SIDE_PX, converted, ground, text_size
 from slopecli.products.drawing.lettering import LEADING, Text, wrapped, write
 from slopecli.products.drawing.marks import Picture
 from slopecli.report.camera_summary import CameraFacts, corner_shifts
@@ -24,7 +24,7 @@ def draw_camera(facts: CameraFacts, lines: list[str], image: Image | None = None
     """Draw a camera, (h, w, 3) uint8 BGR, on its image or on grey, with the lines of its facts below."""
     camera = facts.camera
     longest = max(camera.width, camera.height)
-    scale = float(np.clip(1.0, SMALLEST_MAP_PX / longest, LARGEST_PX / longest))
+    scale = float(np.clip(1.0, LONG_SIDE_PX["smallest map"] / longest, LONG_SIDE_PX["largest"] / longest))
     shape = max(1, round(camera.height * scale)), max(1, round(camera.width * scale)), 3
     picture = np.full(shape, 214, np.uint8) if image is None else ground(image, scale).copy()
     text_px = text_size(picture)
@@ -71,7 +71,7 @@ def _circles(picture: Picture, camera: Camera, scale: float, text_px: int) -> li
         uv = pixels_from_rays(camera, x)
         for line in np.split(uv, np.flatnonzero(~np.isfinite(uv).all(axis=1))):
             line = _place(line[np.isfinite(line).all(axis=1)], scale)
-            if len(line) > 1 and np.abs(line).max() < 2 * LARGEST_PX:
+            if len(line) > 1 and np.abs(line).max() < 2 * LONG_SIDE_PX["largest"]:
                 marks.cased_stroke(picture, line, marks.COLOURS["paper"], 1)
         at = _place(uv[45:46], scale)[0]  # below and to the right of the axis
         if np.isfinite(at).all() and (at > text_px).all() and (at < np.array(picture.shape[1::-1]) - 3 * text_px).all():

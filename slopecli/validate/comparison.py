@@ -32,7 +32,6 @@ class ComparisonTunables:
 
 
 COMPARE = ComparisonTunables()
-FEWEST = 2 * MIN_ON_PLANE  # points of the truth under a patch
 
 
 @dataclass(frozen=True, eq=False)
@@ -100,10 +99,10 @@ def compare(result: Result, truth: Truth, surfaces: NDArray[Any] | None = None) 
     InputError : no patch has truth under it.
     """
     under = _points_under(result, truth, surfaces)
-    known = [plane for plane in result.planes if len(under[plane.id].points) >= FEWEST]
+    known = [plane for plane in result.planes if len(under[plane.id].points) >= 2 * MIN_ON_PLANE]
     if not known:
         raise InputError(
-            f"none of the {len(result.planes)} planes has {FEWEST} points of the truth under it; needed the "
+            f"none of the {len(result.planes)} planes has {2 * MIN_ON_PLANE} points of the truth under it; needed the "
             "truth of what image 1 shows"
         )
     others = surfaces is None  # where nothing says which points belong to the surface
@@ -183,7 +182,7 @@ def fit_plane(truth: Truth, robust: bool) -> TruePlane:
         plane = _fit(truth.some(kept))
         off = np.abs((truth.points - plane.middle) @ plane.normal)
         inside = off <= max(COMPARE.gate * MAD_FACTOR * median(off[kept]), 1e-9 * float(truth.points[:, 2].mean()))
-        if (inside == kept).all() or inside.sum() < FEWEST or not robust:
+        if (inside == kept).all() or inside.sum() < 2 * MIN_ON_PLANE or not robust:
             break
         kept = inside
     return _fit(truth.some(kept))

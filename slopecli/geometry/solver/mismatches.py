@@ -9,7 +9,7 @@ import numpy as np
 
 from slopecli.geometry.homography import four_point_homographies
 from slopecli.geometry.solver.observations import FINEST_RESIDUAL, Observations, Prediction, parameter_count
-from slopecli.geometry.statistics import CHI2_MEDIAN, CHI2_MEDIAN_2, median
+from slopecli.geometry.statistics import CHI2, median
 from slopecli.types import BoolArray, FloatArray
 
 FALSE_ALARM = 0.01  # probability that any point of a clean data set is called a mismatch
@@ -82,7 +82,7 @@ def residual_scale(squared: FloatArray, kept: BoolArray, dimensions: int, lost: 
         return FINEST_RESIDUAL
     values = squared[kept]
     middle = len(values) // 2
-    expected = CHI2_MEDIAN_2 if dimensions == 2 else CHI2_MEDIAN
+    expected = CHI2[2, 0.5] if dimensions == 2 else CHI2[1, 0.5]
     variance = float(np.partition(values, middle)[middle]) / expected / max(1.0 - lost, 0.1)
     return max(variance**0.5, FINEST_RESIDUAL)
 
@@ -126,7 +126,7 @@ def inliers(
 def _patch_scales(observations: Observations, squared: FloatArray) -> FloatArray:
     """(n,) robust scale of the patch each point is on."""
     medians = [median(squared[patch]) for patch in observations.slices()]
-    return observations.per_point(np.sqrt(np.array(medians) / CHI2_MEDIAN_2))
+    return observations.per_point(np.sqrt(np.array(medians) / CHI2[2, 0.5]))
 
 
 def _enough_each(observations: Observations, keep: BoolArray, squared: FloatArray) -> BoolArray:
@@ -169,5 +169,5 @@ def _patch_consensus(p: FloatArray, x2: FloatArray) -> BoolArray:
     rank = min((n + 5) // 2, n - 1)
     medians = np.partition(squared, rank, axis=1)[:, rank]
     best = int(np.argmin(medians))
-    scale = max(float(np.sqrt(medians[best] / CHI2_MEDIAN_2)) * (1.0 + 5.0 / (n - 4)), FINEST_RESIDUAL)
+    scale = max(float(np.sqrt(medians[best] / CHI2[2, 0.5])) * (1.0 + 5.0 / (n - 4)), FINEST_RESIDUAL)
     return squared[best] <= gate_squared(n) * scale**2

@@ -31,7 +31,7 @@ from slopecli.geometry.solver.solve import EXACT_RESIDUAL, solve_planes
 from slopecli.geometry.solver.uncertainty import small_sample
 from slopecli.geometry.solver.view_roots import judged
 from slopecli.geometry.solver.views import ViewPoints, ViewState, normal_equations_of_views, observe_views, view_terms
-from slopecli.geometry.statistics import CHI2_MEDIAN, CHI2_MEDIAN_2, median
+from slopecli.geometry.statistics import CHI2, median
 from slopecli.types import FloatArray, IntArray, Solution
 
 
@@ -219,9 +219,9 @@ def _within(points: ViewPoints, state: ViewState, relief: bool) -> ViewPoints:
     if relief:
         length = np.maximum(np.hypot(terms.slide[:, 0], terms.slide[:, 1]), np.finfo(float).tiny)
         across = terms.slide[:, 0] * terms.residual[:, 1] - terms.slide[:, 1] * terms.residual[:, 0]
-        squared, typical = points.weight * (across / length) ** 2, CHI2_MEDIAN
+        squared, typical = points.weight * (across / length) ** 2, CHI2[1, 0.5]
     else:
-        squared, typical = points.weight * (terms.residual**2).sum(axis=1), CHI2_MEDIAN_2
+        squared, typical = points.weight * (terms.residual**2).sum(axis=1), CHI2[2, 0.5]
     scale = max(median(squared[where]) / typical, EXACT_RESIDUAL**2)
     gate = gate_squared(int(np.count_nonzero(where))) * scale
     return replace(points, weight=np.where(squared <= gate, points.weight, 0.0))

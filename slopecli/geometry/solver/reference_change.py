@@ -14,7 +14,7 @@ import numpy as np
 
 from slopecli.geometry.epipolar import rotation_from_vector, skew
 from slopecli.geometry.solver.many_views import ViewsSolution
-from slopecli.geometry.statistics import CHI2_3
+from slopecli.geometry.statistics import CHI2
 from slopecli.types import BoolArray, FloatArray, IntArray
 
 # coordinates of two motions, a rotation vector and a position each, and those of the second one
@@ -99,7 +99,7 @@ def _compared(known: ViewsSolution, later: LaterViews) -> tuple[FloatArray, Floa
 def _agreeing(spread: FloatArray, off: FloatArray) -> BoolArray:
     """(c,) planes whose difference (3c,) is within its covariance (3c, 3c): right normals, but for one in 1000."""
     blocks = [slice(k, k + 3) for k in range(0, len(off), 3)]
-    return np.array([off[b] @ np.linalg.solve(spread[b, b], off[b]) < CHI2_3 for b in blocks], bool)
+    return np.array([off[b] @ np.linalg.solve(spread[b, b], off[b]) < CHI2[3, 0.999] for b in blocks], bool)
 
 
 def _moved(known: ViewsSolution, later: LaterViews, move: FloatArray, P: FloatArray) -> ViewsSolution:

@@ -20,10 +20,8 @@ from slopecli.geometry.solver.joint import Fit
 from slopecli.geometry.solver.observations import Observations, linearise, observe, predict
 from slopecli.geometry.solver.priors import MotionPrior
 from slopecli.geometry.solver.refinement import State, System, normal_equations, optimal_normals
-from slopecli.geometry.statistics import CHI2_1_IN_100
+from slopecli.geometry.statistics import CHI2
 from slopecli.types import FloatArray, IntArray
-
-JOINED_CHI2 = CHI2_1_IN_100[1]  # roots with a lower ridge between them are joined
 
 
 class Covariance(NamedTuple):
@@ -181,7 +179,7 @@ def roots_are_joined(fit: Fit, noise: float) -> bool:
     """Whether the motion half way between the first two roots fits nearly as well as the better one."""
     # cheap test by curvature: between two equal minima D sigmas apart the ridge rises to D^2 / 16; tenfold margin
     apart = np.concatenate([rotation_vector(fit.state.R[1] @ fit.state.R[0].T), fit.state.T[1] - fit.state.T[0]])
-    if apart @ fit.system.reduced[0, :6, :6] @ apart > 10.0 * 16.0 * JOINED_CHI2 * noise**2:
+    if apart @ fit.system.reduced[0, :6, :6] @ apart > 10.0 * 16.0 * CHI2[1, 0.99] * noise**2:
         return False
     R, T = nearest_rotation(fit.state.R[0] + fit.state.R[1]), fit.state.T[0] + fit.state.T[1]
     if np.linalg.norm(T) < 1.0:
@@ -193,7 +191,7 @@ def roots_are_joined(fit: Fit, noise: float) -> bool:
         form = fit.form(midway, W)
         midway, chi2 = optimal_normals(midway.R, midway.T, form)
         cost = float(chi2[0])
-    return cost - float(fit.system.chi2[0]) < JOINED_CHI2 * noise**2
+    return cost - float(fit.system.chi2[0]) < CHI2[1, 0.99] * noise**2
 
 
 def reaching_across(covariance: Covariance, state: State, index: int) -> Covariance:

@@ -8,7 +8,7 @@ import numpy as np
 
 from slopecli.geometry.epipolar import nearest_rotation, rotation_vector
 from slopecli.geometry.solver.many_views import Root, ViewsSolution, solution_of
-from slopecli.geometry.solver.uncertainty import JOINED_CHI2, by_chance
+from slopecli.geometry.solver.uncertainty import by_chance
 from slopecli.geometry.solver.views import (
     Reduced,
     ViewPoints,
@@ -18,6 +18,7 @@ from slopecli.geometry.solver.views import (
     take_step,
     view_terms,
 )
+from slopecli.geometry.statistics import CHI2
 from slopecli.types import FloatArray, IntArray
 
 
@@ -117,7 +118,7 @@ def are_joined(points: ViewPoints, first: Root, second: Root, unit: float) -> bo
     R = np.stack([nearest_rotation(one + other) for one, other in zip(a.R, b.R, strict=True)])
     middle = ViewState(R, 0.5 * (a.T + b.T), 0.5 * (a.N + b.N), 0.5 * (a.u + b.u), 0.5 * (a.z + b.z))
     ridge = min(_left(points, middle, first.q, held) for held in ("normals", "motions"))
-    return bool(ridge - first.system.chi2 < JOINED_CHI2 * unit**2)
+    return bool(ridge - first.system.chi2 < CHI2[1, 0.99] * unit**2)
 
 
 def _left(points: ViewPoints, state: ViewState, q: FloatArray, held: str, rounds: int = 4) -> float:

@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from slopecli.geometry.statistics import CHI2_1_IN_100
+from slopecli.geometry.statistics import CHI2
 from slopecli.ground.tilt_uncertainty import Root, focal_shift, motion_gain, normals_under
 from slopecli.ground.window_planes import WindowPlanes, fit_windows
 from slopecli.look.dense_depth import measure_depth
@@ -85,7 +85,7 @@ def _better(dense: WindowPlanes, solution: Solution, joined: Joined, index: IntA
         & (dense.planes.sure[0] >= DENSE.least_sure)
         & (dense.relief < DENSE.same_ground * solution.relief[index])
     )
-    return np.asarray(same & (own < DENSE.as_sure * sparse) & (apart**2 < CHI2_1_IN_100[2] * (own + sparse)))
+    return np.asarray(same & (own < DENSE.as_sure * sparse) & (apart**2 < CHI2[2, 0.99] * (own + sparse)))
 
 
 def _tilt_variance(normals: FloatArray, covariance: FloatArray) -> FloatArray:

@@ -8,7 +8,7 @@ import numpy as np
 
 from slopecli.geometry.epipolar import homogeneous
 from slopecli.geometry.motion import inverse_depth
-from slopecli.geometry.statistics import CHI2_MEDIAN, median
+from slopecli.geometry.statistics import CHI2, median
 from slopecli.look.matches import ON_PLANE_PX, Matches, pair_rays
 from slopecli.look.noise import LEAST_MATCH_PX, SYSTEMATIC_PX
 from slopecli.look.photometric import PlaneFit, View, align_plane, cell_shifts
@@ -35,7 +35,7 @@ def polish(patch: Patch, scene: Scene, cell: int) -> Patch:
     root = leverage * np.sqrt(patch.weight)
     normal = np.asarray(np.linalg.lstsq(homogeneous(x1) * root[:, None], w * root, rcond=None)[0])
     off = _misfit_px(normal, x1, x2, scene)
-    if median(off**2 * patch.weight) / LEAST_MATCH_PX**2 > 5 * CHI2_MEDIAN:  # 5 times the variance of noise: relief
+    if median(off**2 * patch.weight) / LEAST_MATCH_PX**2 > 5 * CHI2[1, 0.5]:  # 5 times the variance of noise: relief
         return patch
     view = view_of(patch.window, scene, FINE_PX, border=False)
     fit = _align_best(view, normal, scene, patch.score)

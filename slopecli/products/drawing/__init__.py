@@ -5,7 +5,7 @@ from slopecli.face import lazy_names
 __getattr__, __dir__ = lazy_names(
     __name__,
     {
-        "canvas": "LARGEST_PX SMALLEST_MAP_PX SMALLEST_PX map_frame",
+        "canvas": "LONG_SIDE_PX map_frame",
         "cell_shares": "cell_area_m2 share_text",
         "classes": "STEP STEP_COLOUR UNKNOWN cell_classes lightness_of sigma_classes slope_classes",
         "colours": "NO_REGION map_colours slope_colours",

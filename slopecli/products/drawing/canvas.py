@@ -12,13 +12,14 @@ from slopecli.errors import InputError
 from slopecli.products.drawing.marks import Picture
 from slopecli.types import FloatArray, Image, Report
 
-SMALLEST_PX, LARGEST_PX = 640, 2000  # long side of the drawing: legible below, quick to write and to open above
-SMALLEST_MAP_PX = 1200  # of maps, and of a scene of planes found as regions, which are many: numbers need room
+# long side of a drawing: numbers are legible from the smallest on, and what is larger takes long to write and to open.
+# Maps, and scenes of planes found as regions, which are many, need more room for them
+LONG_SIDE_PX = {"smallest": 640, "smallest map": 1200, "largest": 2000}
 
 
 def drawing_scale(report: Report, image: Image) -> float:
     """Return the scale of a drawing against image 1, whose long side lies between the limits above."""
-    return _within_limits(image, SMALLEST_MAP_PX if report.found else SMALLEST_PX)
+    return _within_limits(image, LONG_SIDE_PX["smallest map"] if report.found else LONG_SIDE_PX["smallest"])
 
 
 @dataclass(frozen=True)
@@ -37,13 +38,13 @@ class Frame:
 
 def map_frame(image: Image) -> Frame:
     """Return the frame of a map with small marks, which stays legible at half its size."""
-    scale = _within_limits(image, SMALLEST_MAP_PX)
+    scale = _within_limits(image, LONG_SIDE_PX["smallest map"])
     height, width = resized(image.grey, scale).shape
     return Frame(height, width, scale, text_size(np.empty((height, width, 0), np.uint8)))
 
 
 def _within_limits(image: Image, smallest: int) -> float:
-    return float(np.clip(1.0, smallest / max(image.grey.shape), LARGEST_PX / max(image.grey.shape)))
+    return float(np.clip(1.0, smallest / max(image.grey.shape), LONG_SIDE_PX["largest"] / max(image.grey.shape)))
 
 
 def ground(image: Image, scale: float) -> Picture:

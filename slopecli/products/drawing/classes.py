@@ -20,8 +20,10 @@ UNKNOWN, STEP = -1, -2  # in place of a class: no slope is known; the footprint 
 STEP_COLOUR = COLOURS["ink"]
 SIGMA_EDGES_DEG = (0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0)
 # from dark to light; one side of the tolerance is blue and the other orange, also without red-green vision
-GENTLE: Sequence[Colour] = ((10, 26, 80), (28, 76, 168), (90, 150, 225), (190, 216, 250))
-STEEP: Sequence[Colour] = ((80, 28, 0), (184, 74, 8), (240, 140, 36), (255, 238, 150))
+RAMPS: dict[str, Sequence[Colour]] = {
+    "gentle": ((10, 26, 80), (28, 76, 168), (90, 150, 225), (190, 216, 250)),
+    "steep": ((80, 28, 0), (184, 74, 8), (240, 140, 36), (255, 238, 150)),
+}
 LIGHTNESS = (20.0, 92.0)  # CIELAB L* of the first class and of the last
 
 
@@ -68,7 +70,7 @@ def classes_between(edges_deg: Sequence[float], tolerance: float, unit: SlopeUni
     edges = tuple(sorted({float(edge) for edge in (*edges_deg, tolerance) if edge > 0}))
     steep_from = edges.index(tolerance) + 1
     lightness = np.linspace(*LIGHTNESS, len(edges) + 1)
-    gentle, steep = _of_lightness(tuple(GENTLE), lightness), _of_lightness(tuple(STEEP), lightness)
+    gentle, steep = (_of_lightness(tuple(ramp), lightness) for ramp in RAMPS.values())
     return Classes(edges, np.vstack([gentle[:steep_from], steep[steep_from:]]), steep_from, unit)
 
 
