@@ -154,6 +154,40 @@ def test_no_module_name_stands_in_two_rooms() -> None:
     assert [name for name, times in Counter(names).items() if times > 1] == []
 
 
+def has_number(value: ast.expr | None) -> bool:
+    """Whether a number other than 0, which stands for nothing, is part of an expression."""
+    return value is not None and any(
+        isinstance(node, ast.Constant) and type(node.value) in (int, float) and node.value for node in ast.walk(value)
+    )
+
+
+def constants_of(tree: ast.Module) -> list[str]:
+    """Names in capitals that a module gives a number, or a table of numbers."""
+    given = [node for node in tree.body if isinstance(node, ast.Assign | ast.AnnAssign) and has_number(node.value)]
+    targets = [target for node in given for target in (node.targets if isinstance(node, ast.Assign) else [node.target])]
+    leaves = [leaf for target in targets for leaf in (target.elts if isinstance(target, ast.Tuple) else [target])]
+    return [leaf.id for leaf in leaves if isinstance(leaf, ast.Name) and leaf.id.isupper()]
+
+
+def default_numbers_of(tree: ast.Module) -> list[str]:
+    """Fields of dataclasses and named tuples whose default is a number."""
+    kinds = [node for node in ast.walk(tree) if isinstance(node, ast.ClassDef)]
+    return [
+        f"{kind.name}.{ast.unparse(field.target)}"
+        for kind in kinds
+        for field in kind.body
+        if isinstance(field, ast.AnnAssign) and has_number(field.value)
+    ]
+
+
+def test_numbers_are_few() -> None:
+    """A number that no measurement defends is not introduced; one that states a known fact is imported."""
+    constants = [name for path in MODULES for name in constants_of(parse(path))]
+    defaults = [name for path in MODULES for name in default_numbers_of(parse(path))]
+    assert len(constants) <= 240
+    assert len(constants) + len(defaults) <= 505
+
+
 @pytest.mark.parametrize("path", CALLERS, ids=lambda path: path.name)
 def test_tests_and_benchmarks_import_from_rooms(path: Path) -> None:
     rooms = {".".join(module.relative_to(ROOT).parts[:-1]) for module in MODULES}

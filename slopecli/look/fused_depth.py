@@ -28,7 +28,6 @@ class FusionTunables:
     # slopes: with three times as much all ground seen at an angle would be one
     steps_at: float = 0.15
     beside_px: int = 5  # grid px to either side over which a depth to begin with is smoothed, see `to_begin_with`
-    like_px: float = 1.0  # displacement, under the longest baseline so far, by which pixels smoothed together differ
 
 
 FUSION = FusionTunables()
@@ -85,7 +84,7 @@ def to_begin_with(depths: Sequence[DenseDepth], baselines: Sequence[float]) -> F
     """
     fused = fuse_depths(depths, baselines)
     shift_px = float(np.median(fused.shift_px[fused.known])) if fused.known.any() else 1.0
-    reach, like = FUSION.beside_px, FUSION.like_px / max(shift_px, 1e-3)
+    reach, like = FUSION.beside_px, 1.0 / max(shift_px, 1e-3)  # px of displacement
     smooth = cv2.bilateralFilter(np.log(fused.w), 2 * reach + 1, like, reach / 1.5)
     return np.asarray(np.exp(smooth) / np.float32(baselines[0]), np.float32)
 

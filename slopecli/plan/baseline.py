@@ -16,7 +16,7 @@ from slopecli.plan.plan_options import Of
 from slopecli.plan.prediction import planned_parallax, slope_sigmas
 from slopecli.types import FloatArray
 
-SHORTEST, LONGEST = 1e-3, 10.0  # baselines tried, in heights
+BASELINES = (1e-3, 10.0)  # shortest and longest tried, in heights
 TRIED = 60  # how many between them: what they miss is found by halving
 
 
@@ -39,11 +39,13 @@ def needed_baseline(flight: Flight, sigma_rad: float, of: Of = "worst", *, ample
     """
     refuse_sky(flight)
     onset = _onset(
-        np.geomspace(SHORTEST, LONGEST, TRIED),
+        np.geomspace(*BASELINES, TRIED),
         lambda baseline: bool((in_image2(flight, baseline).mean(axis=1) < LEAST_MATCHED).any()),
     )
-    longest = LONGEST if onset is None else onset[0]  # from there on some window has less than half of it in image 2
-    tried = np.geomspace(SHORTEST, longest, TRIED) if longest >= SHORTEST else np.empty(0)
+    longest = (
+        BASELINES[1] if onset is None else onset[0]
+    )  # from there on some window has less than half of it in image 2
+    tried = np.geomspace(BASELINES[0], longest, TRIED) if longest >= BASELINES[0] else np.empty(0)
     sigmas = {0.0: float("inf")}  # at the baselines tried
 
     def reaches(baseline: float) -> bool:
@@ -95,7 +97,7 @@ def _has_parallax(flight: Flight, seen: Seen, ample: bool) -> bool:
 def _unreachable(flight: Flight, sigma_rad: float, of: Of, best: tuple[float, float], longest: float) -> NoAnswer:
     failed = f"no baseline reaches {np.degrees(sigma_rad):.3g} deg in the {of} window"
     if not np.isfinite(best[0]):
-        lost = 1 + int(np.argmin(in_image2(flight, SHORTEST).mean(axis=1)))
+        lost = 1 + int(np.argmin(in_image2(flight, BASELINES[0]).mean(axis=1)))
         said = f"window {lost} does not see the ground, or not from both places"
         remedy = "leave that window out with --window, or turn the camera to the ground with --up"
         return NoAnswer("no-overlap", f"{failed}: {said}", remedy)
@@ -130,6 +132,6 @@ def _smallest(sigma_rad: float, best: tuple[float, float], longest: float) -> st
     found = f"the smallest sigma there is is {text} deg, at {best[1]:.3g} of the height"
     if best[1] < longest:
         return f"{found}; with a longer baseline it grows again"
-    if longest < LONGEST:
+    if longest < BASELINES[1]:
         return f"{found}, and with a longer baseline some window has less than half of it in image 2"
     return f"{found}, the longest baseline tried"

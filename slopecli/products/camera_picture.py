@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 from slopecli.geometry.camera import pixels_from_rays, rays_from_pixels
 from slopecli.products.drawing import marks
 from slopecli.products.drawing.canvas import LONG_SIDE_PX, converted, ground, text_size
-from slopecli.products.drawing.lettering import LEADING, Text, wrapped, write
-from slopecli.products.drawing.marks import Picture
+from slopecli.products.drawing.lettering import Text, wrapped, write
+from slopecli.products.drawing.marks import LAYOUT, Picture
 from slopecli.report.camera_summary import CameraFacts, corner_shifts
 from slopecli.types import Camera, FloatArray, Image
 
@@ -113,7 +113,7 @@ def _corners(facts: CameraFacts, shape: tuple[int, ...], text_px: int) -> list[T
 
 def _legend(lines: list[str], width: int, text_px: int) -> Picture:
     """A strip of text, (h, width, 3) uint8 RGB."""
-    left, values, leading = text_px, 10 * text_px, 1.3 * LEADING * text_px
+    left, values, leading = text_px, 10 * text_px, 1.3 * LAYOUT["leading"] * text_px
     texts, v = [], leading
     for line in lines:
         name, gap, value = line.partition("  ")

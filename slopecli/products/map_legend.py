@@ -20,9 +20,9 @@ from slopecli.products.drawing.ground_marks import (
     scale_bar,
     site_circle,
 )
-from slopecli.products.drawing.legend import ROW, SIGN_WIDTH, UP_WORDS, Sign, Strip, banner, level_banners
-from slopecli.products.drawing.lettering import LEADING, Text, text_width, wrapped, write
-from slopecli.products.drawing.marks import COLOURS, Colour, Picture
+from slopecli.products.drawing.legend import UP_WORDS, Sign, Strip, banner, level_banners
+from slopecli.products.drawing.lettering import Text, text_width, wrapped, write
+from slopecli.products.drawing.marks import COLOURS, LAYOUT, Colour, Picture
 from slopecli.products.drawing.patterns import (
     Pattern,
     lay_nothing,
@@ -135,7 +135,7 @@ def draw_map_legend(
     strip.start(1.2 * large)
     for line in wrapped(title, large, width - 2 * size):
         strip.texts.append(Text((size, strip.v), line, large, "lm", COLOURS["ink"], None))
-        strip.v += LEADING * large
+        strip.v += LAYOUT["leading"] * large
     strip.v += 0.5 * size
     if slope_map is not None:
         _orientation(strip, slope_map, frame.scale)
@@ -144,7 +144,7 @@ def draw_map_legend(
     strip.start(strip.v - 0.2 * size)
     for line in wrapped(caption, size, width - 2 * size):
         strip.note(line, size, strip.v)
-        strip.v += LEADING * size
+        strip.v += LAYOUT["leading"] * size
     sheet = np.full((round(strip.v + 0.3 * size), width, 3), COLOURS["paper"], np.uint8)
     for sign, centre in strip.signs:
         sign(sheet, centre, 0.55 * size)
@@ -155,14 +155,14 @@ def _columns(strip: Strip, entries: Sequence[Entry]) -> None:
     """Append entries in columns of one width."""
     if not entries:
         return
-    widest = SIGN_WIDTH * strip.size + max(text_width(text, strip.size) for text, _ in entries) + 1.3 * strip.size
+    widest = LAYOUT["sign"] * strip.size + max(text_width(text, strip.size) for text, _ in entries) + 1.3 * strip.size
     count = max(1, int((strip.width - strip.size) // widest))
     for k, (text, sign) in enumerate(entries):
         if k and k % count == 0:
-            strip.v += ROW * strip.size
+            strip.v += LAYOUT["line"] * strip.size
         strip.u = strip.size + (k % count) * widest
         strip.add(text, sign)
-    strip.start(strip.v + ROW * strip.size)
+    strip.start(strip.v + LAYOUT["line"] * strip.size)
 
 
 def _orientation(strip: Strip, slope_map: SlopeMap, scale: float) -> None:
@@ -175,12 +175,12 @@ def _orientation(strip: Strip, slope_map: SlopeMap, scale: float) -> None:
         metres, length_px = bar
         text = f"{metres:g} m, in the middle"
         if strip.u + length_px + strip.size + text_width(text, strip.size) > strip.width:
-            strip.start(strip.v + ROW * strip.size)
+            strip.start(strip.v + LAYOUT["line"] * strip.size)
         left = np.array([strip.u, strip.v])
         strip.signs.append((lambda sheet, centre, radius: scale_bar(sheet, centre, length_px, 1.2 * radius), left))
         strip.note(text, strip.u + length_px + 0.7 * strip.size, strip.v)
     if north is not None or bar is not None:
-        strip.start(strip.v + ROW * strip.size)
+        strip.start(strip.v + LAYOUT["line"] * strip.size)
 
 
 def _class_entries(classes: Classes, cells: Cells, text_px: int, slope_map: SlopeMap | None = None) -> list[Entry]:

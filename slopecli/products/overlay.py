@@ -13,7 +13,7 @@ from slopecli.products.drawing.canvas import converted, drawing_scale, ground, r
 from slopecli.products.drawing.colours import slope_colours
 from slopecli.products.drawing.legend import draw_banner, draw_legend
 from slopecli.products.drawing.lettering import Text, badge_centre, label_texts, write
-from slopecli.products.drawing.marks import TINT, Picture
+from slopecli.products.drawing.marks import LAYOUT, Picture
 from slopecli.products.drawing.outlines import Footprint, footprints_of
 from slopecli.products.drawing.placement import Placed, box_around, place_labels
 from slopecli.products.windows_picture import draw_windows
@@ -66,7 +66,7 @@ def _tinted(footprint: Footprint, grey: NDArray[np.uint8]) -> Picture:
     """Ground under one patch in the colour of its slope; grey without colour where it is not known."""
     slope_deg = footprint.slope_deg
     colour = np.array(marks.COLOURS["no answer"]) if slope_deg is None else slope_colours(slope_deg)[0]
-    levels = (1 - TINT) * np.arange(256.0)[:, None] + TINT * colour
+    levels = (1 - LAYOUT["tint"]) * np.arange(256.0)[:, None] + LAYOUT["tint"] * colour
     return np.asarray(cv2.LUT(converted(grey, cv2.COLOR_GRAY2RGB), levels.astype(np.uint8)[:, None]), np.uint8)
 
 

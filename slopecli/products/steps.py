@@ -13,7 +13,7 @@ from slopecli.products.drawing import marks
 from slopecli.products.drawing.canvas import converted, drawing_scale, resized, text_size
 from slopecli.products.drawing.colours import map_colours
 from slopecli.products.drawing.legend import ColourBar, draw_sheet
-from slopecli.products.drawing.marks import TINT, Picture
+from slopecli.products.drawing.marks import LAYOUT, Picture
 from slopecli.products.drawing.outlines import footprints_of
 from slopecli.products.drawing.placement import place_numbers
 from slopecli.products.overlay import draw_labels
@@ -95,5 +95,5 @@ def _ramp(share: NDArray[np.float32], dark: marks.Colour, light: marks.Colour) -
 def _tinted(regions: NDArray[np.int32], grey: Picture) -> Picture:
     """Image in grey with every region in its colour."""
     shown = cv2.resize(regions, grey.shape[1::-1], interpolation=cv2.INTER_NEAREST_EXACT)
-    mixed = cv2.addWeighted(map_colours(regions)[shown], TINT, grey, 1.0 - TINT, 0.0)
+    mixed = cv2.addWeighted(map_colours(regions)[shown], LAYOUT["tint"], grey, 1.0 - LAYOUT["tint"], 0.0)
     return np.asarray(mixed, np.uint8)

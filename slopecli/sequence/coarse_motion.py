@@ -11,6 +11,7 @@ from slopecli.geometry.epipolar import homogeneous, rotation_from_vector, rotati
 from slopecli.geometry.solver.resection import Motion, Resection, resect
 from slopecli.geometry.solver.views import predict_views
 from slopecli.look.features import EFFORTS, QUICK, FeatureMemory, Grey, match_sift
+from slopecli.look.matches import ON_PLANE_PX
 from slopecli.sequence.tracking_tunables import TRACKING
 from slopecli.sequence.tracks import Tracks
 from slopecli.types import BoolArray, Camera, FloatArray
@@ -97,7 +98,7 @@ class CoarseMotion:
             return None
         found = resect(p, x, u, starts, FLOOR_PX / self.camera.focal_px)
         # a wrong motion agrees with many points if its tolerance is wide
-        sure = found.share >= TRACKING.least_share and found.sigma * self.camera.focal_px < TRACKING.most_sigma_px
+        sure = found.share >= TRACKING.least_agreement and found.sigma * self.camera.focal_px < ON_PLANE_PX
         return found if sure and np.count_nonzero(found.fits) >= 12 else None
 
     def _pixels(self, p: FloatArray, u: FloatArray, motion: Motion) -> tuple[FloatArray, FloatArray]:

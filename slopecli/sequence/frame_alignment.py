@@ -17,6 +17,7 @@ from slopecli.geometry.camera import pixels_from_rays, rays_from_pixels
 from slopecli.geometry.epipolar import homogeneous
 from slopecli.geometry.solver.views import predict_views
 from slopecli.look.features import Grey
+from slopecli.look.warp import NODE_STEP
 from slopecli.sequence.tracking_tunables import TRACKING
 from slopecli.sequence.tracks import Tracks
 from slopecli.types import BoolArray, Camera, FloatArray, IntArray
@@ -50,7 +51,7 @@ class Nodes:
     @classmethod
     def of(cls, windows: list[Window], camera: Camera) -> Nodes:
         """Nodes every `map_step_px`, placed as `cv2.resize` enlarges them."""
-        step = TRACKING.map_step_px
+        step = NODE_STEP
         rows, columns = -(-camera.height // step), -(-camera.width // step)
         v = (np.arange(rows) + 0.5) * camera.height / rows - 0.5
         u = (np.arange(columns) + 0.5) * camera.width / columns - 0.5

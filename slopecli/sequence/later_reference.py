@@ -17,6 +17,7 @@ from slopecli.geometry.solver.reference_change import last_view
 from slopecli.geometry.solver.resection import Motion
 from slopecli.geometry.statistics import median
 from slopecli.look.features import Grey
+from slopecli.look.matches import ON_PLANE_PX
 from slopecli.sequence.carried_windows import CarriedWindows, later_tracks
 from slopecli.sequence.coarse_motion import CoarseMotion
 from slopecli.sequence.frame_alignment import Aligner
@@ -55,10 +56,10 @@ class Follower:
             return Skipped("foreign", "does not show the ground of the frames before")
         motion: Motion = (placed.R, placed.T)
         found = self.aligner.find(frame, motion, estimator.normals, u, alive)
-        if found.likeness < TRACKING.least_likeness:
+        if found.likeness < TRACKING.least_agreement:
             return Skipped("foreign", "does not look like the ground where it should be")
         share = estimator.share_of(found, motion)
-        if share < TRACKING.least_share:
+        if share < TRACKING.least_agreement:
             return Skipped("foreign", f"agrees with the frames before at {100 * share:.0f} % of its points only")
         estimator.add(found, motion)
         self.coarse.accept(frame, estimator.motion)
@@ -155,11 +156,11 @@ class LaterReference:
             return None
         known = np.ones(len(self.u), bool)
         found = self.aligner.find(frame, (R, T), self.normals, self.u, known, levels=1)
-        if found.likeness < TRACKING.least_likeness or np.count_nonzero(found.seen) < 0.5 * len(self.u):
+        if found.likeness < TRACKING.least_agreement or np.count_nonzero(found.seen) < 0.5 * len(self.u):
             return None
         estimator = ViewEstimator(self.aligner.tracks, camera.focal_px)
         estimator.start_from(found, R, T / length, self.normals * length, self.u * length)
-        if estimator.best.root.noise * camera.focal_px > TRACKING.most_sigma_px:
+        if estimator.best.root.noise * camera.focal_px > ON_PLANE_PX:
             return None
         coarse = CoarseMotion(camera, self.aligner.tracks, self.aligner.grey)
         coarse.accept(frame, estimator.motion)

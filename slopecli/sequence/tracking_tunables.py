@@ -21,11 +21,10 @@ class TrackingTunables:
     shared_errors: int = 12  # variables for the errors of the motions of views summed up; more change nothing
     new_view: float = 0.1  # of its baseline: a view that moved less replaces the last, as errors repeat
     lk_px: int = 17  # window of Lucas and Kanade on the aligned frame
-    map_step_px: int = 8  # between the nodes of the depth that a frame is aligned by
     coarse_points: int = 400  # points by which the motion between two frames is found
-    least_share: float = 0.4  # of the coarse points that agree with a motion; with fewer the frame is not understood
-    most_sigma_px: float = 1.0  # 1-sigma of the points under a motion: with more it is another motion, or other ground
-    least_likeness: float = 0.4  # correlation of the aligned frame with the reference: a moving shadow leaves 0.7
+    # of the coarse points, those that agree with a motion, and correlation of the aligned frame with the reference, of
+    # which a moving shadow leaves 0.7: with less the frame is not understood
+    least_agreement: float = 0.4
     misses: int = 2  # frames in turn whose track contradicts the rest, after which it is given up
     flat_grey: float = 4.0  # 1-sigma of the grey values of a frame below which it shows nothing
     same_grey: float = 0.2  # mean difference of two frames, grey levels, below which one repeats the other

@@ -22,6 +22,7 @@ from slopecli.geometry.solver.resection import Motion, resect
 from slopecli.geometry.solver.summed_views import sum_up
 from slopecli.geometry.solver.view_roots import judged
 from slopecli.geometry.solver.views import Summed, ViewPoints, ViewState
+from slopecli.look.matches import ON_PLANE_PX
 from slopecli.look.noise import correlation_gain
 from slopecli.patches.windows.tunables import TUNE
 from slopecli.sequence.frame_alignment import Found
@@ -214,7 +215,7 @@ class ViewEstimator:
         across = np.abs(along_axis[0] * e[1] - along_axis[1] * e[0])
         noise = max(line.root.noise, self._floor) * found.zoom
         sigma = np.median(across[used]) * 1.4826 if used.any() else noise
-        sigma = min(max(noise, float(sigma)), max(noise, TRACKING.most_sigma_px / self._focal_px))
+        sigma = min(max(noise, float(sigma)), max(noise, ON_PLANE_PX / self._focal_px))
         spread = np.hypot(sigma, length * noise * np.sqrt(np.maximum(t, 0.0)))
         return np.asarray((across < 4.5 * sigma) & (along < 4.5 * np.hypot(spread, sigma)))
 

@@ -38,9 +38,8 @@ LOOKS_LIKE_DISTORTION = "coef|distor|^r?dist(?!ance)|radial|tangential|lensparam
 class Bounds:
     """What no camera is beyond. The middle of a pinhole's range is far narrower: `findings.camera_checks`."""
 
-    least_focal: float = 0.15  # over the longer side of the image; millimetres and shares of the width fall below
+    focal: tuple[float, float] = (0.15, 1000.0)  # over the longer side of the image; millimetres, shares fall below
     least_wide_focal: float = 0.06  # the same of fisheye lenses
-    most_focal: float = 1000.0
     largest_coefficient: float = 1e6  # rational models have a few hundred
     least_seen: float = 0.1  # of the pixels of an image must have a ray
 
@@ -248,7 +247,7 @@ def _check_focal(value: float, name: str, size: Size, model: CameraModel) -> Non
         raise InputError(f"{name} = {value:g} is negative, needed a focal length in pixels")
     longer = max(size)
     wide = model in WIDE
-    if (BOUNDS.least_wide_focal if wide else BOUNDS.least_focal) * longer <= value <= BOUNDS.most_focal * longer:
+    if (BOUNDS.least_wide_focal if wide else BOUNDS.focal[0]) * longer <= value <= BOUNDS.focal[1] * longer:
         return
     lens = "no fisheye lens" if wide else "no lens but a fisheye"
     sees = f"a field of view of {2 * math.degrees(math.atan(longer / 2 / value)):.3g} deg"

@@ -23,7 +23,7 @@ from slopecli.look.noise import MAX_GAIN, ROUNDING_GREY
 from slopecli.look.photometric import TILTS, View, align_plane
 from slopecli.look.scene import FINE_PX, Scene, view_of
 from slopecli.look.warp import covered, map_nodes, node_shape, sample_grey, sample_layer, spread_table
-from slopecli.options import Options
+from slopecli.options import MANY_WINDOWS, Options
 from slopecli.patches.patch import IN_DOUBT_DEG, Patch
 from slopecli.patches.windows.borrowed import angles, from_elsewhere, shares, similarity
 from slopecli.patches.windows.tunables import TUNE
@@ -37,7 +37,6 @@ class OrientationTunables:
     faint_score: float = 0.55  # own matches that agree less, and are in doubt, are chance as often as not
     starts: int = 3  # known orientations that a faint window is aligned from, those of the least misfit
     better: float = 0.05  # growth of the correlation by which another start is no chance
-    most_windows: int = 100  # in a finer grid the planes next to a window tell more than orientations far away
     most_known: int = 12  # orientations compared: rooms and streets have fewer
     same_rad: float = float(np.radians(1.5))  # orientations nearer to each other are compared once
     sure_rad: float = float(np.radians(3.0))  # 1-sigma of the tilt of a plane whose orientation counts as known
@@ -76,7 +75,7 @@ def with_known_orientations(patches: list[Patch], scene: Scene, rematch: Rematch
 
     rematch : matches a window anew, guided by a plane; used where texture aligns better from a known orientation.
     """
-    if len(patches) > KNOWN.most_windows:
+    if len(patches) >= MANY_WINDOWS:
         return patches
     faint, mute = [_is_faint(patch) for patch in patches], [_is_mute(patch, scene) for patch in patches]
     if not any(faint + mute):

@@ -12,14 +12,12 @@ from numpy.typing import NDArray
 from slopecli.options import Options
 from slopecli.products.drawing import marks
 from slopecli.products.drawing.colours import SLOPE_RANGE_DEG, slope_range_colours
-from slopecli.products.drawing.lettering import LEADING, Text, text_width, wrapped, write
-from slopecli.products.drawing.marks import Picture
+from slopecli.products.drawing.lettering import Text, text_width, wrapped, write
+from slopecli.products.drawing.marks import LAYOUT, Picture
 from slopecli.report.second_root import margin
 from slopecli.report.slope_units import SlopeUnit, slope_unit_of
 from slopecli.types import FloatArray, Report
 
-SIGN_WIDTH = 4.0  # of the text size, with the gap to the text
-ROW = 2.1  # height of a line over the text size
 UP_WORDS = {
     "camera": "the camera's axis, taken as vertical",
     "given": "the given up direction",
@@ -47,11 +45,11 @@ class Strip:
 
     def add(self, text: str, sign: Sign) -> None:
         """Append a sign and its meaning, on the next line if this one is full."""
-        length = SIGN_WIDTH * self.size + text_width(text, self.size)
+        length = LAYOUT["sign"] * self.size + text_width(text, self.size)
         if self.u + length > self.width and self.u > self.size:
-            self.start(self.v + ROW * self.size)
-        self.signs.append((sign, np.array([self.u + 0.5 * (SIGN_WIDTH - 0.6) * self.size, self.v])))
-        self.note(text, self.u + SIGN_WIDTH * self.size, self.v)
+            self.start(self.v + LAYOUT["line"] * self.size)
+        self.signs.append((sign, np.array([self.u + 0.5 * (LAYOUT["sign"] - 0.6) * self.size, self.v])))
+        self.note(text, self.u + LAYOUT["sign"] * self.size, self.v)
         self.u += length + 1.3 * self.size
 
     def note(self, text: str, u: float, v: float, anchor: str = "lm") -> None:
@@ -80,10 +78,10 @@ def draw_sheet(
     strip.start(strip.size if bar is None else bar_v + bar_height + 3.1 * strip.size)
     for text, sign in entries:
         strip.add(text, sign)
-    strip.start(strip.v + ROW * strip.size if entries else strip.v)
+    strip.start(strip.v + LAYOUT["line"] * strip.size if entries else strip.v)
     for line in wrapped(caption, strip.size, width - 2 * strip.size):
         strip.note(line, strip.size, strip.v)
-        strip.v += LEADING * strip.size
+        strip.v += LAYOUT["leading"] * strip.size
     sheet = np.full((round(strip.v + 0.3 * strip.size), width, 3), marks.COLOURS["paper"], np.uint8)
     if bar is not None:
         _draw_bar(sheet, strip, bar_v, bar_height, bar)
@@ -136,8 +134,10 @@ def level_banners(report: Report, width: int, text_px: int) -> list[Picture]:
 def banner(sentence: str, width: int, text_px: int) -> Picture:
     """Draw a warning, (h, width, 3) uint8 RGB."""
     lines = wrapped(sentence, text_px, width - 2 * text_px)
-    sheet = np.full((round((len(lines) * LEADING + 0.8) * text_px), width, 3), marks.COLOURS["warning"], np.uint8)
-    rows = (np.arange(len(lines)) + 0.5) * LEADING * text_px + 0.4 * text_px
+    sheet = np.full(
+        (round((len(lines) * LAYOUT["leading"] + 0.8) * text_px), width, 3), marks.COLOURS["warning"], np.uint8
+    )
+    rows = (np.arange(len(lines)) + 0.5) * LAYOUT["leading"] * text_px + 0.4 * text_px
     texts = [
         Text((text_px, float(v)), s, text_px, "lm", marks.COLOURS["ink"], None)
         for v, s in zip(rows, lines, strict=True)

@@ -10,12 +10,11 @@ from typing import Any
 
 import numpy as np
 
-from slopecli.products.drawing.marks import COLOURS, Colour, Picture
+from slopecli.products.drawing.marks import COLOURS, LAYOUT, Colour, Picture
 from slopecli.products.drawing.outlines import Footprint
 from slopecli.report.slope_units import SLOPE_UNITS, SlopeUnit
 from slopecli.types import AlternativePlane, FloatArray, Plane, Rejected
 
-LEADING = 1.22  # row height over font size
 SMALLEST_TEXT_PX = 9  # legible
 UNKNOWN = "?"  # in place of a slope that is not known
 LEVEL = "level"  # in place of the slope of the plane that is taken as level
@@ -43,7 +42,7 @@ class Label:
     def extent(self) -> FloatArray:
         """(2,) width and height, px, margin included."""
         return (
-            np.array([max(self.row_widths), LEADING * self.size * len(self.rows)]) + 6.0
+            np.array([max(self.row_widths), LAYOUT["leading"] * self.size * len(self.rows)]) + 6.0
         )  # 3 px around it are kept free
 
 
@@ -61,7 +60,7 @@ class Text:
 
 def label_texts(label: Label, centre: FloatArray) -> list[Text]:
     """Lay out the rows of a label around its centre (2,)."""
-    tops = (np.arange(len(label.rows)) - 0.5 * (len(label.rows) - 1)) * LEADING * label.size
+    tops = (np.arange(len(label.rows)) - 0.5 * (len(label.rows) - 1)) * LAYOUT["leading"] * label.size
     shift = label.row_widths[0] - text_width(label.rows[0], label.size)
     return [
         Text((float(centre[0] + (0.5 * shift if i == 0 else 0.0)), float(centre[1] + top)), row, label.size, "mm")
@@ -71,7 +70,7 @@ def label_texts(label: Label, centre: FloatArray) -> list[Text]:
 
 def badge_centre(label: Label, centre: FloatArray) -> FloatArray:
     """Return where the badge of a label at `centre` goes, (2,)."""
-    rise = 0.5 * (len(label.rows) - 1) * LEADING * label.size
+    rise = 0.5 * (len(label.rows) - 1) * LAYOUT["leading"] * label.size
     return np.asarray(centre) + np.array([label.badge_radius - 0.5 * label.row_widths[0], -rise])
 
 

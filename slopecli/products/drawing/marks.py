@@ -36,10 +36,16 @@ BADGE_COLOURS = {
     "rejected": COLOURS["no answer"],
     "level": COLOURS["paper"],
 }
-TINT = 0.6  # share of a patch's colour; the rest keeps the ground recognisable
+# heights and widths over the size of the text, and shares
+LAYOUT = {
+    "leading": 1.22,  # of a row
+    "line": 2.1,  # of a line of a legend
+    "sign": 4.0,  # width of its signs, with the gap to the text
+    "tint": 0.6,  # of a patch's colour; the rest keeps the ground recognisable
+    "dash": 0.45,  # of the period; round line ends make it look longer
+}
 
 SHIFT = 4  # OpenCV draws at 1/16 px
-DASH = 0.45  # share of the period; round line ends make it look longer
 # lines of the signs in a badge of radius 1: a tick, a cross, a question mark without its dot, a bar, two lines
 SIGNS = {
     "safe": ([[-0.5, 0.05], [-0.12, 0.42], [0.52, -0.4]],),
@@ -149,7 +155,7 @@ def dashes(points: FloatArray, period: float) -> list[FloatArray]:
     pieces = []
     for start, end in zip(points, np.roll(points, -1, axis=0), strict=True):
         count = max(1, round(float(np.linalg.norm(end - start)) / period))
-        cuts = np.clip((np.arange(count + 1)[:, None] + [-DASH / 2, DASH / 2]) / count, 0.0, 1.0)
+        cuts = np.clip((np.arange(count + 1)[:, None] + [-LAYOUT["dash"] / 2, LAYOUT["dash"] / 2]) / count, 0.0, 1.0)
         pieces += [start + cut[:, None] * (end - start) for cut in cuts]
     return pieces
 
@@ -160,7 +166,7 @@ def curve_dashes(points: FloatArray, period: float) -> list[FloatArray]:
     reached = np.append(0.0, np.cumsum(np.linalg.norm(np.diff(closed, axis=0), axis=1)))
     count = max(1, round(float(reached[-1]) / period))
     pieces = []
-    for start, end in (np.arange(count)[:, None] + [0.0, DASH]) * reached[-1] / count:
+    for start, end in (np.arange(count)[:, None] + [0.0, LAYOUT["dash"]]) * reached[-1] / count:
         stops = np.r_[start, reached[(reached > start) & (reached < end)], end]
         pieces.append(np.column_stack([np.interp(stops, reached, axis) for axis in closed.T]))
     return pieces
