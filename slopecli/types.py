@@ -149,7 +149,7 @@ class Slopes:
     sigma_rad: FloatArray
     aspect_rad: FloatArray
     aspect_sigma_rad: FloatArray
-    tilt_covariance: FloatArray = field(default_factory=lambda: np.zeros((0, 2, 2)))
+    tilt_covariance: FloatArray
 
 
 @dataclass(frozen=True, eq=False)

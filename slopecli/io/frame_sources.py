@@ -32,7 +32,7 @@ class VideoChoice:
     every : 1 for all.  fps : frames a second of the video's own time, None for all.
     """
 
-    every: int = 1
+    every: int
     fps: float | None = None
     start_s: float = 0.0
     stop_s: float | None = None
@@ -82,7 +82,7 @@ def open_frames(
     if len(paths) == 1 and Path(paths[0]).suffix.lower() in VIDEO_SUFFIXES:
         if times is not None or positions is not None:
             raise InputError(f"{paths[0]}: is a video, which has its own times; --times and --positions are for images")
-        return _of_video(paths[0], video or VideoChoice())
+        return _of_video(paths[0], video or VideoChoice(1))
     return _of_files(paths, times, positions)
 
 

@@ -16,7 +16,7 @@ ROUNDING_GREY = 0.5  # of that difference without any noise: grey values are rou
 SYSTEMATIC_PX = 0.02  # RMS misfit that lens models, interpolation and shading leave in the best of pairs
 LEAST_MATCH_PX = 0.05  # smallest sigma of a single match, sparse or of the overview, that is believed
 WORST_MATCH_PX = 0.7  # largest: residuals beyond a few of these are mismatches
-OVERVIEW_CELL_PX = 0.1  # of a match of the overview, and of dense flow, px of their working grid
+OVERVIEW_CELL_PX = 0.1  # of a match of the overview, and of dense flow, px of their working grid; at least, of features
 APART = 0.02  # of the distance, from which on one surface lies behind another, or off it
 # correlation of texture from which on both images show the same ground: others have more in 1 of 1000 places
 SAME_GROUND = 0.6

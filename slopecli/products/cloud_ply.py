@@ -10,9 +10,10 @@ from slopecli import __version__
 from slopecli.ground.slope_map import SlopeMap
 from slopecli.products.drawing.classes import STEP_COLOUR, cell_classes, slope_classes
 from slopecli.products.model_frame import frame_comments, model_rotation
+from slopecli.products.region_mesh import MOST_TRIANGLES
 from slopecli.types import BoolArray, Image
 
-MOST_POINTS = 200_000  # opened at once by any viewer
+MOST_POINTS = MOST_TRIANGLES  # as many are opened at once by any viewer
 VERTEX = np.dtype(
     [(name, "<f4") for name in ("x", "y", "z")]
     + [(name, "u1") for name in ("red", "green", "blue")]

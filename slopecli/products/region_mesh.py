@@ -25,9 +25,6 @@ CELLS_DEEP = 4  # between the border of a narrow region and its middle: its grid
 FARTHEST = 20.0  # times the scene's distance; beyond it lies what a plane's last rays before its horizon hit
 
 
-SUBDIVISIONS = 2  # of every edge by two: enough to follow the curve that a lens makes of a straight border
-
-
 @dataclass(frozen=True, eq=False)
 class Surface:
     """Part of a plane: uv (n, 2) px of image 1, points (n, 3) in camera-1 axes, triangles (m, 3) of their indices."""
@@ -69,7 +66,7 @@ def window_surface(plane: Plane, camera: Camera) -> Surface | None:
 
 @lru_cache
 def subdivision(corners: int) -> tuple[FloatArray, IntArray]:
-    """Cut a convex polygon of k corners into triangles, and each of these into four, `SUBDIVISIONS` times.
+    """Cut a convex polygon of k corners into triangles, and each of these into four, twice.
 
     Returns points (n, k) as weighted means of the corners, which come first; neighbours share points. Triangles (m, 3)
     of their indices.
@@ -77,7 +74,7 @@ def subdivision(corners: int) -> tuple[FloatArray, IntArray]:
     last = corners - 1
     triangles = np.array([(last, 0, 1), *((1, i, i + 1) for i in range(2, last))])
     points = np.eye(corners)
-    for _ in range(SUBDIVISIONS):
+    for _ in range(2):  # enough to follow the curve that a lens makes of a straight border
         edges = np.sort(triangles[:, [[0, 1], [1, 2], [2, 0]]], axis=2).reshape(-1, 2)
         ends, inverse = np.unique(edges, axis=0, return_inverse=True)
         (a, b, c), (ab, bc, ca) = triangles.T, inverse.reshape(-1, 3).T + len(points)

@@ -45,7 +45,7 @@ class Follower:
     T: FloatArray
     unit: float
     carried: CarriedWindows | None
-    zoom: float = 1.0
+    zoom: float
 
     def follow(self, frame: Grey) -> Motion | Skipped:
         """The motion of a frame against the reference, in its own unit; the frame is taken into the answer."""
@@ -164,4 +164,4 @@ class LaterReference:
             return None
         coarse = CoarseMotion(camera, self.aligner.tracks, self.aligner.grey)
         coarse.accept(frame, estimator.motion)
-        return Follower(self.aligner, estimator, coarse, self.R, self.T, length, self.carried)
+        return Follower(self.aligner, estimator, coarse, self.R, self.T, length, self.carried, 1.0)

@@ -144,7 +144,7 @@ class Sequence:
         estimator.start(move.found, move.solution)
         coarse = CoarseMotion(self.camera, aligner.tracks, aligner.grey)
         coarse.accept(frame, estimator.motion)
-        self._first = Follower(aligner, estimator, coarse, np.eye(3), np.zeros(3), 1.0, None)
+        self._first = Follower(aligner, estimator, coarse, np.eye(3), np.zeros(3), 1.0, None, 1.0)
         return estimator.motion
 
     def _followed(self, frame: Grey) -> Placed | Skipped:

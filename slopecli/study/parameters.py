@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-FEWEST_ALONE = 4  # points that fix a homography by itself, as ha and lh need; three do once the motion is known
+from slopecli.options import Options
 
 
 @dataclass(frozen=True)
@@ -14,7 +14,7 @@ class StudyOptions:
     trajectories_deg: tuple[float, ...] = (0.0, 45.0, 90.0)  # of the flight from the vertical
     noises_px: tuple[float, ...] = (0.0, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 1.0)  # 1-sigma, in image 2
     terrains: int = 40
-    grid: tuple[int, int] = (3, 3)  # columns, rows of windows
+    grid: tuple[int, int] = Options.grid  # columns, rows of windows
     points: int = 30  # in each window
     image_size: tuple[int, int] = (1024, 1024)  # px
     fov_deg: float = 60.0  # horizontal

@@ -16,7 +16,7 @@ from slopecli.geometry.epipolar import direction_angle, normal_angle, rotation_a
 from slopecli.geometry.homography import apply_homography, fit_homography, homography_of_plane
 from slopecli.geometry.solver.solve import solve_planes
 from slopecli.geometry.solver.uncertainty import cramer_rao_bound
-from slopecli.study.parameters import FEWEST_ALONE, StudyOptions
+from slopecli.study.parameters import StudyOptions
 from slopecli.study.scenes import Scene, field_of_view_camera, make_scene
 from slopecli.types import Camera, FloatArray
 
@@ -245,7 +245,7 @@ class Spread(NamedTuple):
 
 def alignment_spread(options: StudyOptions, camera: Camera, noise_px: float = 0.3) -> Spread:
     """The paper's Figure 2: level flight along x without rotation, so that epipolar lines are parallel to x."""
-    shared = _scene_options(replace(options, points=max(options.points, FEWEST_ALONE)), camera)
+    shared = _scene_options(replace(options, points=max(options.points, 4)), camera)
     rng = np.random.default_rng([options.seed, options.terrains])
     scene = make_scene(rng, trajectory_deg=90.0, rotation_deg=0.0, noise_px=noise_px, grid=(3, 3), **shared)
     own = [fit_homography(scene.x1[scene.patch == i], scene.x2[scene.patch == i]) for i in range(len(scene.normals))]
@@ -281,7 +281,7 @@ def measure_times(
 ) -> list[Timing]:
     """Time of every solver on grids of 4, 16, ... windows, the same ones on every machine, however busy it is."""
     sizes = list(takewhile(lambda windows: windows <= options.most_windows, (4**k for k in count(1))))
-    solvers = [s for s in options.solvers if s == "mle" or options.points >= FEWEST_ALONE]
+    solvers = [s for s in options.solvers if s == "mle" or options.points >= 4]  # of a homography
     timings: list[Timing] = []
     for number, windows in enumerate(sizes):
         side = round(np.sqrt(windows))

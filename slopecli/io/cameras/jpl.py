@@ -51,8 +51,8 @@ class Pupil:
     """When a moving entrance pupil is too much to be left out."""
 
     tolerated_px: float = 0.1  # the systematic error that matches have anyway
-    nearest_m: float = 100.0  # ground of which all is nearer is all that rovers and landers measure
-    none_nearer_m: float = 0.05  # nothing in focus is so near
+    # nothing in focus is nearer than the first; ground nearer than the other is all that rovers and landers measure
+    near_m: tuple[float, float] = (0.05, 100.0)
 
 
 def find(content: CameraFileContent) -> dict[str, Model]:
@@ -214,10 +214,10 @@ def _pupil_note(camera: Camera, E: FloatArray, limit: Pupil = Pupil()) -> str:
     shift_m = np.abs((theta / np.sin(theta) - 1.0) * (E[0] + E[1] * theta**2 + E[2] * theta**4))
     moved_px = float((shift_m * np.sin(theta)).max(initial=0.0)) * camera.focal_px  # of a point at 1 m
     near_m = moved_px / limit.tolerated_px
-    if near_m < limit.none_nearer_m:
+    if near_m < limit.near_m[0]:
         return ""
     what = f"its entrance pupil moves by up to {1000 * float(shift_m.max(initial=0.0)):.3g} mm along O"
-    if near_m > limit.nearest_m:
+    if near_m > limit.near_m[1]:
         raise InputError(
             f"{what}, which moves points nearer than {near_m:.3g} m by more than {limit.tolerated_px:g} px; "
             "a pupil that moves so far is not supported: linearise the images to CAHV first"

@@ -97,10 +97,10 @@ def _transfer_cost(comparison: Comparison, plane: FloatArray, box: Box) -> Float
 
 
 def _among(matched: BoolArray) -> BoolArray:
-    """Return (h, w) cells between matched cells or next to one, gaps between them closed up to `hole_cells`."""
-    margin = REGION.hole_cells + 2  # so that closing does not see the border
+    """Return (h, w) cells between matched cells or next to one, gaps of one cell between them closed."""
+    margin = 3  # so that closing does not see the border
     mask = np.pad(matched.astype(np.uint8), margin)
-    closed = cv2.morphologyEx(mask, cv2.MORPH_CLOSE, _disk(REGION.hole_cells))
+    closed = cv2.morphologyEx(mask, cv2.MORPH_CLOSE, _disk(1))
     return np.asarray(cv2.dilate(closed, _disk(1))[margin:-margin, margin:-margin] > 0)
 
 

@@ -37,8 +37,7 @@ class RegionTunables:
     border_at_edge: float = 0.1  # share of that where the image has a strong edge
     beside_cells: int = 8  # around the cells of a plane in which it may win more
     dense_cells: int = 7  # matched cells of a plane in that square without which one is chance
-    hole_cells: int = 1  # radius: wider gaps between the matched cells of a plane are not part of it, ...
-    inside_cells: int = 4  # but for what is as near to some of them inside a component ...
+    inside_cells: int = 4  # around matched cells inside a component, that are part of the plane, too ...
     held: float = 0.3  # of which these matched cells are such a share
     # matches of regions
     reach_px: float = 16.0  # working px by which flow sees past a region's border

@@ -9,6 +9,7 @@ import numpy as np
 
 from slopecli.errors import InputError
 from slopecli.look.gradient_components import renumbered_by_size
+from slopecli.look.noise import OVERVIEW_CELL_PX
 from slopecli.patches.labelling.energy import Energy, neighbour_costs
 from slopecli.patches.labelling.labelling_tunables import LABELLING
 from slopecli.patches.labelling.search import make_pool, search, settled
@@ -78,7 +79,7 @@ class _Matches:
     def energy(self) -> Energy:
         """Energy of labels of all of them."""
         graph = neighbour_costs(self.near[:, : LABELLING.neighbours], LABELLING.smooth)
-        return Energy(graph, self.none, LABELLING.homography)
+        return Energy(graph, self.none, 2.0 * LABELLING.plane)
 
     @property
     def model(self) -> HomographyPlanes:
@@ -96,7 +97,7 @@ class _Matches:
 def _prepare(uv1: FloatArray, uv2: FloatArray, sigma_px: float | None) -> _Matches:
     (x1, _), (x2, size2) = _conditioned(uv1), _conditioned(uv2)
     width, height = np.ptp(x2, axis=0)
-    floor, ceiling = LABELLING.floor_px / size2, LABELLING.ceiling * float(np.hypot(width, height))
+    floor, ceiling = OVERVIEW_CELL_PX / size2, LABELLING.ceiling * float(np.hypot(width, height))
     bounds = (floor, max(ceiling, floor)) if sigma_px is None else (sigma_px / size2, sigma_px / size2)
     return _Matches(x1, x2, float(np.log(width * height)), bounds)
 

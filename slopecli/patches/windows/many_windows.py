@@ -38,7 +38,6 @@ from slopecli.windows import Window
 class ManyWindowsTunables:
     """Which of many windows have an answer of the dense depth, and what the others have."""
 
-    least_sure: float = 0.3  # of its pixels, without doubt
     neighbours: int = 8  # answered windows whose orientation one without an answer has
     pairs: int = 4096  # of windows that tell how much orientations differ, in so many groups by distance:
     groups: int = 16
@@ -95,7 +94,7 @@ def answer_together(
 def _own_patches(windows: Sequence[Window], depth: DenseDepth, dense: WindowPlanes, scene: Scene) -> list[Patch]:
     """A patch a window, with pixels of the depth as its matches where it has enough, else without any."""
     share, sure = dense.planes.share[0], dense.planes.sure[0]
-    own = np.isfinite(dense.covariance).all((1, 2)) & (share >= LEAST_MATCHED) & (sure >= MANY.least_sure)
+    own = np.isfinite(dense.covariance).all((1, 2)) & (share >= LEAST_MATCHED) & (sure >= TUNE.scarce_share)
     stepped = across_steps(depth, windows, dense.planes)
     matches, lattice = _matches(depth, scene)
     sigma_px = max(robust_sigma(depth.across_px[depth.known].astype(float)), LEAST_MATCH_PX) / depth.grid.mean_scale

@@ -33,7 +33,9 @@ class WindowTunables:
     corner_distance_px: float = 5.0  # grid px between Foerstner corners
 
     # 1-sigma of the tilt in addition to what residuals tell
-    scarce_share: float = 0.3  # matched less, a window may tilt otherwise than its matches say
+    scarce_share: float = (
+        0.3  # matched less, or of less without doubt, a window may tilt otherwise than its matches say
+    )
     most_rad: float = float(np.radians(30.0))  # upper bound for a window of which some part is matched
     samples: int = 9  # points a side, on which an unmatched cell is compared with image 2
     amid: float = 0.75  # share of the cells around an unmatched one that, matched, tell more than what lies farther off
