@@ -1,22 +1,25 @@
-"""Ctrl-C at any moment ends in one line and the status 130, also while libraries are loaded."""
+"""Remember that Ctrl-C was pressed, so that it ends in one line and the status 130 at any moment.
+
+Extension modules turn its exception into errors of their own while they are loaded; `cli/app.py` asks here what it was.
+"""
 
 from __future__ import annotations
 
 import signal
 from types import FrameType
 
-_numbers: list[int] = []
+_pressed: list[int] = []  # numbers of the signals that came
 
 
 def watch_interrupts() -> None:
-    """Remember that Ctrl-C was pressed: extension modules turn its exception into others while they are loaded."""
+    """Remember Ctrl-C from now on."""
     if signal.getsignal(signal.SIGINT) is signal.default_int_handler:  # not where the caller ignores it
         signal.signal(signal.SIGINT, _remember)
 
 
 def was_interrupted() -> bool:
     """Whether Ctrl-C was pressed since `watch_interrupts`."""
-    return bool(_numbers)
+    return bool(_pressed)
 
 
 def stop_watching() -> None:
@@ -26,5 +29,5 @@ def stop_watching() -> None:
 
 
 def _remember(number: int, _: FrameType | None) -> None:
-    _numbers.append(number)
+    _pressed.append(number)
     raise KeyboardInterrupt

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
     from slopecli.batch.jobs import Outcome, Progress
 
-SILENCE_S, TENTH_S = 30.0, 2.0  # in a log: the longest silence, and the shortest from one tenth to the next
+SILENCE_S = (2.0, 30.0)  # in a log: the shortest from one tenth to the next, and the longest
 
 
 class ProgressLine:
@@ -40,12 +40,13 @@ class ProgressLine:
     def show(self, done: int, total: int, text: str) -> None:
         """Show that `done` of `total` parts are done, in the words of `text`, unless that was done a moment ago."""
         now, tenths = time.monotonic(), 10 * done // total
+        least_s, most_s = SILENCE_S
         if self._bar:
             if now - self._last >= 0.1:  # s
                 self._last = now
                 with stderr_may_be_gone():
                     self._bar.update(self._bar.task_ids[0], completed=done, total=total, description=text, refresh=True)
-        elif self._talk.verbose and now - self._last >= (TENTH_S if tenths > self._tenths else SILENCE_S):
+        elif self._talk.verbose and now - self._last >= (least_s if tenths > self._tenths else most_s):
             self._last, self._tenths = now, tenths
             self._talk.say(text)
 

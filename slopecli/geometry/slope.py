@@ -235,7 +235,10 @@ def _square_root(covariance: FloatArray) -> FloatArray:
 
 
 def north_direction(up: FloatArray, north: FloatArray | None) -> FloatArray:
-    """Horizontal unit vector (3,) that aspects are counted from."""
+    """Horizontal unit vector (3,) that aspects are counted from: the horizontal part of `north`, camera-1 axes.
+
+    None stands for the image's up direction, or the viewing direction where that is vertical.
+    """
     given = checked_direction("north", north) if north is not None else np.array([0.0, -1.0, 0.0])
     level = given - (given @ up) * up
     if np.linalg.norm(level) < 1e-6:

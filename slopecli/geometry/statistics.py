@@ -1,4 +1,4 @@
-"""Robust statistics: median, robust sigma, Geman-McClure weights and reweighted least squares."""
+"""Robust statistics: median, robust sigma, Geman-McClure weights, reweighted least squares; quantiles of chi-square."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""slopes.json: the report as text, key for key as `types.Report` names them, and the schema that holds it to that."""
+"""slopes.json: a report as JSON, a key for every field of `types.Report`; the layout and rounding of its text."""
 
 from __future__ import annotations
 

@@ -139,6 +139,6 @@ def _box(window: Window, known: ViewsSolution, i: int, camera: Camera) -> Window
         return None
     low = np.clip(uv.min(axis=0), 0, [camera.width, camera.height]).astype(int)
     high = np.clip(np.ceil(uv.max(axis=0)), 0, [camera.width, camera.height]).astype(int)
-    if (high - low).min() < 2 * TRACKING.margin_px:
+    if (high - low).min() < 2 * TRACKING.border_px:
         return None
     return int(low[0]), int(low[1]), int(high[0] - low[0]), int(high[1] - low[1])

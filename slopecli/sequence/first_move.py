@@ -1,4 +1,8 @@
-"""The first move: features, then the points of all windows, then the joint solution of the pair with its roots."""
+"""Solve the first pair of a sequence: the reference and the first later frame with enough parallax.
+
+The motion comes from features; the points of all windows are aligned under it, then under planes through them; the
+joint solution of these points has every root that they leave.
+"""
 
 from __future__ import annotations
 

@@ -88,7 +88,7 @@ class Aligner:
         places = self._places(motion, normals, u, known)
         zoom, moved = self._zoom(places), self.tracks.uv.copy()
         near, likeness = np.zeros(len(self.tracks), bool), 0.0
-        asked = np.flatnonzero(known & _inside(_sampled(places, moved), self.camera, TRACKING.margin_px))
+        asked = np.flatnonzero(known & _inside(_sampled(places, moved), self.camera, TRACKING.border_px))
         if len(asked):
             part = self._part(moved[asked])
             reference = np.ascontiguousarray(_blurred(self.grey, 1.0 / zoom)[part])
@@ -99,7 +99,7 @@ class Aligner:
             found, near[asked] = _tracked(reference, pulled, moved[asked] - corner, levels)
             moved[asked] = found + corner
         uv = _sampled(places, moved)
-        inside = _inside(uv, self.camera, TRACKING.margin_px)
+        inside = _inside(uv, self.camera, TRACKING.border_px)
         x = rays_from_pixels(self.camera, np.where(inside[:, None], uv, 0.0))
         seen = near & inside & np.isfinite(x).all(axis=1)
         return Found(uv, np.where(seen[:, None], x, 0.0).T, seen, zoom, likeness)

@@ -10,17 +10,16 @@ class TrackingTunables:
     """As measured on rendered descents and flights; see docs/sequence.md."""
 
     per_window: int = 225  # points of a window: 144 lose a tenth of the accuracy, 400 cost twice the time
-    in_few: int = 2000  # points of all windows where they are fewer than nine, at the cost of nine
-    most_per_window: int = 900  # of one of few windows: its cells become as small as the windows of the alignment
-    in_all: int = 4000  # points of all windows, so that a grid of a hundred costs about twice that of nine
+    # points of all windows, so that a grid of a hundred costs about twice that of nine, which half of them are for;
+    # where windows are fewer, one has four times `per_window` at most: its cells are as small as windows of alignment
+    in_all: int = 4000
     outside: int = 200  # points outside the windows, for the motion alone
     least_cell_px: int = 5  # side of the cell that a point is the best corner of; in smaller ones they coincide
-    margin_px: int = 9  # points so near the border of an image are not tracked
     kept_views: int = 5  # whole views; older ones are summed up
     open_views: int = 8  # the same while two answers are left, when nothing is summed up
     shared_errors: int = 12  # variables for the errors of the motions of views summed up; more change nothing
     new_view: float = 0.1  # of its baseline: a view that moved less replaces the last, as errors repeat
-    lk_px: int = 17  # window of Lucas and Kanade on the aligned frame
+    lk_px: int = 17  # window of Lucas and Kanade on the aligned frame; nearer to a border than half of it none fits
     coarse_points: int = 400  # points by which the motion between two frames is found
     # of the coarse points, those that agree with a motion, and correlation of the aligned frame with the reference, of
     # which a moving shadow leaves 0.7: with less the frame is not understood
@@ -40,6 +39,11 @@ class TrackingTunables:
         64  # of each ninth of a later reference: for its motions, a quarter of those for slopes suffices
     )
     next_depth: float = 1.25  # times the baseline of the last frame kept for depth, from which on another is kept
+
+    @property
+    def border_px(self) -> int:
+        """Points so near the border of an image are not tracked."""
+        return self.lk_px // 2 + 1
 
 
 TRACKING = TrackingTunables()

@@ -55,12 +55,12 @@ def choose_tracks(grey: Grey, windows: list[Window], camera: Camera, wanted: lis
     """
     corner = np.asarray(cv2.cornerMinEigenVal(grey, 7), float)
     height, width = grey.shape
-    edge = TRACKING.margin_px
+    edge = TRACKING.border_px
     corner[:edge], corner[height - edge :], corner[:, :edge], corner[:, width - edge :] = 0.0, 0.0, 0.0, 0.0
     # a corner that grey noise alone would make: its gradients have a variance of about twice that of the noise
     least = 0.02 * float(np.median(corner[corner > 0.0])) if (corner > 0.0).any() else 0.0
     if wanted is None:
-        few = min(TRACKING.in_few // len(windows), TRACKING.most_per_window)
+        few = min(TRACKING.in_all // 2 // len(windows), 4 * TRACKING.per_window)
         wanted = [max(min(TRACKING.per_window, TRACKING.in_all // len(windows)), few, 9)] * len(windows)
     parts = [_best_corners(corner, window, number, least) for window, number in zip(windows, wanted, strict=True)]
     covered = np.zeros(grey.shape, bool)

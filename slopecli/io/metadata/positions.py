@@ -15,13 +15,13 @@ from slopecli.options import Position
 class FixErrors:
     """1-sigma, m, of a satellite fix that states none, and of a length the relative one beyond which it gives no scale.
 
-    place, height : against the map and the level of the sea: what receivers of drones and telephones reach in the open.
+    place : against the map, and twice as much against the level of the sea: what receivers of drones and telephones
+        reach in the open.
     apart : north and east each, of a fix against another of the same flight, whose errors are mostly the same.
     climb : of a difference of two heights above take-off, by air pressure.
     """
 
     place: float = 3.0
-    height: float = 6.0
     apart: float = 1.0
     climb: float = 0.5
     most_share: float = 0.3  # as of --scale-sigma
@@ -89,7 +89,7 @@ def _sigmas(tags: ImageTags) -> tuple[float, float, float]:
         return place, up if up and 0 < up < FIX.farthest else 2 * place, place
     stated = number_of(tags.gps.get(GpsTag.ERROR_M))
     place = stated if stated is not None and 0 < stated < FIX.farthest else FIX.place
-    return place, max(FIX.height, place), min(place, FIX.apart)
+    return place, max(2 * FIX.place, place), min(place, FIX.apart)
 
 
 def relative_altitude_of(tags: ImageTags) -> float | None:

@@ -38,8 +38,8 @@ class OrientationTunables:
     starts: int = 3  # known orientations that a faint window is aligned from, those of the least misfit
     better: float = 0.05  # growth of the correlation by which another start is no chance
     most_known: int = 12  # orientations compared: rooms and streets have fewer
-    same_rad: float = float(np.radians(1.5))  # orientations nearer to each other are compared once
-    sure_rad: float = float(np.radians(3.0))  # 1-sigma of the tilt of a plane whose orientation counts as known
+    # 1-sigma of the tilt of a plane whose orientation counts as known; those nearer than half of it are the same
+    sure_rad: float = float(np.radians(3.0))
     parallel_rad: float = float(np.radians(10.0))  # orientations that shading does not tell from each other
     steps: tuple[int, int] = (12, 100)  # least and most depths swept, 2/3 px of the grid apart
     least_seen: float = 0.75  # share of a window that image 2 must show: planes are compared on nearly the same pixels
@@ -150,7 +150,7 @@ def known_planes(patches: Sequence[Patch], scene: Scene) -> list[KnownPlane]:
     distinct = list[KnownPlane]()
     for plane in found:
         apart = angles(np.array([plane.normal, *(other.normal for other in distinct)]))[0, 1:]
-        if len(distinct) < KNOWN.most_known and (apart > KNOWN.same_rad).all():
+        if len(distinct) < KNOWN.most_known and (apart > 0.5 * KNOWN.sure_rad).all():
             distinct.append(plane)
     return distinct
 
