@@ -11,6 +11,5 @@ __getattr__, __dir__ = lazy_names(
         "sigma_parts": "CAUSES sigma_causes",
         "slope_units": "SLOPE_UNITS",
         "second_root": "deciding_sigma margin what_decides",
-        "withheld": "withhold_safe",
     },
 )

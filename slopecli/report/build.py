@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import asdict
+from dataclasses import asdict, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,19 +12,19 @@ from slopecli.findings.camera_test import CameraTest
 from slopecli.findings.checks import check_answer
 from slopecli.findings.facts import AnswerFacts
 from slopecli.findings.level_evidence import level_odds
+from slopecli.findings.wording import forbid_safe
+from slopecli.geometry.slope import aspects, north_direction
 from slopecli.look.changes import Change
 from slopecli.measure import measure
-from slopecli.options import Options
+from slopecli.options import Options, Place
 from slopecli.patches import FINDERS
 from slopecli.patches.join import Joined
 from slopecli.patches.patch import paint_labels
 from slopecli.report.answered_planes import divide, planes_of
 from slopecli.report.doubted_level import against_both, second_root_against_both
-from slopecli.report.place import place_of
 from slopecli.report.second_root import ambiguity_report
 from slopecli.report.units import fit_of, in_unit, motion_of, scale_of
-from slopecli.report.withheld import withhold_safe
-from slopecli.types import Camera, Diagnostic, Image, ImageInfo, Plane, Report, Solution
+from slopecli.types import Camera, Diagnostic, Image, ImageInfo, Plane, Report, Solution, Up
 
 # options of how images are matched and planes found
 OF_IMAGES = {"planes", "features", "ply_frame", "seed"}.union(*(finder.options for finder in FINDERS))
@@ -59,7 +59,7 @@ def build_report(
     labels, length_m = _labels(joined, planes, images[0]), length if scale.unit == "m" else None
     roots = ambiguity_report(main, second, joined, planes, length, options)
     facts = AnswerFacts(planes, solution, joined, cameras, options, labels, length_m, changes, level)
-    return withhold_safe(
+    return _without_safe(
         Report(
             images=(_info(images[0]), _info(images[1])),
             cameras=cameras,
@@ -75,9 +75,40 @@ def build_report(
             labels=facts.labels,
             epipole1_px=facts.epipole1_px,
             segmentation=joined.segmentation,
-            place=place_of(options, up),
+            place=_place(options, up),
         )
     )
+
+
+def _without_safe(report: Report) -> Report:
+    """Turn every verdict safe into undecided where a diagnostic forbids it, in the second root too.
+
+    Slopes, sigmas and `p_safe` stay as they are.
+    """
+    if not forbid_safe(report.diagnostics):
+        return report
+    planes = tuple(replace(one, verdict="undecided") if one.verdict == "safe" else one for one in report.planes)
+    ambiguity = report.ambiguity
+    if second := ambiguity.alternative:
+        others = tuple(replace(one, verdict="undecided") if one.verdict == "safe" else one for one in second.planes)
+        ambiguity = replace(ambiguity, alternative=replace(second, planes=others))
+    return replace(report, planes=planes, ambiguity=ambiguity)
+
+
+def _place(options: Options, up: Up) -> Place | None:
+    """Where camera 1 was and where north is from it; None where the options tell neither.
+
+    Raises
+    ------
+    InputError : north is vertical.
+    """
+    if options.north is None:
+        return None if options.position is None else Place(options.position)
+    vertical = np.array(up.vector_cam1)
+    north, ahead = (north_direction(vertical, given) for given in (np.array(options.north, float), None))
+    x, y, z = (float(part) for part in north)
+    heading = float(np.degrees(aspects(ahead[None], vertical, north)[0]))
+    return Place(options.position, (x, y, z), heading, options.north_sigma_deg)
 
 
 def _labels(joined: Joined, planes: Sequence[Plane], image: Image | ImageInfo) -> NDArray[np.uint16]:
