@@ -100,21 +100,19 @@ def _among(matched: BoolArray) -> BoolArray:
     """Return (h, w) cells between matched cells or next to one, gaps of one cell between them closed."""
     margin = 3  # so that closing does not see the border
     mask = np.pad(matched.astype(np.uint8), margin)
-    closed = cv2.morphologyEx(mask, cv2.MORPH_CLOSE, _disk(1))
-    return np.asarray(cv2.dilate(closed, _disk(1))[margin:-margin, margin:-margin] > 0)
+    closed = cv2.morphologyEx(mask, cv2.MORPH_CLOSE, _cross())
+    return np.asarray(cv2.dilate(closed, _cross())[margin:-margin, margin:-margin] > 0)
 
 
 def _reached(start: BoolArray, inside: BoolArray) -> BoolArray:
     """Return the cells (h, w) at most `inside_cells` from the start through cells that are inside components."""
-    cross = np.asarray(cv2.getStructuringElement(cv2.MORPH_CROSS, (3, 3)), np.uint8)
     for _ in range(REGION.inside_cells):
-        start = (cv2.dilate(start.astype(np.uint8), cross) > 0) & inside
+        start = (cv2.dilate(start.astype(np.uint8), _cross()) > 0) & inside
     return np.asarray(start)
 
 
-def _disk(radius: int) -> NDArray[np.uint8]:
-    side = 2 * radius + 1
-    return np.asarray(cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (side, side)), np.uint8)
+def _cross() -> NDArray[np.uint8]:
+    return np.asarray(cv2.getStructuringElement(cv2.MORPH_CROSS, (3, 3)), np.uint8)
 
 
 def cheapest_labels(cost: FloatImage, borders: BorderCost) -> Labels:

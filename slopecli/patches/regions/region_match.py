@@ -81,7 +81,7 @@ def _matched(patch: Patch, cells: Cells, scene: Scene) -> Patch:
 def _repeated_rad(matches: Matches, scene: Scene) -> float:
     """Return the 1-sigma of the tilt, rad, due to flow that stays near the plane it started from on faint texture.
 
-    It is the tilt when the matches are off by `repeated_px` in proportion to their place along either axis of the
+    It is the tilt when the matches are off by `flow_floor_px` in proportion to their place along either axis of the
     region: such errors lie on a plane and leave no residuals.
     """
     w, leverage = inverse_depth(scene.R, scene.T, matches.x1, matches.x2)
