@@ -18,6 +18,7 @@ from slopecli.windows import Window
 
 TOLERANCE_PX = 1.5  # largest epipolar residual of a consistent match
 ON_PLANE_PX = 1.0  # of image 2 or a working grid: off its plane, or its epipolar line, a match is a mismatch
+LEAST_MATCHES = 8  # through fewer a motion, which five determine, or a plane is chance
 MIN_ON_PLANE = 6  # matches that determine a plane: three, and as many to check it; of many planes, one has twice that
 TRIES = 400  # triples of neighbours drawn per plane, and points that these are compared by
 BEST = 20  # of these triples, compared by all points

@@ -11,7 +11,7 @@ import numpy as np
 
 from slopecli.geometry.motion import MotionEstimate, assess_motion, epipolar_residual, refine_motion
 from slopecli.look.features import Grey, Images
-from slopecli.look.matches import Matches
+from slopecli.look.matches import LEAST_MATCHES, Matches
 from slopecli.look.noise import LEAST_MATCH_PX, WORST_MATCH_PX
 from slopecli.types import BoolArray, FloatArray
 
@@ -21,7 +21,6 @@ FeatureMatcher = Callable[[Grey, Grey], tuple[FloatArray, FloatArray, tuple[int,
 Motion = tuple[FloatArray, FloatArray]
 
 SCORE_PX = 0.5  # motions are ranked by squared epipolar residuals truncated at four times this
-LEAST_FOR_MOTION = 8  # matches for a motion: five determine it, three check it; for a homography: four and four
 ENOUGH_INLIERS = 300  # consistent matches with which no further matcher is tried
 CONSISTENT_SHARE = 0.7  # of all matches, consistent with the best motion, with which the search for it ends
 
@@ -87,7 +86,7 @@ def starting_motions(
     decompositions of the dominant homography are added, as a flat scene determines the essential matrix badly.
     The list is empty when there are too few matches or no model fits.
     """
-    if len(x1) < LEAST_FOR_MOTION:
+    if len(x1) < LEAST_MATCHES:
         return []
     candidates = _essential_motions(x1, x2, focal_px, thorough, seed) + _homography_motions(x1, x2, focal_px)
     bounds = (LEAST_MATCH_PX / focal_px, WORST_MATCH_PX / focal_px)
@@ -133,7 +132,7 @@ def _essential_motions(x1: FloatArray, x2: FloatArray, focal_px: float, thorough
     if thorough:
         rng = np.random.default_rng(seed)
         for _ in range(16):  # OpenCV's RANSAC repeats its own draws, so each run gets other matches
-            half = rng.permutation(len(x1))[: max(LEAST_FOR_MOTION, len(x1) // 2)]
+            half = rng.permutation(len(x1))[: max(LEAST_MATCHES, len(x1) // 2)]
             motions += _five_point(x1[half], x2[half], cv2.RANSAC, 1.0 / focal_px)
     return motions
 

@@ -15,7 +15,7 @@ from slopecli.errors import DegenerateConfiguration, SlopemapError
 from slopecli.geometry.epipolar import homogeneous
 from slopecli.geometry.homography import apply_homography, fit_homography, homography_of_plane
 from slopecli.geometry.statistics import median
-from slopecli.look.motions import LEAST_FOR_MOTION
+from slopecli.look.matches import LEAST_MATCHES
 from slopecli.patches.join import Joined
 from slopecli.types import FloatArray, Solution
 
@@ -99,7 +99,7 @@ def noise_of_each_alone(joined: Joined) -> float:
     for k, patch in enumerate(joined.patches):
         matches, weight = patch.matches, joined.weight[joined.rows(k)]
         freedom = 2 * len(matches) - 8
-        if len(matches) < LEAST_FOR_MOTION:
+        if len(matches) < LEAST_MATCHES:
             continue
         with suppress(DegenerateConfiguration):
             residual = apply_homography(fit_homography(matches.x1, matches.x2, weight), matches.x1) - matches.x2

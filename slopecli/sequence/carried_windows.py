@@ -12,8 +12,7 @@ from slopecli.geometry.epipolar import homogeneous
 from slopecli.geometry.solver.many_views import ViewsSolution
 from slopecli.geometry.solver.reference_change import LaterViews, with_later_views
 from slopecli.look.features import Grey
-from slopecli.look.matches import Matches
-from slopecli.patches.windows.tunables import TUNE
+from slopecli.look.matches import LEAST_MATCHES, Matches
 from slopecli.patches.windows.unmatched_parts import gaps_of, unseen_rad
 from slopecli.sequence.sequence_report import evidence_of
 from slopecli.sequence.tracking_tunables import TRACKING
@@ -40,7 +39,7 @@ class CarriedWindows:
         later, every = estimator.solution(), estimator.best
         told = estimator.alive & (every.root.system.V > 0.0) & (every.root.state.u > 0.0)
         count = np.bincount(estimator.tracks.patch[told & (estimator.tracks.patch >= 0)], minlength=len(self.planes))
-        enough = np.flatnonzero(count[: len(self.planes)] >= TUNE.least_matches)
+        enough = np.flatnonzero(count[: len(self.planes)] >= LEAST_MATCHES)
         if not len(enough):
             return self.known
         parts = self._unseen(estimator, unit, camera, told, enough)
@@ -109,10 +108,10 @@ def later_tracks(
         kept[tracks.patch == j] = inside[tracks.patch == j]
         taken |= inside
     kept &= ~((tracks.patch >= len(boxes)) & taken)
-    if min(np.count_nonzero(inside_window(tracks.uv[kept], part)) for part in grid) < TUNE.least_matches:
+    if min(np.count_nonzero(inside_window(tracks.uv[kept], part)) for part in grid) < LEAST_MATCHES:
         return None
     count = np.bincount(tracks.patch[kept], minlength=len(boxes) + len(grid))
-    enough = np.flatnonzero(count >= TUNE.least_matches)
+    enough = np.flatnonzero(count >= LEAST_MATCHES)
     parts = [*boxes.values(), *grid]
     planes = np.array([i for j, i in enumerate(boxes) if j in enough], np.int64)
     return LaterTracks(tracks.of_planes(kept, enough), [parts[j] for j in enough], planes)

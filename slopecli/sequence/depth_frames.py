@@ -12,10 +12,9 @@ from slopecli.look.dense import Cells
 from slopecli.look.dense_depth import DEPTH, DenseDepth, measure_depth
 from slopecli.look.features import Grey
 from slopecli.look.fused_depth import fuse_depths, to_begin_with
-from slopecli.look.matches import Evidence
+from slopecli.look.matches import LEAST_MATCHES, Evidence
 from slopecli.look.scene import Scene
 from slopecli.look.warp import FloatImage, Pyramid
-from slopecli.patches.windows.tunables import TUNE
 from slopecli.sequence.tracking_tunables import TRACKING
 from slopecli.sequence.tracks import Tracks
 from slopecli.types import BoolArray, Camera, FloatArray
@@ -101,7 +100,7 @@ def _in_unit_of_points(depth: DenseDepth, points: Evidence) -> DenseDepth:
     at = np.clip(np.rint(depth.grid.inside(points.uv1)).astype(np.int64), 0, [columns - 1, rows - 1])
     row, column = at[:, 1], at[:, 0]
     known = depth.known[row, column]
-    if np.count_nonzero(known) < TUNE.least_matches:
+    if np.count_nonzero(known) < LEAST_MATCHES:
         return depth
     off = float(np.median(np.log(depth.w[row, column][known] / points.w[known])))
     return replace(depth, w=depth.w * np.float32(np.exp(-off)))

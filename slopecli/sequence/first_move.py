@@ -20,10 +20,9 @@ from slopecli.geometry.plane_fit import robust_plane
 from slopecli.geometry.solver.solve import solve_planes
 from slopecli.geometry.statistics import MAD_FACTOR, median
 from slopecli.look.features import EFFORTS, QUICK, FeatureMemory, Grey, Images, match_sift
-from slopecli.look.matches import thin
+from slopecli.look.matches import LEAST_MATCHES, thin
 from slopecli.look.motions import Sparse, find_motions
 from slopecli.look.noise import LEAST_MATCH_PX, WORST_MATCH_PX
-from slopecli.patches.windows.tunables import TUNE
 from slopecli.sequence.frame_alignment import Aligner, Found
 from slopecli.sequence.frame_gates import Skipped
 from slopecli.types import Camera, FloatArray, IntArray, Solution
@@ -82,7 +81,7 @@ def _shown(aligner: Aligner, found: Found) -> int:
     """Number of windows with enough points in the frame."""
     tracks = aligner.tracks
     count = np.bincount(tracks.patch[found.seen & (tracks.patch >= 0)], minlength=len(tracks.cells))
-    return int(np.count_nonzero(count >= TUNE.least_matches))
+    return int(np.count_nonzero(count >= LEAST_MATCHES))
 
 
 def _matched(images: Images, memory: FeatureMemory) -> Sparse | None:
@@ -116,7 +115,7 @@ def _pair(aligner: Aligner, found: Found, roots: list[MotionEstimate]) -> Soluti
     tracks, seen = aligner.tracks, found.seen
     patch = tracks.patch[seen]
     count = np.bincount(patch[patch >= 0], minlength=len(tracks.cells))
-    whole = np.flatnonzero(count >= TUNE.least_matches)
+    whole = np.flatnonzero(count >= LEAST_MATCHES)
     number = np.full(len(tracks.cells), -1)
     number[whole] = np.arange(len(whole))
     labels = np.where(patch >= 0, number[np.maximum(patch, 0)], -1)

@@ -8,6 +8,7 @@ import cv2
 import numpy as np
 
 from slopecli.look.features import Grey
+from slopecli.look.noise import NOISE_GREY
 from slopecli.sequence.tracking_tunables import TRACKING
 
 
@@ -34,7 +35,7 @@ class FrameGates:
             wanted = "x".join(str(n) for n in reversed(self._shape))
             return Skipped("size", f"is {found} px, the sequence {wanted}")
         contrast = float(frame[::4, ::4].std())
-        if contrast < TRACKING.flat_grey:
+        if contrast < 2 * NOISE_GREY:
             return Skipped("dark", f"shows nothing: its grey values differ by {contrast:.1f}")
         if self._last is not None and self._repeats(frame):
             return Skipped("repeated", "repeats the frame before")

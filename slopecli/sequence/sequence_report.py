@@ -10,11 +10,10 @@ import numpy as np
 from slopecli.findings.camera_test import CameraTest
 from slopecli.geometry.camera import pixels_from_rays
 from slopecli.geometry.solver.views import predict_views
-from slopecli.look.matches import Evidence, Matches
+from slopecli.look.matches import LEAST_MATCHES, Evidence, Matches
 from slopecli.options import Options
 from slopecli.patches.join import Joined
 from slopecli.patches.patch import Patch
-from slopecli.patches.windows.tunables import TUNE
 from slopecli.patches.windows.unmatched_parts import gaps_of, unseen_rad
 from slopecli.patches.windows.window_finder import window_patch
 from slopecli.report.build import build_report
@@ -60,8 +59,8 @@ def _patch(
     tracks, blank = estimator.tracks, window_patch(window, i + 1)
     own = known & (tracks.patch == i)
     n = int(np.count_nonzero(own))
-    if n < TUNE.least_matches:
-        return blank.unmatched(f"{n} of its points could be tracked, at least {TUNE.least_matches} are needed")
+    if n < LEAST_MATCHES:
+        return blank.unmatched(f"{n} of its points could be tracked, at least {LEAST_MATCHES} are needed")
     share = min(n / max(int(tracks.cells[i]), 1), 1.0)
     relief_px = float(estimator.best.root.relief[i]) * evidence.focal_px
     gaps = gaps_of(window, tracks.uv[own], share)

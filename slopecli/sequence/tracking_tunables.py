@@ -14,7 +14,6 @@ class TrackingTunables:
     # where windows are fewer, one has four times `per_window` at most: its cells are as small as windows of alignment
     in_all: int = 4000
     outside: int = 200  # points outside the windows, for the motion alone
-    least_cell_px: int = 5  # side of the cell that a point is the best corner of; in smaller ones they coincide
     kept_views: int = 5  # whole views; older ones are summed up
     open_views: int = 8  # the same while two answers are left, when nothing is summed up
     shared_errors: int = 12  # variables for the errors of the motions of views summed up; more change nothing
@@ -25,7 +24,6 @@ class TrackingTunables:
     # which a moving shadow leaves 0.7: with less the frame is not understood
     least_agreement: float = 0.4
     misses: int = 2  # frames in turn whose track contradicts the rest, after which it is given up
-    flat_grey: float = 4.0  # 1-sigma of the grey values of a frame below which it shows nothing
     same_grey: float = 0.2  # mean difference of two frames, grey levels, below which one repeats the other
     sharpness: float = 0.6  # of the frame used before: with less a frame is blurred
     strangers: int = 4  # frames that do not go with the first one, after which the next is the first

@@ -11,6 +11,7 @@ import numpy as np
 from slopecli.geometry.camera import rays_from_pixels
 from slopecli.geometry.epipolar import homogeneous
 from slopecli.look.features import Grey
+from slopecli.patches.windows.tunables import TUNE
 from slopecli.sequence.tracking_tunables import TRACKING
 from slopecli.types import BoolArray, Camera, FloatArray, IntArray
 from slopecli.windows import Window
@@ -83,7 +84,7 @@ def choose_tracks(grey: Grey, windows: list[Window], camera: Camera, wanted: lis
 def _lattice(window: Window, wanted: int, camera: Camera) -> Lattice:
     """Places over a window in which so many points are wanted."""
     x, y, w, h = window
-    side = max(np.sqrt(w * h / wanted), TRACKING.least_cell_px)
+    side = max(np.sqrt(w * h / wanted), TUNE.corner_distance_px)
     u, v = (first + np.arange(0.25 * side, extent, 0.5 * side) - 0.5 for first, extent in ((x, w), (y, h)))
     uv = np.stack(np.meshgrid(u, v), axis=-1).reshape(-1, 2)
     rays = rays_from_pixels(camera, uv)
@@ -94,7 +95,7 @@ def _lattice(window: Window, wanted: int, camera: Camera) -> Lattice:
 def _best_corners(corner: FloatArray, window: Window, wanted: int, least: float) -> tuple[FloatArray, IntArray, int]:
     """Places (k, 2) of the best corner of every cell that has one, their cells (k, 2), and the number of cells."""
     x, y, w, h = window
-    side = max(np.sqrt(w * h / wanted), TRACKING.least_cell_px)
+    side = max(np.sqrt(w * h / wanted), TUNE.corner_distance_px)
     columns, rows = max(round(w / side), 1), max(round(h / side), 1)
     xs, ys = np.linspace(x, x + w, columns + 1).astype(int), np.linspace(y, y + h, rows + 1).astype(int)
     part = corner[y : y + h, x : x + w]

@@ -9,7 +9,7 @@ import numpy as np
 from slopecli.geometry.epipolar import homogeneous
 from slopecli.geometry.motion import inverse_depth
 from slopecli.geometry.statistics import CHI2, median
-from slopecli.look.matches import ON_PLANE_PX, Matches, pair_rays
+from slopecli.look.matches import LEAST_MATCHES, ON_PLANE_PX, Matches, pair_rays
 from slopecli.look.noise import LEAST_MATCH_PX, SYSTEMATIC_PX
 from slopecli.look.photometric import PlaneFit, View, align_plane, cell_shifts
 from slopecli.look.scene import FINE_PX, Scene, axis_variance, epipolar_axes, view_of
@@ -72,7 +72,7 @@ def _shifted_cells(patch: Patch, view: View, fit: PlaneFit, scene: Scene, cell: 
     variance = axis_variance(shifts.information, uv1, scene, SYSTEMATIC_PX, 2.0)
     x1, x2, seen = pair_rays(scene.camera1, scene.camera2, uv1, uv2)
     good = seen & (np.abs(shift).max(0) < ON_PLANE_PX) & (variance[:, 0] < ON_PLANE_PX**2)
-    if good.sum() < max(TUNE.least_matches, 0.3 * len(patch.matches)):  # fewer than 30 % of those of flow: it is better
+    if good.sum() < max(LEAST_MATCHES, 0.3 * len(patch.matches)):  # fewer than 30 % of those of flow: it is better
         return None
     matches, variance = Matches(uv1, uv2, x1, x2).take(good), variance[good, 0] / view.grid.mean_scale**2
     variance *= overdispersion(_misfit_px(fit.normal, matches.x1, matches.x2, scene) ** 2 / variance)

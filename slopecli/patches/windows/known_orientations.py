@@ -18,7 +18,7 @@ from slopecli.geometry.epipolar import homogeneous, tangent_basis
 from slopecli.geometry.motion import inverse_depth
 from slopecli.geometry.statistics import median, robust_sigma
 from slopecli.look.dense import CLEAR_AGREEMENT
-from slopecli.look.matches import MIN_ON_PLANE, ON_PLANE_PX, Matches
+from slopecli.look.matches import LEAST_MATCHES, MIN_ON_PLANE, ON_PLANE_PX, Matches
 from slopecli.look.noise import MAX_GAIN, ROUNDING_GREY
 from slopecli.look.photometric import TILTS, View, align_plane
 from slopecli.look.scene import FINE_PX, Scene, view_of
@@ -181,7 +181,7 @@ def exposure_of(scene: Scene) -> Exposure:
     first, second = scene.evidence.grey, sample_grey(scene.pyramid2.at(1.0).grey, scene.evidence.uv2)
     gain, offset, kept = 1.0, 0.0, np.ones(len(first), bool)
     for _ in range(4):  # settles in three
-        if kept.sum() < TUNE.least_matches or np.ptp(second[kept]) < 1.0:
+        if kept.sum() < LEAST_MATCHES or np.ptp(second[kept]) < 1.0:
             break
         gain, offset = np.polyfit(second[kept], first[kept], 1)
         residual = first - gain * second - offset

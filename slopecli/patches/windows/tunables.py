@@ -27,10 +27,9 @@ class WindowTunables:
     clear_score: float = 0.95  # of matches that need no smoothing, and are no chance
     flow_floor_px: float = 0.03  # px, 1-sigma: interpolation and quantisation of the flow
     max_sigma_px: float = 0.5  # grid px, 1-sigma: cells matched worse are not used
-    least_matches: int = 8  # through fewer a plane is chance
-    least_share: float = 0.04  # matched, the same
+    least_share: float = 0.04  # matched less, a plane is chance
     same_ground_score: float = 0.5  # below it, parts of two images show different ground
-    corner_distance_px: float = 5.0  # grid px between Foerstner corners
+    corner_distance_px: float = 5.0  # grid px between corners; nearer ones are the same
 
     # 1-sigma of the tilt in addition to what residuals tell
     scarce_share: float = (

@@ -13,7 +13,7 @@ from slopecli.geometry.plane_fit import BEND_RAD, robust_plane
 from slopecli.geometry.statistics import median
 from slopecli.look.dense import CELL, FULL_SMOOTHINGS, Cells, dense_cells
 from slopecli.look.foerstner import correlate_windows, foerstner_corners
-from slopecli.look.matches import ON_PLANE_PX, Evidence, Matches, pair_rays
+from slopecli.look.matches import LEAST_MATCHES, ON_PLANE_PX, Evidence, Matches, pair_rays
 from slopecli.look.noise import LEAST_MATCH_PX, NOISE_GREY
 from slopecli.look.photometric import PlaneFit, align_plane, sweep_planes
 from slopecli.look.scene import FINE_PX, Scene, axis_variance, view_of
@@ -100,7 +100,7 @@ def _search_plane(window: Window, scene: Scene) -> list[FloatArray]:
     candidates = [scene.evidence.plane_through(scene.evidence.near(window, grow)) for grow in (0.0, 0.5, 1.5)]
     fits = [align_plane(view, normal, 6) for normal in (*candidates, *scene.planes) if normal is not None]
     fits = [fit for fit in fits if np.isfinite(fit.score)]
-    if max((fit.score for fit in fits), default=-1.0) < TUNE.good_score and len(scene.evidence) >= TUNE.least_matches:
+    if max((fit.score for fit in fits), default=-1.0) < TUNE.good_score and len(scene.evidence) >= LEAST_MATCHES:
         depths = _sweep_depths(scene.evidence, view.grid.mean_scale)
         fits += [align_plane(view, fit.normal, 8) for fit in sweep_planes(view, depths)]
     best = max(fits, key=lambda fit: fit.score, default=None)
@@ -178,7 +178,7 @@ def with_cells(patch: Patch, cells: Cells, scene: Scene, possible: float) -> Pat
     good &= (variance[:, 0] * cells.pixel_scale**2 < TUNE.max_sigma_px**2) & (cells.agreement > TUNE.fair_score)
     good[good] &= inverse_depth(scene.R, scene.T, x1[good], x2[good])[0] > 0
     share = float(good.sum() / possible)
-    if good.sum() < TUNE.least_matches or share < TUNE.least_share:
+    if good.sum() < LEAST_MATCHES or share < TUNE.least_share:
         return patch.unmatched("too few matches")
     w, leverage = inverse_depth(scene.R, scene.T, x1[good], x2[good])
     plane = robust_plane(x1[good], w, leverage, TUNE.flow_floor_px / focal / cells.pixel_scale)
@@ -230,7 +230,7 @@ def _correlated(patch: Patch, scene: Scene, normal: FloatArray) -> Patch:
     pulled = resample(scene.pyramid2, mapping, view.grid)
     pulled[~covered(mapping, scene.shape2)] = np.nan
     corners = foerstner_corners(view.grid.grey, 60, TUNE.corner_distance_px)  # 60 as in the paper
-    if len(corners) < TUNE.least_matches:
+    if len(corners) < LEAST_MATCHES:
         return patch.unmatched("too few corners")
     displacement, correlation, ok = correlate_windows(view.grid.grey, pulled, corners)
     scale = view.grid.mean_scale
@@ -239,7 +239,7 @@ def _correlated(patch: Patch, scene: Scene, normal: FloatArray) -> Patch:
     ok &= seen & inside_window(uv1, patch.window)
     grid_focal = scene.camera2.focal_px * scale
     ok[ok] &= np.abs(epipolar_residual(scene.R, scene.T, x1[ok], x2[ok])) * grid_focal < ON_PLANE_PX
-    if ok.sum() < TUNE.least_matches:
+    if ok.sum() < LEAST_MATCHES:
         return patch.unmatched("too few corners matched")
     w, leverage = inverse_depth(scene.R, scene.T, x1[ok], x2[ok])
     kept = np.flatnonzero(ok)[robust_plane(x1[ok], w, leverage, LEAST_MATCH_PX / grid_focal).inlier]
