@@ -39,7 +39,10 @@ MIN_HALF_SIDE_PX, BORDER_PX = 20, 2  # of a square inside a true plane, and its 
 
 @dataclass(frozen=True, eq=False)
 class TruePair:
-    """A pair and its truth: cameras as native camera files, normals (3,) out of the surface; motion where known."""
+    """A pair and its truth: cameras as native camera files, normals (3,) out of the surface; motion where known.
+
+    normal_sigmas_deg : 1-sigma of the true normals as stated with them; 0 where the truth is exact.
+    """
 
     path: Path
     image1: Path
@@ -47,6 +50,7 @@ class TruePair:
     cameras: tuple[dict[str, Any], dict[str, Any]]
     windows: list[Window]
     normals: list[FloatArray]
+    normal_sigmas_deg: list[float]
     R: FloatArray | None
     T: FloatArray | None
     expected: str  # what the answer of a hostile pair should be: "refuse" or "warn", and why; else ""
@@ -103,9 +107,9 @@ def _true_pair(path: Path, truth: dict[str, Any]) -> TruePair:
     found = list(_true_windows(path.parent, truth, sizes[0]))
     expected = truth.get("expected", {})
     hostile = "" if expected.get("verdict", "ok") == "ok" else f"{expected['verdict']}: {expected['code']}"
-    windows = [window for window, _ in found]
-    normals = [_outward(np.array(n), w, cameras[0]) for w, n in found]
-    return TruePair(path, *images, cameras, windows, normals, *_true_motion(truth), hostile)
+    windows, sigmas = [window for window, *_ in found], [sigma for *_, sigma in found]
+    normals = [_outward(np.array(n), w, cameras[0]) for w, n, _ in found]
+    return TruePair(path, *images, cameras, windows, normals, sigmas, *_true_motion(truth), hostile)
 
 
 def _read(path: Path, flags: int) -> NDArray[Any]:
@@ -132,12 +136,15 @@ def _true_motion(truth: dict[str, Any]) -> tuple[FloatArray | None, FloatArray |
     return R, T
 
 
-def _true_windows(folder: Path, truth: dict[str, Any], shape: tuple[int, ...]) -> Iterator[tuple[Window, list[float]]]:
+def _true_windows(
+    folder: Path, truth: dict[str, Any], shape: tuple[int, ...]
+) -> Iterator[tuple[Window, list[float], float]]:
+    """Windows on true planes, the normals of these and the 1-sigma of each in degrees."""
     listed = truth.get("windows_151")
     if listed:
         for w in listed:
             if w["visible_fraction"] > MIN_VISIBLE:
-                yield (w["x0"], w["y0"], w["x1"] - w["x0"], w["y1"] - w["y0"]), w.get("n_visible_fit", w["n"])
+                yield (w["x0"], w["y0"], w["x1"] - w["x0"], w["y1"] - w["y0"]), w.get("n_visible_fit", w["n"]), 0.0
         return
     visible = np.ones(shape, bool)
     if truth.get("visible"):
@@ -146,7 +153,7 @@ def _true_windows(folder: Path, truth: dict[str, Any], shape: tuple[int, ...]) -
         if plane.get("n") is not None and plane.get("trusted", True):
             window = largest_square(_footprint(folder, truth, plane, shape) & visible)
             if window is not None:
-                yield window, plane["n"]
+                yield window, plane["n"], float(plane.get("normal_sigma_deg") or 0.0)
 
 
 def _footprint(folder: Path, truth: dict[str, Any], plane: dict[str, Any], shape: tuple[int, ...]) -> Mask:
