@@ -97,6 +97,17 @@ def test_a_broken_frame_is_said_and_skipped(descent: Path, tmp_path: Path) -> No
     assert (line["status"], line["diagnostics"][0]["code"]) == ("skipped", "frame-skipped")
 
 
+def test_slopes_are_told_in_the_unit_asked_for(tmp_path: Path) -> None:
+    folder = tmp_path / "frames"
+    write_frames(folder, 2)
+    done = slopemap(*arguments(folder, tmp_path / "out"), "--slope-unit", "percent")
+    assert done.returncode == 0, done.stderr
+    planes = json.loads((tmp_path / "out" / "slopes.json").read_text())["planes"]
+    rises = [100 * np.tan(np.radians(plane["slope_deg"])) for plane in planes]
+    assert f" slopes {min(rises):.1f} to {max(rises):.1f} %, sigma " in done.stdout.splitlines()[1]
+    assert [float(row.split()[1]) for row in done.stdout.splitlines()[3:]] == pytest.approx(rises, abs=0.051)
+
+
 def test_a_video_gives_what_its_frames_give(descent: Path, answered: Path, tmp_path: Path) -> None:
     video = tmp_path / "descent.avi"
     writer = cv2.VideoWriter(str(video), cv2.VideoWriter.fourcc(*"MJPG"), 10.0, (CAMERA.width, CAMERA.height))

@@ -28,6 +28,7 @@ from slopecli.cli.parameter_types import PATH, POSITIVE
 from slopecli.cli.report_table import print_report, say_place
 from slopecli.cli.shared_options import INPUT, OUTPUT, Flag, Option
 from slopecli.cli.talk import Talk, origin_of, print_result
+from slopecli.report.slope_units import slope_unit_of
 
 if TYPE_CHECKING:
     from slopecli.io.frame_sources import FrameSource
@@ -53,6 +54,7 @@ DECIDING = tuple(option for option in shared.pair_solving_options if option.name
 FILES = (
     Option(OUTPUT, "-o --output", "DIR", PATH, "Folder for the results"),
     shared.json_flag,
+    shared.slope_unit,
     Flag(OUTPUT, "--no-overlay", "Leave out overlay.png"),
     shared.report_flag,
     Flag(OUTPUT, "--video", "Also write sequence.mp4, with overlays"),
@@ -241,8 +243,10 @@ def _line(step: SequenceStep, windows: int) -> str:
     sigmas = sorted(plane.slope_sigma_deg or 0.0 for plane in report.planes)
     counts = {verdict: list(step.settled.values()).count(verdict) for verdict in ("safe", "unsafe")}
     two = ", two answers" if report.ambiguity.status == "unresolved" else ""
+    unit = slope_unit_of(report.options)
+    span = unit.interval(min(slopes), max(slopes)) if unit.run else f"{min(slopes):.1f}-{max(slopes):.1f}°"
     return (
-        f"{state.frame:4d}  {name}: {len(slopes)} slopes {min(slopes):.1f}-{max(slopes):.1f}°, sigma "
+        f"{state.frame:4d}  {name}: {len(slopes)} slopes {span}, sigma "
         f"{sigmas[0]:.2f}-{sigmas[-1]:.2f}°{two}; settled {sum(counts.values())} of {windows}: "
         f"{counts['safe']} safe, {counts['unsafe']} unsafe"
     )

@@ -13,6 +13,7 @@ from slopecli.products.drawing.canvas import converted, text_size
 from slopecli.products.drawing.colours import slope_colours
 from slopecli.products.drawing.lettering import Text, write
 from slopecli.products.drawing.marks import COLOURS, Picture
+from slopecli.report.slope_units import SlopeUnit, slope_unit_of
 from slopecli.types import Camera, FloatArray, Image, Motion, Plane, Report
 
 
@@ -33,7 +34,7 @@ def draw_frame(
         if outline is None:
             continue
         _stroke(picture, outline, plane, max(2, size // 6))
-        texts += _label(outline.mean(axis=0), plane, size)
+        texts += _label(outline.mean(axis=0), plane, slope_unit_of(report.options if report else {}), size)
     return converted(write(picture, texts), cv2.COLOR_RGB2BGR)
 
 
@@ -61,9 +62,10 @@ def _stroke(picture: Picture, outline: FloatArray, plane: Plane, width: int) -> 
     cv2.polylines(picture, points, True, colour, width, cv2.LINE_AA, shift=4)
 
 
-def _label(centre: FloatArray, plane: Plane, size: int) -> list[Text]:
+def _label(centre: FloatArray, plane: Plane, unit: SlopeUnit, size: int) -> list[Text]:
     """Id, slope and verdict in the middle of a window."""
     u, v = centre.tolist()
-    sigma = "" if plane.slope_sigma_deg is None else f" ± {plane.slope_sigma_deg:.1f}"
-    rows = (f"{plane.id}: {plane.slope_deg:.1f}{sigma}°", plane.verdict or "level")
+    sigma_deg = plane.slope_sigma_deg
+    slope = unit.whole(plane.slope_deg) if sigma_deg is None else unit.short(plane.slope_deg, sigma_deg)
+    rows = (f"{plane.id}: {slope}", plane.verdict or "level")
     return [Text((u, v + (k - 0.5) * 1.2 * size), row, size, "mm") for k, row in enumerate(rows)]
