@@ -6,6 +6,7 @@ The tests call the same functions and compare, so that neither can drift from wh
 
 from __future__ import annotations
 
+import csv
 import re
 import shlex
 import subprocess
@@ -37,6 +38,7 @@ NEVER_SAFE = " While it stands, no verdict is safe."
 PLAN = ROOT / "docs" / "plan.md"
 SOLVE = ROOT / "docs" / "solve.md"
 MAP = ROOT / "docs" / "map.md"
+GIS = ROOT / "docs" / "gis.md"
 IMAGES = ROOT / "docs" / "images"
 EXAMPLE = re.compile(r"```console\n\$ (?P<command>slopemap (?:[^\n]*\\\n)*[^\n]*)\n(?P<output>.*?)```", re.DOTALL)
 
@@ -129,6 +131,10 @@ def run_example(command: str, folder: Path) -> str:
     """What a user sees on running a command of a document with the sample data at hand; outputs go into `folder`."""
     if not (folder / "sample_data").exists():
         (folder / "sample_data").symlink_to(ROOT / "sample_data")
+    if " outcrop/" in command and not (folder / "outcrop").exists():
+        subprocess.run(
+            [sys.executable, str(ROOT / "sample_data" / "make_rock_pair.py"), folder / "outcrop"], check=True
+        )
     arguments = shlex.split(command.replace("\\\n", " "))[1:]
     done = subprocess.run(
         [sys.executable, "-m", "slopecli", *arguments],
@@ -154,6 +160,14 @@ def rewrite_examples(document: Path, folder: Path) -> None:
         output = run_example(example["command"], folder)
         text = text[: example.start("output")] + output + text[example.end("output") :]
     document.write_text(text, encoding="utf-8")
+
+
+def strike_and_dip_table(planes_csv: Path) -> str:
+    """The columns of a planes.csv that geologists read."""
+    columns = ("id", "dip_deg", "slope_sigma_deg", "dip_direction_deg", "strike_deg", "azimuth_sigma_deg", "area")
+    with planes_csv.open(encoding="ascii") as file:
+        rows = [[one["id"], *(f"{float(one[name]):.1f}" for name in columns[1:])] for one in csv.DictReader(file)]
+    return table([[f"`{name}`" for name in columns], ("---",) * len(columns), *rows])
 
 
 def package_page() -> str:
@@ -190,13 +204,15 @@ def write_examples_and_pictures() -> None:
     from study_figures import make_study_figures
 
     IMAGES.mkdir(exist_ok=True)
-    for document in (README, CAMERAS, SEGMENT, BATCH, PLAN, SOLVE, MAP):
+    for document in (README, CAMERAS, SEGMENT, BATCH, PLAN, SOLVE, MAP, GIS):
         with tempfile.TemporaryDirectory() as folder:
             rewrite_examples(document, Path(folder))
             if document == CAMERAS:
                 write_camera_picture(Path(folder) / "camera_shown" / "camera.png", IMAGES)
             if document == PLAN:
                 (IMAGES / "plan.png").write_bytes(next(Path(folder).glob("*/plan.png")).read_bytes())
+            if document == GIS:
+                rewrite_table(GIS, strike_and_dip_table(Path(folder) / "bedding" / "planes.csv"))
             if document == MAP:
                 write_map_picture(Path(folder) / "map_output" / "map.png", IMAGES)
     with tempfile.TemporaryDirectory() as folder:
