@@ -106,6 +106,14 @@ def test_several_cameras_are_listed(tmp_path: Path) -> None:
     assert not (tmp_path / "out").exists()
 
 
+def test_a_frame_is_picked_by_the_name_of_its_image(tmp_path: Path) -> None:
+    known = {"fl_y": 600.0, "cx": 320.0, "cy": 240.0, "w": 640, "h": 480}
+    frames = [{**known, "fl_x": fx, "file_path": path} for path, fx in (("left/1.png", 600.0), ("right/1.png", 500.0))]
+    path = write(tmp_path, json.dumps({"frames": frames}))
+    assert "500 x 600 px" in slopemap("camera", "show", f"{path}#right/1.png").stdout
+    assert "pick one of them: left/1.png, right/1.png" in slopemap("camera", "show", f"{path}#1.png").stderr
+
+
 def test_files_without_a_size_take_that_of_the_image_or_the_option(tmp_path: Path) -> None:
     path = str(write(tmp_path, PIX4D))
     refused = slopemap("camera", "show", path).stderr

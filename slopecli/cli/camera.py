@@ -90,9 +90,11 @@ def show(
 
 
 def _is_image(file: str) -> bool:
+    from slopecli.io.cameras.reading import split_name
     from slopecli.io.pair_sources import IMAGE_SUFFIXES
 
-    return Path(file).suffix.lower() in IMAGE_SUFFIXES
+    path, frame = split_name(file)  # the name of a frame may be that of an image
+    return frame is None and Path(path).suffix.lower() in IMAGE_SUFFIXES
 
 
 def _load_image(path: str | None) -> Image | None:

@@ -52,9 +52,9 @@ def _construct(loader: Any, node: Any) -> Any:
         return loader.construct_document(node)
     except yaml.YAMLError:
         raise
-    except Exception as error:
-        words = " ".join(str(error).split())[:80]
-        raise ValueError(f"is YAML with a value that cannot be read ({type(error).__name__}: {words})") from None
+    except Exception:
+        wrong = "is YAML with a value that is not of the kind that its tag says, such as !!int or !!bool"
+        raise ValueError(f"{wrong}; write plain numbers") from None
 
 
 def _check_depth(events: Any) -> None:
