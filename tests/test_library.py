@@ -253,3 +253,15 @@ def test_a_map_takes_the_fields_of_both_kinds_of_options(monkeypatch: pytest.Mon
         sm.slope_map(FIRST, SECOND, camera=CAMERA, spacing_p=40)
     with pytest.raises(sm.WrongArgument, match="wanted: is of type int, needed MapOptions"):
         sm.slope_map(FIRST, SECOND, CAMERA, CAMERA, sm.Options(), 40)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("read", [sm.load_image, sm.load_camera, sm.load_pose], ids=lambda one: one.__name__)
+def test_what_is_no_path_is_told_what_is_wanted(read: Any) -> None:
+    for given in (5, None, np.eye(3)):
+        with pytest.raises(sm.WrongArgument, match=f"file is given as {type(given).__name__}, needed its path"):
+            read(given)
+
+
+def test_texts_are_no_points() -> None:
+    with pytest.raises(sm.InputError, match="no array of numbers"):
+        sm.solve_planes("x1", "x2", "patch")

@@ -78,6 +78,16 @@ def test_a_value_out_of_range_is_refused_as_on_the_command_line(tmp_path: Path) 
     assert "--fov" in done.stderr
 
 
+def test_a_value_that_is_refused_is_told_with_its_file(tmp_path: Path) -> None:
+    file = tmp_path / "slopemap.toml"
+    file.write_text('tolerance = "steep"\n')
+    done = slopemap("estimate", "a.png", "b.png", "--camera", "c.json", "-o", "out", "--config", str(file))
+    assert done.returncode == 2
+    assert done.stderr.splitlines()[-1] == (
+        f"Error: Invalid value for '--tolerance': 'steep' is not a valid number. It stands in {file}."
+    )
+
+
 def test_a_settings_file_that_is_not_there(tmp_path: Path) -> None:
     done = slopemap(*PLAN, "--config", str(tmp_path / "no.toml"))
     assert (done.returncode, len(done.stderr.splitlines())) == (1, 1)

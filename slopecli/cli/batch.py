@@ -21,7 +21,7 @@ from slopecli.cli.checks import (
     refuse,
 )
 from slopecli.cli.metadata_choices import take_metadata
-from slopecli.cli.parameter_types import PAIRING, PAIRINGS, PATH, POSITIVE
+from slopecli.cli.parameter_types import PAIRING, PAIRINGS, PATH, POSITIVE, Whole
 from slopecli.cli.progress import BatchProgress
 from slopecli.cli.shared_options import Flag, Option
 from slopecli.cli.table import Table, print_table
@@ -46,7 +46,7 @@ PAIRING_HELP = (
 )
 pair_options = (
     Option(PAIRS, "--pairing", "HOW|FILE.csv", PAIRING, PAIRING_HELP, "consecutive"),
-    Option(PAIRS, "--stride", "N", click.IntRange(1), "For stride: how many images further"),
+    Option(PAIRS, "--stride", "N", Whole(1), "For stride: how many images further"),
     Option(PAIRS, "--glob pattern", "PATTERN", str, "Of the images in a folder", "", shown="all"),
     Option(
         PAIRS, "--command", "NAME", COMMANDS, "estimate, segment, map; sequence: all images of each folder", "estimate"
@@ -56,7 +56,7 @@ pair_options = (
 # `slopemap map --help` lists them: two more lists in this help, which is long, would serve nobody
 map_options = tuple(map(shared.unlisted, (*shared.map_options, *shared.map_file_options)))
 worker_options = (
-    Option(WORKERS, "--jobs", "N", click.IntRange(1), "Worker processes", shown="one per core"),
+    Option(WORKERS, "--jobs", "N", Whole(1), "Worker processes", shown="one per core"),
     Option(WORKERS, "--timeout timeout_s", "SECONDS", POSITIVE, "Give up a pair that takes longer", shown="none"),
     Option(WORKERS, "--memory memory_gb", "GB", POSITIVE, "Give up a pair that needs more memory", shown="none"),
     Option(WORKERS, "--cluster", "ADDRESS", None, "A Dask cluster instead, say tcp://head:8786"),

@@ -195,6 +195,8 @@ def _classes(text: str) -> tuple[float, ...]:
 class Between(click.FloatRange):
     """A number of usual size within bounds (click's own FloatRange lets nan through)."""
 
+    name = "number"
+
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> float:
         """Return the number, or refuse the value."""
         number = float(super().convert(value, param, ctx))
@@ -203,6 +205,12 @@ class Between(click.FloatRange):
         if not is_usual(number):
             self.fail(f"{value!r} is too small or too large, needed 1e-12 to 1e12.", param, ctx)
         return number
+
+
+class Whole(click.IntRange):
+    """A whole number within bounds."""
+
+    name = "whole number"
 
 
 def inside(low: float, high: float) -> Between:
@@ -274,7 +282,7 @@ SIZE = two_sides("WIDTHxHEIGHT in px", "1024x768")
 PATH, PAIRING = Parsed(_path), Parsed(_pairing)
 LANDER, CLASSES, POSITION = Parsed(_lander), Parsed(_classes), Parsed(_position)
 POSITIVE = Between(min=0, min_open=True)
-SEED = click.IntRange(0, 2**31 - 1)
+SEED = Whole(0, 2**31 - 1)
 
 
 def choices_of(option: str) -> click.Choice:

@@ -11,7 +11,7 @@ import click
 
 from slopecli.cli import shared_options as shared
 from slopecli.cli.checks import CAMERA_FLAGS, WINDOW_FLAGS, at_most_one, given, refuse
-from slopecli.cli.parameter_types import PATH, POSITIVE, UP, VECTOR, Between
+from slopecli.cli.parameter_types import PATH, POSITIVE, UP, VECTOR, Between, Whole
 from slopecli.cli.report_table import diagnostic_line
 from slopecli.cli.shared_options import Flag, Option
 from slopecli.cli.table import Table, print_table
@@ -45,7 +45,7 @@ ground_options = (
     _option(GROUND, "--roughness", "SHARE", Between(0, 0.2), "RMS height off a plane over its distance"),
 )
 match_options = (
-    _option(MATCHES, "--points", "N", click.IntRange(6, 1_000_000), POINTS_HELP),
+    _option(MATCHES, "--points", "N", Whole(6, 1_000_000), POINTS_HELP),
     _option(MATCHES, "--noise noise_px", "PX", POSITIVE, "1-sigma of a match in image 2"),
 )
 map_options = (

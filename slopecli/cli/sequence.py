@@ -43,7 +43,7 @@ FRAMES = (
     Option(INPUT, "--glob pattern", "PATTERN", str, "Of the images in a folder", "", shown="all"),
     Option(INPUT, "--times times_file", "FILE", PATH, "Time of every frame, s, one a line"),
     Option(INPUT, "--positions positions_file", "FILE", PATH, "Of the camera: x,y,z or TUM lines, for metres"),
-    Option(INPUT, "--every", "N", click.IntRange(1), "Of a video: every N-th frame", 1),
+    Option(INPUT, "--every", "N", kinds.Whole(1), "Of a video: every N-th frame", 1),
     Option(INPUT, "--fps", "RATE", POSITIVE, "Of a video: so many frames a second", shown="all"),
     Option(INPUT, "--start start_s", "S", kinds.Between(0, 1e6), "Of a video: where to begin, s", 0.0),
     Option(INPUT, "--stop stop_s", "S", POSITIVE, "Of a video: where to end, s", shown="its end"),

@@ -12,9 +12,10 @@ from functools import partial
 from typing import Any
 
 import click
+from click.core import ParameterSource
 
 from slopecli.cli import parameter_types as kinds
-from slopecli.cli.parameter_types import PATH, POSITIVE, VECTOR, Between, choices_of, inside
+from slopecli.cli.parameter_types import PATH, POSITIVE, VECTOR, Between, Whole, choices_of, inside
 from slopecli.cli.talk import Talk
 from slopecli.options import MOST_SIGMA_DEG, MapOptions, Options
 from slopecli.patches import FINDERS, PLANE_FINDERS
@@ -23,6 +24,7 @@ from slopecli.products import BY_DEFAULT, CHOICES, MAP_PRODUCTS, PRODUCTS, Produ
 INPUT, OUTPUT, PLANES, FRAME = "Input", "Output", "Windows and planes", "Frame and scale"
 MAP = "Map and landing sites"
 PRIOR, DECISION, SOLVER, GENERAL = "Prior knowledge", "Decision", "Solver", "General"
+SETTINGS = "slopemap settings file"  # key of a context's `meta`
 CONFIG_HELP = "TOML file of options; the command line comes first"
 NAMES_WIDTH = 27  # characters, so that the lists of a help text line up
 
@@ -64,6 +66,15 @@ class Option(click.Option):
         shown = shown or (None if default is None else str(default))
         self.line = help if shown is None else f"{help}  [{shown}]"
         self.names = ""  # what stands on the left in place of its own flags, "" for these
+
+    def process_value(self, ctx: click.Context, value: Any) -> Any:
+        """The value as the program takes it; one out of a settings file is refused with the name of that file."""
+        try:
+            return super().process_value(ctx, value)
+        except click.BadParameter as error:
+            if ctx.get_parameter_source(str(self.name)) is not ParameterSource.DEFAULT_MAP:
+                raise
+            raise click.BadParameter(f"{error.message} It stands in {ctx.meta[SETTINGS]}.", ctx, self) from error
 
     def get_help_record(self, ctx: click.Context) -> tuple[str, str] | None:
         """What stands on the left, and on the right, of its line in the help."""
@@ -153,8 +164,8 @@ _map = partial(Option, of=MapOptions)
 map_options = (
     _map(MAP, "--footprint footprint_px", "PX", POSITIVE, "Diameter of a slope's disc", shown="short side / 16"),
     _map(MAP, "--footprint-m", "M", POSITIVE, "The same on the ground, in metres"),
-    _map(MAP, "--spacing spacing_px", "PX", click.IntRange(1), "Between places of the map", shown="footprint / 8"),
-    _map(MAP, "--sites", "N", click.IntRange(0, 99), "Landing sites listed"),
+    _map(MAP, "--spacing spacing_px", "PX", Whole(1), "Between places of the map", shown="footprint / 8"),
+    _map(MAP, "--sites", "N", Whole(0, 99), "Landing sites listed"),
     _map(MAP, "--site-radius", "R", POSITIVE, "Their radius, px; m with a scale", shown="largest"),
     _map(MAP, "--max-height", "H", POSITIVE, "Largest height off a safe footprint's plane"),
     _map(MAP, "--lander", "PADS,D[,PAD]", kinds.LANDER, "Stands on pads on a circle of diameter D"),
@@ -283,6 +294,7 @@ def _take_settings(ctx: click.Context, _: click.Parameter, path: str | None) -> 
     from slopecli.cli.app import slopemap
     from slopecli.io.settings_files import read_settings
 
+    ctx.meta[SETTINGS] = path
     commands = {name: _spellings(slopemap.commands[name]) for name in slopemap.commands}
     ctx.default_map = {**(ctx.default_map or {}), **read_settings(path, commands, str(ctx.info_name))}
 

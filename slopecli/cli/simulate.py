@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from slopecli.cli.checks import at_most_one
-from slopecli.cli.parameter_types import GRID, PATH, POSITIVE, SEED, Between, name_list, number_list, two_sides
+from slopecli.cli.parameter_types import GRID, PATH, POSITIVE, SEED, Between, Whole, name_list, number_list, two_sides
 from slopecli.cli.progress import StageProgress
 from slopecli.cli.shared_options import INPUT, OUTPUT, SOLVER, Command, Option, talk_options
 from slopecli.cli.table import Table, print_table
@@ -36,14 +36,14 @@ _option = partial(Option, of=StudyOptions)
         Option(OUTPUT, "-o --output", "DIR", PATH, "Folder for the results (required)", required=True),
         _option(STUDY, "--trajectories trajectories_deg", "DEG,...", number_list(0, 180), "0 descends, 90 flies level"),
         _option(STUDY, "--noise noises_px", "PX,...", number_list(0, 100), "1-sigma of a coordinate in image 2"),
-        _option(STUDY, "--terrains", "N", click.IntRange(1, 100_000), "For every trajectory and noise"),
+        _option(STUDY, "--terrains", "N", Whole(1, 100_000), "For every trajectory and noise"),
         _option(STUDY, "--seed", "N", SEED, "The same seed gives the same bytes"),
-        Option(STUDY, "--jobs", "N", click.IntRange(1, 256), "Worker processes", shown="one per core"),
+        Option(STUDY, "--jobs", "N", Whole(1, 256), "Worker processes", shown="one per core"),
         Option(INPUT, "--camera", "FILE", PATH, "Camera file, with lens distortion if it has any"),
         _option(INPUT, "--fov fov_deg", "DEG", Between(1, 150), "Without --camera: horizontal field of view"),
         _option(INPUT, "--size image_size", "WxH", IMAGE_SIZE, "Without --camera: image size, px"),
         _option(GROUND, "--grid", "COLSxROWS", GRID, "Windows, each with a plane of its own"),
-        _option(GROUND, "--points", "N", click.IntRange(3, 100_000), "Correspondences in every window"),
+        _option(GROUND, "--points", "N", Whole(3, 100_000), "Correspondences in every window"),
         _option(GROUND, "--max-slope max_slope_deg", "DEG", Between(0, 89), "Slopes are uniform from 0 to this"),
         _option(GROUND, "--height-spread", "SHARE", Between(0, 0.9), "Windows lie up to this much higher or lower"),
         _option(GROUND, "--relief", "SHARE", Between(0, 0.3), "RMS height of points off their plane over distance"),
@@ -53,7 +53,7 @@ _option = partial(Option, of=StudyOptions)
         _option(ERRORS, "--noise1 noise1_px", "PX", Between(0, 100), "1-sigma of a coordinate in image 1"),
         _option(ERRORS, "--outliers", "SHARE", Between(0, 0.9), "Share of points that are matched wrongly"),
         _option(SOLVER, "--solvers", "NAME,...", name_list(StudyOptions.solvers), "Which to run"),
-        _option(SOLVER, "--most-windows", "N", click.IntRange(0, 4**8), "Windows timed at most; 0: none are timed"),
+        _option(SOLVER, "--most-windows", "N", Whole(0, 4**8), "Windows timed at most; 0: none are timed"),
         *talk_options(),
     ],
 )

@@ -17,13 +17,20 @@ from os import PathLike
 from pathlib import Path
 from typing import BinaryIO
 
-from slopecli.errors import InputError
+from slopecli.errors import InputError, WrongArgument
 
 TEMPORARY = ".slopemap-"  # prefix of the names of unfinished files and folders
 NO_WAITING = getattr(os, "O_NONBLOCK", 0)
 MOST_BYTES = 500_000_000  # of a file of numbers: correspondences, or a list of images
 PIPE_PATIENCE_S = 5.0  # until the first byte of a pipe must come; more would look like a hang
 DISK_FULL = (errno.ENOSPC, errno.EDQUOT)
+
+
+def checked_path(path: object, kind: str) -> str | PathLike[str]:
+    """The path of a file of this kind; raises WrongArgument for anything that is none."""
+    if isinstance(path, str | PathLike):
+        return path
+    raise WrongArgument(f"the {kind} is given as {type(path).__name__}, needed its path: a text or a pathlib.Path")
 
 
 def read_file(
@@ -44,9 +51,9 @@ def read_file(
 
     Raises
     ------
-    InputError : there is no such file, it is a folder or a device, too large, or cannot be read.
+    InputError : there is no such file, it is a folder or a device, too large, or cannot be read; or no path is given.
     """
-    place = Path(base, path)
+    place = Path(base, checked_path(path, kind))
     with readable(path):
         if place.is_dir():
             raise InputError(f"{path}: is a folder, needed {'an' if kind[0] in 'aeiou' else 'a'} {kind}")

@@ -105,7 +105,10 @@ def parameter_count(n_patches: int) -> int:
 
 def checked_points(x1: FloatArray, x2: FloatArray, patch: IntArray) -> tuple[FloatArray, FloatArray, IntArray]:
     """The three arrays as float64 and int64. InputError when a shape, type or value is unusable."""
-    x1, x2, labels = np.asarray(x1, dtype=float), np.asarray(x2, dtype=float), np.asarray(patch)
+    try:
+        x1, x2, labels = np.asarray(x1, dtype=float), np.asarray(x2, dtype=float), np.asarray(patch)
+    except (TypeError, ValueError) as error:
+        raise InputError("x1 or x2 is no array of numbers, needed (n, 2) normalised coordinates each") from error
     for name, x in (("x1", x1), ("x2", x2)):
         if x.ndim != 2 or x.shape[1] != 2:
             raise InputError(f"{name} has shape {x.shape}, needed (n, 2) normalised coordinates; one row per point")

@@ -19,7 +19,7 @@ from slopecli.io.cameras.formats import CAMERA_FORMATS, CameraFormat
 from slopecli.io.cameras.picking import listed, named, of_image, of_labelled_image, stem_of
 from slopecli.io.cameras.unread import looks_like
 from slopecli.io.cameras.values import Size, make_camera
-from slopecli.io.files import MOST_BYTES, read_file
+from slopecli.io.files import MOST_BYTES, checked_path, read_file
 from slopecli.options import CameraChoice
 from slopecli.types import Camera, Image
 
@@ -49,6 +49,7 @@ def load_camera(path: str | PathLike[str], name: str | None = None, size: Size |
     InputError : the file cannot be read or is not understood, holds several cameras and none is picked, or has a lens
         that is not supported.
     """
+    checked_path(path, "camera file")
     file, picked = split_name(path) if name is None else (str(path), name)
     return decode_camera(read_camera_file(file), file, picked, size)
 
