@@ -123,7 +123,7 @@ def test_a_disparity_is_a_depth(answer: Path, tmp_path: Path) -> None:
     assert found["scale"] == pytest.approx(BASELINE_M, rel=0.01)
 
 
-@pytest.mark.parametrize("kind", ["ply", "las", "npy"])
+@pytest.mark.parametrize("kind", ["ply", "las", "laz", "npy"])
 def test_a_cloud_is_seen_by_camera_1_from_its_pose(answer: Path, tmp_path: Path, kind: str) -> None:
     """Points behind others and behind the camera do not count."""
     rng = np.random.default_rng(0)
@@ -136,8 +136,10 @@ def test_a_cloud_is_seen_by_camera_1_from_its_pose(answer: Path, tmp_path: Path,
     path = tmp_path / f"cloud.{kind}"
     if kind == "ply":
         trimesh.PointCloud(cloud).export(path)
-    elif kind == "las":
+    elif kind in ("las", "laz"):
         laspy = pytest.importorskip("laspy")
+        if kind == "laz":
+            pytest.importorskip("lazrs")
         header = laspy.LasHeader(point_format=3, version="1.2")
         header.offsets, header.scales = cloud.min(0), np.full(3, 1e-5)
         las = laspy.LasData(header)

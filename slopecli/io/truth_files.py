@@ -165,6 +165,8 @@ def _read_ply(path: str | PathLike[str]) -> FloatArray:
 def _read_las(path: str | PathLike[str]) -> FloatArray:
     import laspy
 
+    if str(path).lower().endswith(".laz") and not laspy.LazBackend.detect_available():
+        raise ImportError("no reader of compressed points", name="lazrs")
     cloud = laspy.read(path)
     return np.column_stack([cloud.x, cloud.y, cloud.z])
 

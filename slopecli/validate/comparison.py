@@ -265,7 +265,11 @@ def summary_lines(comparison: Comparison, unit: str) -> Sequence[str]:
     if comparison.missing:
         lines.append(f"no truth under {', '.join(map(str, comparison.missing))}")
     cells = comparison.cells
-    if cells is not None:
+    if cells is not None and not cells.n:
+        lines.append(
+            "no cell of the map has a footprint whose true ground is known all over; give --depth to compare cells"
+        )
+    elif cells is not None:
         lines.append(
             f"{cells.n} cells of the map: slopes off by {cells.median_deg:.2f}° in median, {cells.p90_deg:.2f}° at "
             f"90 %; {100 * cells.within_two_sigma:.0f} % within 2 sigma; {cells.steep_called_safe} of {cells.steep} "
