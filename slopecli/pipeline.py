@@ -152,7 +152,7 @@ def sequence_map(runner: Sequence, wanted: MapOptions | None = None) -> SlopeMap
 
     report, joined, solution = runner.reported(runner.images)
     fused = runner.fused()
-    task = _map_task(fused.scene, report, joined, solution, 0.0, runner.options_now, wanted)
+    task = _map_task(fused.scene, report, joined, solution, runner.focal_sigma, runner.options_now, wanted)
     return build_map(fused.depth, sizes_of(task, fused.depth.grid.mean_scale), task)
 
 

@@ -78,9 +78,8 @@ def _with_focal(answer: Answer, given: Cameras, options: Options, again: Again) 
     known = prior_sigma(given, options)
     use = focal_to_use(test, known, options.free_focal)
     freed = options.free_focal and test.focal_factor is not None
-    focal_agrees = freed or abs(test.step) < CERTAIN_SIGMAS * np.hypot(test.sigma, known)
     notes = answer.diagnostics
-    if test.centre or test.only_contradicted or not focal_agrees:
+    if contradicted(test, np.inf if freed else known):
         notes = suspicion(test, joined, solution, options, again, notes)
     notes = with_aspect(notes, given[0])
     if use.step:
@@ -88,13 +87,21 @@ def _with_focal(answer: Answer, given: Cameras, options: Options, again: Again) 
         joined = seen_by(joined, cameras)
         solution = again(joined, cameras, test.start or Settled.of(solution))
     if use.sigma:
-        solution = _uncertain(solution, joined, cameras, use.sigma, options)
+        solution = with_focal_uncertainty(solution, joined, cameras, use.sigma, options)
     notes = [*notes, *focal_note(given, cameras, use.sigma, options)]
     step = test.step + float(np.log(answer.cameras[0].focal_px / given[0].focal_px))
     return Answer(joined, solution, cameras, notes, replace(test, step=step), use.sigma)
 
 
-def _uncertain(solution: Solution, joined: Joined, cameras: Cameras, sigma: float, options: Options) -> Solution:
+def contradicted(test: CameraTest, prior: float) -> bool:
+    """Whether a test contradicts the camera, its focal length as far as that is known to a relative 1-sigma `prior`."""
+    focal_agrees = abs(test.step) < CERTAIN_SIGMAS * np.hypot(test.sigma, prior)
+    return test.centre or test.only_contradicted or not focal_agrees
+
+
+def with_focal_uncertainty(
+    solution: Solution, joined: Joined, cameras: Cameras, sigma: float, options: Options
+) -> Solution:
     """The solution and its second root with the uncertainty of the focal length in their covariances."""
     prior, kept = motion_prior(options), sightings_of(joined, solution, cameras)
 

@@ -28,6 +28,7 @@ from slopecli.cli.parameter_types import PATH, POSITIVE
 from slopecli.cli.report_table import print_report, say_place
 from slopecli.cli.shared_options import INPUT, OUTPUT, Flag, Option
 from slopecli.cli.talk import Talk, origin_of, print_result
+from slopecli.options import Options
 from slopecli.report.slope_units import slope_unit_of
 
 if TYPE_CHECKING:
@@ -39,6 +40,11 @@ if TYPE_CHECKING:
 
 LINES = "sequence.jsonl"
 STOPS = click.Choice(["settled"])
+FOCAL_SIGMA = Option(
+    *(INPUT, "--focal-sigma focal_sigma_percent", "PERCENT", kinds.Between(0, 30), "1-sigma of the focal length"),
+    shown="3 with --fov",
+    of=Options,
+)
 FRAMES = (
     Option(INPUT, "--glob pattern", "PATTERN", str, "Of the images in a folder", "", shown="all"),
     Option(INPUT, "--times times_file", "FILE", PATH, "Time of every frame, s, one a line"),
@@ -69,6 +75,7 @@ FILES = (
     params=[
         shared.pair_camera_options[0],
         *shared.intrinsics_options,
+        FOCAL_SIGMA,
         *FRAMES,
         *FILES,
         *shared.map_options,
@@ -239,10 +246,13 @@ def _line(step: SequenceStep, windows: int) -> str:
         return f"{state.frame:4d}  {name}: followed; it shows too little of the windows"
     if report is None:
         return f"{state.frame:4d}  {name}: {'the first frame' if state.status == 'reference' else 'no slope known yet'}"
+    from slopecli.findings.wording import forbidding
+
     slopes = [plane.slope_deg for plane in report.planes]
     sigmas = sorted(plane.slope_sigma_deg or 0.0 for plane in report.planes)
     counts = {verdict: list(step.settled.values()).count(verdict) for verdict in ("safe", "unsafe")}
     two = ", two answers" if report.ambiguity.status == "unresolved" else ""
+    two += "".join(f", {code}" for code in forbidding(report.diagnostics))
     unit = slope_unit_of(report.options)
     span = unit.interval(min(slopes), max(slopes)) if unit.run else f"{min(slopes):.1f}-{max(slopes):.1f}°"
     return (

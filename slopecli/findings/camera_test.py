@@ -236,11 +236,18 @@ class _Explained(NamedTuple):
 
 
 def suspicion(
-    test: CameraTest, joined: Joined, solution: Solution, options: Options, again: Again, known: list[Diagnostic]
+    test: CameraTest,
+    joined: Joined,
+    solution: Solution,
+    options: Options,
+    again: Again,
+    known: list[Diagnostic],
+    can_free: bool = True,
 ) -> list[Diagnostic]:
     """The diagnostics of a pair, with one on the camera where the images contradict it.
 
     known : diagnostics so far.  again : solves the same matches as seen by other cameras.
+    can_free : whether the command has `--free-focal`.
     """
     if not (test.suspect or test.centre) or test.sightings is None or test.score is None:
         return known
@@ -256,7 +263,7 @@ def suspicion(
         return [*others, *lens]
     name = found.told
     off = _slopes_off(found.freed[name or "f"], name or "f", joined, solution, cameras, options, again)
-    message, remedy = _words(name, found, cameras, off)
+    message, remedy = _words(name, found, cameras, off, can_free)
     return [*others, finding("suspect-camera", message, test.focal_factor, remedy)]
 
 
@@ -302,7 +309,7 @@ def _slopes_off(
     return float(np.degrees(np.abs(right - measure(solution, joined, options).slopes.slope_rad).max()))
 
 
-def _words(name: str, found: _Explained, cameras: Cameras, off: float | None) -> tuple[str, str]:
+def _words(name: str, found: _Explained, cameras: Cameras, off: float | None, can_free: bool) -> tuple[str, str]:
     """Message and remedy; name: of the parameter that explains the matches, "" for none."""
     camera, best = cameras[0], found.freed[name or "f"]
     after, sigma = best.score.noise_px, float(best.score.sigma[PARAMETERS.index(name or "f")])
@@ -319,15 +326,16 @@ def _words(name: str, found: _Explained, cameras: Cameras, off: float | None) ->
     times = float(np.exp(best.value))
     what = f"a focal length of {right.focal_px:.4g} ± {times * sigma * camera.focal_px:.2g} px"
     given = f"{camera.focal_px:.4g} px"
-    solve = f"--free-focal solves with that focal length ({times:.4g} times the one given)"
+    solve = f"--free-focal solves with that focal length ({times:.4g} times the one given)" if can_free else ""
     if name:
         numbers = ",".join(f"{v:.6g}" for v in (right.fx, right.fy, right.cx, right.cy))
-        give = f"or give it (--intrinsics {numbers})" if not camera.distortion else "or correct fx and fy in the file"
-        return f"the images fit {what}, and {given} was given: {better}{wrong}", f"{solve}, {give}"
+        give = f"give it (--intrinsics {numbers})" if not camera.distortion else "correct fx and fy in the file"
+        remedy = f"{solve}, or {give}" if solve else f"check the focal length, and {give}: {times:.4g} times as long"
+        return f"the images fit {what}, and {given} was given: {better}{wrong}", remedy
     if found.explains:
         message = f"the images contradict the camera; {what} instead of {given} fits better, and so would another "
         message += f"principal point or lens: {better}{wrong}"
-        return message, f"{CHECK_FILE}; {solve}"
+        return message, f"{CHECK_FILE}; {solve}" if solve else CHECK_FILE
     message = f"the images contradict the camera, and none of its numbers explains it ({what} would fit best): a "
     message += "rolling shutter or things that moved do the same"
     return f"{message}{wrong}", f"{CHECK_FILE}; hold the camera still, or use one with a global shutter"

@@ -14,6 +14,7 @@ __getattr__, __dir__ = lazy_names(
         "depth_frames": "DepthFrames",
         "frame": "Frame FrameMotion FrameState SequenceAnswer SequenceStep",
         "frame_gates": "FrameGates",
+        "known_camera": "KnownCamera",
         "settling_test": "SettlingTest",
         "stream": "Sequence",
         "tracking_tunables": "TRACKING",

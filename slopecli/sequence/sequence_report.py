@@ -7,7 +7,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from slopecli.findings.camera_test import CameraTest
 from slopecli.geometry.camera import pixels_from_rays
 from slopecli.geometry.solver.views import predict_views
 from slopecli.look.matches import LEAST_MATCHES, Evidence, Matches
@@ -17,25 +16,32 @@ from slopecli.patches.patch import Patch
 from slopecli.patches.windows.unmatched_parts import gaps_of, unseen_rad
 from slopecli.patches.windows.window_finder import window_patch
 from slopecli.report.build import build_report
+from slopecli.sequence.known_camera import KnownCamera
 from slopecli.sequence.view_estimator import ViewEstimator
+from slopecli.solving import with_focal_uncertainty
 from slopecli.types import BoolArray, Camera, Diagnostic, FloatArray, Image, ImageInfo, Plane, Report, Solution
 from slopecli.windows import Window
 
 
-def joined_of(estimator: ViewEstimator, windows: list[Window], camera: Camera) -> tuple[Joined, BoolArray]:
+def joined_of(
+    estimator: ViewEstimator, windows: list[Window], camera: Camera, *, shown_only: bool = False
+) -> tuple[Joined, BoolArray]:
     """The windows with their points as the last view shows them, and (m,) which windows have enough of them.
 
-    A point that an earlier view alone showed is where its depth puts it in the last one.
+    A point that an earlier view alone showed is where its depth puts it in the last one, or left out (`shown_only`).
     """
     tracks, line = estimator.tracks, estimator.best
     state = line.root.state
     known = estimator.alive & (line.root.system.V > 0.0) & (state.u > 0.0)
     x2 = predict_views(tracks.p, state.R[-1:], state.T[-1:], state.u)[0][0]
     shown = line.points.weight[-1] > 0.0
+    if shown_only:
+        known = known & shown
     x2 = np.where(shown, line.points.x[-1], x2)
     uv2 = pixels_from_rays(camera, x2.T)
     every = Matches(tracks.uv, uv2, tracks.p[:2].T, x2.T)
-    evidence = evidence_of(every, state.u, known, camera, float(np.linalg.norm(state.T[-1])))
+    baseline = float(np.linalg.norm(state.T[-1]))
+    evidence = None if shown_only else evidence_of(every, state.u, known, camera, baseline)
     patches = [_patch(estimator, every, evidence, known, window, i) for i, window in enumerate(windows)]
     outside = every.take(known & (tracks.patch < 0))
     joined = Joined.of(patches, outside, np.ones(len(outside)))
@@ -53,18 +59,19 @@ def evidence_of(every: Matches, u: FloatArray, known: BoolArray, camera: Camera,
 
 
 def _patch(
-    estimator: ViewEstimator, every: Matches, evidence: Evidence, known: BoolArray, window: Window, i: int
+    estimator: ViewEstimator, every: Matches, evidence: Evidence | None, known: BoolArray, window: Window, i: int
 ) -> Patch:
-    """Window number i (from 0) with its points, and the doubt of its part that no view but the first showed."""
+    """Window number i (from 0) with its points, and by `evidence` the doubt of its part that only the first showed."""
     tracks, blank = estimator.tracks, window_patch(window, i + 1)
     own = known & (tracks.patch == i)
     n = int(np.count_nonzero(own))
     if n < LEAST_MATCHES:
         return blank.unmatched(f"{n} of its points could be tracked, at least {LEAST_MATCHES} are needed")
     share = min(n / max(int(tracks.cells[i]), 1), 1.0)
-    relief_px = float(estimator.best.root.relief[i]) * evidence.focal_px
-    gaps = gaps_of(window, tracks.uv[own], share)
-    unseen = 0.0 if share > 0.98 else unseen_rad(gaps, relief_px, evidence)
+    unseen = 0.0
+    if evidence is not None and share < 0.98:
+        relief_px = float(estimator.best.root.relief[i]) * evidence.focal_px
+        unseen = unseen_rad(gaps_of(window, tracks.uv[own], share), relief_px, evidence)
     return replace(
         blank,
         matches=every.take(own),
@@ -91,7 +98,7 @@ def report_of(
     solution: Solution,
     windows: list[Window],
     images: tuple[Image | ImageInfo, Image | ImageInfo],
-    camera: Camera,
+    camera: KnownCamera,
     options: Options,
     diagnostics: list[Diagnostic],
     length: float,
@@ -104,13 +111,28 @@ def report_of(
     ------
     NoAnswer : no window has a slope that is known.
     """
-    joined, enough = joined_of(estimator, windows, camera)
+    joined, enough = joined_of(estimator, windows, camera.used)
     solution = _chosen(solution, enough, joined)
+    if camera.focal_sigma:
+        solution = with_focal_uncertainty(solution, joined, camera.both, camera.focal_sigma, options)
     if options.baseline_m is not None:
         options = replace(options, baseline_m=options.baseline_m * length)
-    report = build_report(images, (camera, camera), options, joined, solution, diagnostics, test=CameraTest())
+    diagnostics = [*camera.notes(options), *diagnostics]
+    report = build_report(images, camera.both, options, joined, solution, diagnostics, test=camera.test)
     report = in_first_baselines(report, length) if report.scale.unit == "baseline" else report
     return Reported(report, joined, solution)
+
+
+def tested_by_last_view(
+    camera: KnownCamera, estimator: ViewEstimator, windows: list[Window], options: Options
+) -> KnownCamera:
+    """The camera after its test by the points that the last view shows; as it was where it shows too few."""
+    joined, enough = joined_of(estimator, windows, camera.used, shown_only=True)
+    pair = estimator.solution().pair()
+    if not enough.any():
+        return camera
+    baseline = float(np.linalg.norm(estimator.motion[1]))
+    return camera.tested_by(joined, _chosen(pair, enough, joined), baseline, options)
 
 
 def _chosen(solution: Solution, enough: BoolArray, joined: Joined) -> Solution:

@@ -8,6 +8,7 @@ that any verdict was wrong when the run stopped (union bound; the spending of Ro
 
 from __future__ import annotations
 
+from slopecli.findings.wording import forbid_safe
 from slopecli.types import Plane, Report, Verdict
 
 
@@ -18,11 +19,19 @@ class SettlingTest:
         self._windows = windows
         self._wrong = 1.0 - confidence
         self._looks = 0
+        self._doubted = False
         self.settled: dict[int, Verdict] = {}
 
     def look(self, report: Report) -> dict[int, Verdict]:
-        """Take in the answer after one more view; the windows settled so far."""
+        """Take in the answer after one more view; the windows settled so far.
+
+        Where a finding forbids to call anything safe, such as one on the camera, no verdict stands.
+        """
         self._looks += 1
+        self._doubted = forbid_safe(report.diagnostics)
+        if self._doubted:
+            self.settled = {}
+            return self.settled
         allowed = self._wrong / (self._windows * self._looks * (self._looks + 1))
         for plane in report.planes:
             verdict = _beyond(plane, report, allowed)
@@ -33,7 +42,7 @@ class SettlingTest:
     @property
     def complete(self) -> bool:
         """Whether every window is settled."""
-        return len(self.settled) == self._windows
+        return not self._doubted and len(self.settled) == self._windows
 
 
 def _beyond(plane: Plane, report: Report, allowed: float) -> Verdict | None:

@@ -20,18 +20,17 @@ from slopecli.look.features import FeatureMemory, Grey
 from slopecli.look.threads import single_threaded
 from slopecli.options import Options
 from slopecli.patches.windows.window_finder import wanted_windows
-from slopecli.sequence.coarse_motion import CoarseMotion
 from slopecli.sequence.depth_frames import DepthFrames, FusedScene
-from slopecli.sequence.first_move import first_move
+from slopecli.sequence.first_answer import first_answer
 from slopecli.sequence.frame import Frame, FrameMotion, FrameState, SequenceAnswer
 from slopecli.sequence.frame_alignment import Aligner
 from slopecli.sequence.frame_gates import FrameGates, Skipped
+from slopecli.sequence.known_camera import KnownCamera
 from slopecli.sequence.later_reference import Follower, LaterReference
-from slopecli.sequence.sequence_report import Reported, report_of
+from slopecli.sequence.sequence_report import Reported, report_of, tested_by_last_view
 from slopecli.sequence.tracking_tunables import TRACKING
 from slopecli.sequence.tracks import choose_tracks
 from slopecli.sequence.used_frames import first_move_m, motions_of
-from slopecli.sequence.view_estimator import ViewEstimator
 from slopecli.types import Camera, Diagnostic, Image, ImageInfo, Report
 
 
@@ -54,7 +53,8 @@ class Sequence:
         keep_depth: bool = False,
         options_of: Callable[[str, str], Options] | None = None,
     ) -> None:
-        self.camera, self.options, self.options_of = camera, options or Options(), options_of
+        self.options, self.options_of = options or Options(), options_of
+        self._camera = KnownCamera.of(camera, self.options)
         self.windows = wanted_windows(self.options, camera.width, camera.height)
         self.frames: list[FrameState] = []
         self._gates = FrameGates((camera.height, camera.width))
@@ -69,6 +69,16 @@ class Sequence:
         self.current: Image | None = None
         self._reference_image: Image | ImageInfo = ImageInfo("", None, None, "")
         self._infos: dict[int, ImageInfo] = {}  # of frames used, by number
+
+    @property
+    def camera(self) -> Camera:
+        """The camera that slopes are computed with."""
+        return self._camera.used
+
+    @property
+    def focal_sigma(self) -> float:
+        """Relative 1-sigma of its focal length that the answer holds."""
+        return self._camera.focal_sigma
 
     @one_blas_thread()
     @single_threaded()
@@ -137,15 +147,12 @@ class Sequence:
     def _started(self, frame: Grey) -> Placed | Skipped:
         """The first move, if this frame is far enough from the first."""
         aligner = self._reference()
-        move = first_move(aligner.grey, frame, self.camera, aligner, self._memory)
-        if isinstance(move, Skipped):
-            return move
-        estimator = ViewEstimator(aligner.tracks, self.camera.focal_px)
-        estimator.start(move.found, move.solution)
-        coarse = CoarseMotion(self.camera, aligner.tracks, aligner.grey)
-        coarse.accept(frame, estimator.motion)
-        self._first = Follower(aligner, estimator, coarse, np.eye(3), np.zeros(3), 1.0, None, 1.0)
-        return estimator.motion
+        begun = first_answer(frame, aligner, self.windows, self._camera, self.options, self._memory)
+        if isinstance(begun, Skipped):
+            return begun
+        self._first, self._camera = begun
+        self._aligner = self._first.aligner
+        return self._first.estimator.motion
 
     def _followed(self, frame: Grey) -> Placed | Skipped:
         """The motion of a frame of a running sequence, against the first; a later reference is taken where need be."""
@@ -155,7 +162,9 @@ class Sequence:
         found = current.follow(frame)
         if isinstance(found, Skipped):
             return found
-        motion = current.in_first(found)
+        motion, camera = current.in_first(found), self._camera
+        if current is self._first and camera.asks(float(np.linalg.norm(motion[1]))):
+            camera = tested_by_last_view(camera, current.estimator, self.windows, self.options)
         if self._next is not None:
             begun = self._next.begun(frame, motion, self.camera)
             if begun is not None:
@@ -163,6 +172,7 @@ class Sequence:
         elif current.is_left and not current.estimator.is_open:
             number = len(self.frames) + 1
             self._next = LaterReference.of(number, frame, self.camera, current, motion, self.windows)
+        self._camera = camera
         return motion
 
     def _change_reference(self, current: Follower, reference: LaterReference, begun: Follower) -> None:
@@ -303,7 +313,7 @@ class Sequence:
         elif self.options_of is not None and options.stated and options.stated.scale and options.baseline_m:
             options = replace(options, baseline_m=options.baseline_m / baseline)
         pair, notes = views.pair(shown), [*metadata_notes(options), *self._notes()]
-        found = report_of(estimator, pair, self.windows, named, self.camera, options, notes, baseline)
+        found = report_of(estimator, pair, self.windows, named, self._camera, options, notes, baseline)
         if length is None:
             return found
         return found._replace(report=replace(found.report, scale=replace(found.report.scale, source="pose")))

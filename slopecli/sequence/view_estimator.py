@@ -69,7 +69,9 @@ class ViewEstimator:
 
     def start(self, found: Found, solution: Solution) -> None:
         """Begin with the first move: where a frame shows the points, and the roots of the pair's solution."""
-        points, other = self._first_points(found), solution.ambiguity.alternative
+        kept = found.seen.copy()
+        kept[found.seen] = solution.inlier  # a mismatch pulls on all planes through the motion and the noise
+        points, other = self._first_points(found, kept), solution.ambiguity.alternative
         self._lines = []
         for one in (solution, other):
             if one is not None:
@@ -82,15 +84,15 @@ class ViewEstimator:
 
     def start_from(self, found: Found, R: FloatArray, T: FloatArray, normals: FloatArray, u: FloatArray) -> None:
         """Begin with a motion, |T| = 1, normals (m, 3) and inverse depths (n,) that are roughly known."""
-        points, m = self._first_points(found), len(normals)
+        points, m = self._first_points(found, found.seen), len(normals)
         relief = np.full(m, TRACKING.rough)
         q = information_of_relief(points, normals, relief, self._floor)
         state = ViewState(R[None], T[None], normals, u, np.zeros(0))
         self._lines = [self._settled(points, state, q, relief, self._floor, rounds=4, most=8)]
 
-    def _first_points(self, found: Found) -> ViewPoints:
-        """The points, and where the first view shows them."""
-        weight = (found.seen & self.alive)[None] / found.zoom**2
+    def _first_points(self, found: Found, kept: BoolArray) -> ViewPoints:
+        """The points, and where the first view shows those that are kept (n,)."""
+        weight = (kept & self.alive)[None] / found.zoom**2
         m, n = len(self.tracks.cells), len(self.tracks)
         count = np.bincount(self.tracks.patch[self.tracks.patch >= 0], minlength=m)
         first = np.cumsum(count) - count
