@@ -119,6 +119,8 @@ USAGE = {
     "field of view nan": (["--fov", "nan"], "not a finite number"),
     "three intrinsics": (["--intrinsics", "800,800,512"], "FX,FY,CX,CY (4 numbers)"),
     "negative focal length": (["--intrinsics", "-800,800,512,512"], "FX, FY must be > 0"),
+    "focal lengths that differ": (["--intrinsics", "800,1e-300,512,512"], "within a factor of 10 of each other"),
+    "focal length of nothing": (["--intrinsics", "1e-200,1e-200,0,0"], "0.001 to 1e6 px"),
     "window of three": (["--fov", "60", "--window", "1,2,3"], "X,Y,W,H (4 whole numbers)"),
     "window of words": (["--fov", "60", "--window", "a,b,c,d"], "for example 100,100,200,150"),
     "window of fractions": (["--fov", "60", "--window", "1.5,2,30,40"], "whole numbers"),

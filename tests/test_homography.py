@@ -85,6 +85,18 @@ def test_samples_of_few_distinct_numbers_give_finite_matrices() -> None:
         assert np.isfinite(four_point_homographies(x1, x2)).all()
 
 
+def test_points_of_few_distinct_numbers_have_a_homography_or_a_reason() -> None:
+    """Repeated coordinates leave normal equations that rounding makes singular."""
+    numbers, reasons = np.array([0.0, 1.0, 2.0, 500.0]) / 700.0, set()
+    for seed in range(800):
+        x1, x2 = np.random.default_rng(seed).choice(numbers, (2, 8, 2))
+        try:
+            assert np.isfinite(fit_homography(x1, x2)).all()
+        except DegenerateConfiguration as error:
+            reasons.add(str(error))
+    assert all("fix no homography" in reason for reason in reasons)
+
+
 def test_four_points_fix_a_homography_each_sample_its_own() -> None:
     (H, x1, x2, _), (other, y1, y2, _) = true_homography(4), true_homography(5)
     found = four_point_homographies(np.stack([x1[:4], y1[10:14]]), np.stack([x2[:4], y2[10:14]]))

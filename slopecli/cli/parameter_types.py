@@ -231,7 +231,8 @@ def _is_window(window: Values) -> bool:
 
 
 def _has_focal_lengths(intrinsics: Values) -> bool:
-    return min(intrinsics[:2]) > 0
+    low, high = sorted(intrinsics[:2])
+    return low >= 1e-3 and high <= min(10 * low, 1e6)
 
 
 def _is_rotation_prior(prior: Values) -> bool:
@@ -255,7 +256,12 @@ WINDOW = comma_separated(
     "X, Y must be 0 or more, W, H 1 or more",
     number=int,
 )
-INTRINSICS = comma_separated("FX,FY,CX,CY", "800,800,511.5,383.5", _has_focal_lengths, "FX, FY must be > 0")
+INTRINSICS = comma_separated(
+    "FX,FY,CX,CY",
+    "800,800,511.5,383.5",
+    _has_focal_lengths,
+    "FX, FY must be > 0, of 0.001 to 1e6 px and within a factor of 10 of each other",
+)
 VECTOR = comma_separated(*VECTOR_IS)
 UP = comma_separated(*VECTOR_IS, words=("camera", "dominant-plane"))
 ROTATION_VECTOR = comma_separated(

@@ -114,7 +114,10 @@ def _gauss_newton(H: FloatArray, x1: FloatArray, x2: FloatArray, root_weight: Fl
     J = homography_rows(homogeneous(x1) * (root_weight / depth)[:, None], predicted)
     h = H.ravel()
     e = ((predicted - x2) * root_weight[:, None]).T.ravel()
-    return (h - np.linalg.solve(J.T @ J + np.outer(h, h), J.T @ e)).reshape(3, 3)
+    try:
+        return np.asarray(h - np.linalg.solve(J.T @ J + np.outer(h, h), J.T @ e)).reshape(3, 3)
+    except np.linalg.LinAlgError:  # the points hold no more than the linear solution
+        return H
 
 
 class PlaneMotion(NamedTuple):
