@@ -345,9 +345,16 @@ def test_a_contradiction_that_no_focal_length_explains_is_said(monkeypatch: pyte
     monkeypatch.setattr("slopecli.findings.camera_test.free_focal", lambda *facts: None)
     report = report_of(scene_of(2), PINHOLE)
     (warning,) = (d for d in report.diagnostics if d.code == "suspect-camera")
-    assert "it cannot be told in which of its numbers" in warning.message
+    assert "no focal length explains both" in warning.message
     assert report.fit.focal_factor is None
     assert all(plane.verdict != "safe" for plane in report.planes)
+
+
+def test_a_contradiction_is_no_fault_of_a_camera_that_the_windows_do_not_tell(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("slopecli.findings.camera_test._overview_contradicts", lambda *facts: True)
+    monkeypatch.setattr("slopecli.findings.camera_test.free_focal", lambda *facts: None)
+    report = report_of(scene_of(4, slopes_deg=[0.0] * 9, height_spread=0.0), PINHOLE)
+    assert "suspect-camera" not in {d.code for d in report.diagnostics}
 
 
 def test_a_focal_length_that_was_to_be_free_and_is_not_told_is_known_no_better_than_what_was_tried() -> None:

@@ -29,6 +29,10 @@ Cameras = tuple[Camera, Camera]
 Again = Callable[[Joined, Cameras, Settled], Solution]  # solves matches again, seen by other cameras, from a start
 
 UNTOLD = "the images contradict the camera, and it cannot be told in which of its numbers"
+UNEXPLAINED = (
+    "the images contradict the camera, or much in them moved: places outside the windows miss their epipolar lines "
+    "several times as far as the matches in them, and no focal length explains both"
+)
 CHECK_FILE = "check that the camera file belongs to these images, uncropped and not zoomed"
 
 
@@ -123,7 +127,7 @@ def examine_cameras(
             return replace(test, step=near.value, sigma=_sigma(near.score))
     freed = free_focal(every, start, None if free else _is_far, lines)
     if freed is None:
-        return replace(test, suspect=contradicted)
+        return replace(test, suspect=contradicted and _sigma(score) < TEST.telling)
     wrong = _is_wrong(freed, contradicted)
     sigma = float(freed.score.sigma[0]) if wrong else _sigma(freed.score)
     return replace(test, step=freed.value, sigma=sigma, suspect=wrong, start=freed.settled)
@@ -252,7 +256,9 @@ def suspicion(
     if not (test.suspect or test.centre) or test.sightings is None or test.score is None:
         return known
     found = _explained(test)
-    if found is None or (test.only_contradicted and found.name in ("", "f")):
+    if test.only_contradicted and (found is None or found.name in ("", "f")):
+        return [*known, finding("suspect-camera", UNEXPLAINED, None, CHECK_FILE)]
+    if found is None:
         return [*known, finding("suspect-camera", UNTOLD, test.focal_factor, CHECK_FILE)]
     others = [one for one in known if one.code != "suspect-distortion"]
     lens = [one for one in known if one.code == "suspect-distortion"]
