@@ -270,7 +270,7 @@ def solve(given: Given, cameras: tuple[Camera, Camera] | None, options: Options,
     InputError : no patch has three rows that are not on one line, or rows without cameras are no rays.
     DegenerateConfiguration, NoAnswer : too few rows, no parallax, a mirrored image, or no motion explains the rows.
     """
-    both = cameras or (RAYS, RAYS)
+    both, options = cameras or (RAYS, RAYS), replace(options, planes=str(given.options.get("planes", "one")))
     joined = join_rows(given, both)
     refuse_mirrored(joined.matches.x1, joined.matches.x2, joined.plane)
     sigma = median(given.sigma) if noise is None and given.sigma is not None else noise

@@ -179,7 +179,7 @@ def solve_rows(joined: Joined, cameras: Cameras, noise: float | None, options: O
 
     # whether the rows of each patch are on one plane
     refuse_unrelated(solved.solution, joined, cameras[1])
-    joined, notes = review(solved, joined, noise, *cameras)
+    joined, notes = review(solved, joined, noise, *cameras, planes_found=options.planes == "found")
     test = examine_cameras(joined, solved.solution, cameras, free=options.free_focal)
     answer = Answer(joined, solved.solution, cameras, diagnostics, test, 0.0)
     answer = _with_focal(answer, cameras, options, partial(_solve_rows_again, options))

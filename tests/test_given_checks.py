@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from slopecli.errors import NoAnswer
+from slopecli.errors import InputError, NoAnswer
 from slopecli.options import Options
 from slopecli.patches import Given
 from slopecli.pipeline import solve
@@ -46,6 +46,43 @@ def test_nine_planes_called_one_are_no_plane(flight: float, noise: float | None)
         assert (plane.status, plane.verdict) == ("poor", "undecided")
         assert "non-planar-patch" in warnings(report)
         assert noise is None or "poor-fit" in warnings(report)
+
+
+def test_points_outside_the_image_are_counted_and_most_of_them_refused() -> None:
+    rows = np.loadtxt(Path(__file__).parents[1] / "sample_data" / "matches.csv", delimiter=",", skiprows=1)
+    camera, patch = Camera(1024, 768, 800, 800, 511.5, 383.5), rows[:, 4].astype(np.int64)
+    xy1, xy2 = rows[:, :2], rows[:, 2:4]
+    off = ((xy2 < -1) | (xy2 > [1024, 768])).any(axis=1)
+    report = solve(Given(xy1, xy2, patch), (camera, camera), Options(), None)
+    (said,) = [one for one in report.diagnostics if one.code == "outside-image"]
+    assert f"{off.sum()} of {len(rows)} rows lie outside image 2 of 1024x768 px" in said.message
+    inside = solve(Given(xy1[~off], xy2[~off], patch[~off]), (camera, camera), Options(), None)
+    assert "outside-image" not in {one.code for one in inside.diagnostics}
+    # a camera without an image size cannot tell
+    sizeless = Camera(0, 0, 800, 800, 511.5, 383.5)
+    report = solve(Given(xy1, xy2, patch), (sizeless, sizeless), Options(), None)
+    assert "outside-image" not in {one.code for one in report.diagnostics}
+
+    doubled, rays = (2.2 * xy1, 2.2 * xy2), ((xy1 - 500) / 800, (xy2 - 500) / 800)
+    for one, two, words in (
+        (xy1[~off, ::-1], xy2[~off, ::-1], "x and y in each other's place"),
+        (*doubled, "of another size"),
+        (*rays, "as rays do"),
+    ):
+        with pytest.raises(InputError, match=words):
+            solve(Given(one, two, patch[: len(one)]), (camera, camera), Options(), None)
+
+
+def test_planes_found_are_not_told_to_be_found() -> None:
+    scene = facets(2, slopes_deg=[6, 9, 12, 16, 20, 23, 26, 29, 31])
+    one = np.zeros_like(scene.patch)
+    for planes, advised in (("one", True), ("found", False)):
+        given = Given(scene.uv1, scene.uv2, one, options={"planes": planes})
+        report = solve(given, (scene.camera, scene.camera), Options(tolerance_deg=60.0), None)
+        texts = [f"{found.message}; {found.remedy}" for found in report.diagnostics]
+        (said,) = [text for text in texts if "is not one plane" in text]
+        assert "25 %" not in said
+        assert any("--planes found" in text for text in texts) == advised
 
 
 def test_rows_of_two_planes_on_one_are_told_how_to_part_them() -> None:
@@ -164,7 +201,9 @@ def test_what_is_flat_is_told_by_residuals_and_not_by_the_noise_given() -> None:
 
 @pytest.mark.parametrize("rays", [False, True])
 def test_residuals_of_the_longuet_higgins_motion_are_not_blamed_on_the_rows(rays: bool) -> None:
-    report = solved(facets(trajectory_deg=45.0, noise_px=1.0), rays=rays, solver="lh")
+    scene = facets(trajectory_deg=45.0, noise_px=1.0)
+    borderless = replace(scene, camera=replace(scene.camera, width=0, height=0))  # as image 2 of the simulation is
+    report = solved(borderless, rays=rays, solver="lh")
     assert warnings(report) == {"poor-fit"}
     assert "single-plane" not in {one.code for one in report.diagnostics}
     for one in report.diagnostics:

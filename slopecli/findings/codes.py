@@ -123,6 +123,12 @@ _ROWS: dict[Severity, dict[str, tuple[Any, ...]]] = {
             "distrust windows that are touched, or take both images in quick succession",
             "share of image 1",
         ),
+        "outside-image": (
+            "Correspondences of your own lie outside the image that their camera is for. A matcher finds none there: "
+            "they may be of another image or size, or mismatches.",
+            "leave them out, and check that the camera is for the size of the images that were matched",
+            "share of the rows",
+        ),
         "implausible-camera": (
             "Hardly any camera is like this: a principal point more than a quarter of the image off its middle (17 % "
             "where the camera comes without an image size, less where it fits another size), a focal length outside "

@@ -13,7 +13,7 @@ from slopecli.findings.solution_checks import solver_remedy
 from slopecli.findings.wording import finding, listed
 from slopecli.geometry.camera import OFF_MIDDLE
 from slopecli.geometry.slope import tilt_growth
-from slopecli.patches.given import FEWEST, RAYS, GivenSolution
+from slopecli.patches.given import FEWEST, RAYS, GivenSolution, off_image
 from slopecli.patches.join import Joined
 from slopecli.patches.settling import CLEARLY
 from slopecli.types import Camera, Diagnostic, FloatArray, Solution
@@ -80,12 +80,33 @@ def _off_centre(camera: Camera, uv: FloatArray) -> str:
     return ""
 
 
+def rows_outside(joined: Joined, camera1: Camera, camera2: Camera) -> list[Diagnostic]:
+    """Warn of points outside an image of known size, and say how many there are."""
+    found = []
+    for number, camera, uv in ((1, camera1, joined.matches.uv1), (2, camera2, joined.matches.uv2)):
+        outside = off_image(camera, uv)
+        if outside.any():
+            u, v = uv[outside][0]
+            message = (
+                f"{int(outside.sum())} of {len(uv)} rows lie outside image {number} of {camera.width}x{camera.height} "
+                f"px, the first at ({u:.6g}, {v:.6g})"
+            )
+            found.append(finding("outside-image", message, float(outside.mean())))
+    return found
+
+
 def review(
-    solved: GivenSolution, joined: Joined, noise: float | None, camera1: Camera, camera2: Camera
+    solved: GivenSolution,
+    joined: Joined,
+    noise: float | None,
+    camera1: Camera,
+    camera2: Camera,
+    *,
+    planes_found: bool = False,
 ) -> tuple[Joined, list[Diagnostic]]:
     """The patches with what contradicts their planes as their `reason`, and what a user should know of them.
 
-    noise : as given, see `solve_given`; None where none was.
+    noise : as given, see `solve_given`; None where none was.  planes_found : whether the patches are found planes.
     """
     unit, per = _unit(camera2)
     solver, measured, remedy = solved.solution.solver, solved.solution.noise, solver_remedy(solved.solution)
@@ -103,17 +124,17 @@ def review(
         residuals = f"{measured * per:.3g} px"
         reasons = [f"residuals of {residuals}"] * len(reasons)
         message = f"residuals are {residuals}, those of matches below {NOISY_PX:g} px, so no plane is called safe"
-        remedy = remedy or noisy_remedy(len(joined.patches))
+        remedy = remedy or noisy_remedy(several=planes_found or len(joined.patches) > 1)
         found.append(finding("poor-fit", message, measured * per, remedy))
-    found += cameras_of_rows(joined, camera1, camera2)
+    found += [*cameras_of_rows(joined, camera1, camera2), *rows_outside(joined, camera1, camera2)]
     patches = [replace(patch, reason=reason) for patch, reason in zip(joined.patches, reasons, strict=True)]
     return replace(joined, patches=tuple(patches)), [*found, *_rough(solved, joined, reasons)]
 
 
-def noisy_remedy(planes: int) -> str:
-    """What to try where residuals are larger than those of matches."""
-    several = "if the rows lie on several planes, --planes found tells them apart; " if planes == 1 else ""
-    return f"{several}check the camera and the rows; if the points are no better, say so with --noise"
+def noisy_remedy(*, several: bool) -> str:
+    """What to try where residuals are larger than those of matches; several: whether planes were told apart."""
+    apart = "" if several else "if the rows lie on several planes, --planes found tells them apart; "
+    return f"{apart}check the camera and the rows; if the points are no better, say so with --noise"
 
 
 def _off_plane(solved: GivenSolution, noise: float | None) -> list[str]:
@@ -134,7 +155,7 @@ def _off_plane_of(k: int, solved: GivenSolution, noise: float | None, growth: fl
         return f"{NON_PLANAR}: only {FEWEST} rows were kept, which fit any plane, so the mismatch may be among them"
     bent = seen.shaped[k] or not solved.solution.relief.any()
     if seen.off[k] and seen.along[k] > CLEARLY * seen.across and bent:
-        return f"{NON_PLANAR}: its rows do not lie on one plane"
+        return f"{NON_PLANAR}: residuals of its rows along the epipolar lines exceed those across"
     return ""
 
 

@@ -126,12 +126,17 @@ def not_planar(facts: AnswerFacts) -> list[Diagnostic]:
     found = []
     for plane in facts.planes:
         if NON_PLANAR in (plane.reason or ""):
-            relief = facts.relief[plane.id]
-            why = (
-                f"its relief is {100 * relief:.1f} % of its distance"
-                if relief > ROUGH
-                else f"more than {100 * MOST_LEFT_OUT:.0f} % of its matches lie off it, across a step or an edge"
-            )
-            message, remedy = f"{plane.noun} {plane.id} is not one plane: {why}", FINDER_OF[plane.source].flatter
-            found.append(finding(NON_PLANAR, message, float(plane.id), remedy))
+            message, remedy = f"{plane.noun} {plane.id} is not one plane: {_why_not(plane, facts)}", None
+            if plane.source == "given" and facts.options.planes == "found":
+                remedy = "leave out rows that lie off it, or say in a column patch which rows lie on one plane"
+            found.append(finding(NON_PLANAR, message, float(plane.id), remedy or FINDER_OF[plane.source].flatter))
     return found
+
+
+def _why_not(plane: Plane, facts: AnswerFacts) -> str:
+    """What shows that a patch is not one plane: as its reason says, or its relief, or the matches off it."""
+    reason = next(part for part in (plane.reason or "").split("; ") if NON_PLANAR in part)
+    words, relief = reason.partition(": ")[2], facts.relief[plane.id]
+    if relief > ROUGH:
+        return f"its relief is {100 * relief:.1f} % of its distance"
+    return words or f"more than {100 * MOST_LEFT_OUT:.0f} % of its matches lie off it, across a step or an edge"

@@ -78,8 +78,8 @@ class Hull(Footprint):
 def join_rows(given: Given, cameras: tuple[Camera, Camera]) -> Joined:
     """The rows as patches with their matches; rows of a patch that makes no plane constrain the motion only.
 
-    InputError : a point given again and again, pixels where rays are needed, a pixel without a ray, or no patch of
-        three points off a line.
+    InputError : a point given again and again, pixels where rays are needed, points of another image, a pixel without
+        a ray, or no patch of three points off a line.
     """
     _check_distinct(given)
     typical = min(median(np.abs(xy).max(axis=1)) for xy in (given.xy1, given.xy2))
@@ -90,6 +90,7 @@ def join_rows(given: Given, cameras: tuple[Camera, Camera]) -> Joined:
             f"{given.path}: half of the points lie beyond {typical:.4g}, which are pixels and no rays (x/z, y/z); "
             "give the camera with --camera or --intrinsics"
         )
+    _check_inside(given, cameras)
     x1, x2 = (_rays(camera, xy) for camera, xy in zip(cameras, (given.xy1, given.xy2), strict=True))
     matches = Matches(given.xy1, given.xy2, x1, x2)
     weight = np.ones(len(matches)) if given.sigma is None else (median(given.sigma) / given.sigma) ** 2
@@ -116,6 +117,39 @@ def _check_distinct(given: Given) -> None:
             raise InputError(
                 f"{given.path}: {count[most]} of {len(xy)} rows have the point ({u:g}, {v:g}) in image {image}; "
                 "give each correspondence once, and leave out rows without a match"
+            )
+
+
+def off_image(camera: Camera, uv: FloatArray) -> BoolArray:
+    """(n,) which points (n, 2) lie outside the image of a camera by more than where pixels are counted from.
+
+    None of a camera without an image size.
+    """
+    if not camera.width:
+        return np.zeros(len(uv), bool)
+    return np.asarray(((uv < -1.0) | (uv > [camera.width, camera.height])).any(axis=1))
+
+
+def _check_inside(given: Given, cameras: tuple[Camera, Camera]) -> None:
+    """Raise InputError where most points of an image lie outside it, some and none with x and y in each other's place,
+    or all of both in its first corner, as rays do."""
+    if cameras[0] is RAYS:
+        return
+    pairs = list(zip(cameras, (given.xy1, given.xy2), strict=True))
+    largest = max(float(np.abs(xy).max()) for _, xy in pairs)
+    if largest < WIDEST_RAY and all(camera.cx > 2.0 * WIDEST_RAY for camera in cameras):
+        raise InputError(
+            f"{given.path}: all points lie within {largest:.3g} px of the first pixel, as rays do (x/z, y/z); needed "
+            "pixels with a camera, or leave the camera out"
+        )
+    for number, (camera, xy) in enumerate(pairs, 1):
+        outside = int(np.count_nonzero(off_image(camera, xy)))
+        swapped = outside > FEWEST and not off_image(camera, xy[:, ::-1]).any()
+        if swapped or 2 * outside > len(xy):
+            guess = "are x and y in each other's place?" if swapped else "are they pixels of an image of another size?"
+            raise InputError(
+                f"{given.path}: {outside} of {len(xy)} points of image {number} lie outside its {camera.width}x"
+                f"{camera.height} px; {guess}"
             )
 
 
