@@ -11,7 +11,9 @@ from pathlib import Path
 from typing import Any
 
 import cv2
+import numpy as np
 from descent_pair import render_descent
+from make_depth import descent_depth
 from urban_pair import render_urban
 
 
@@ -47,6 +49,9 @@ def make_urban(folder: Path) -> None:
 def make_small_descent(folder: Path) -> None:
     images, camera, _ = render_descent()
     write_small(folder, *made_smaller(images, camera), quality=92)
+    side = camera["width"] // 5  # averaged as disparities are, so that the middle of a block is on its plane
+    depth = 1.0 / cv2.resize(1.0 / descent_depth().astype(float), (side, side), interpolation=cv2.INTER_AREA)
+    write_image(folder / "depth.png", np.rint(1000.0 * depth).astype(np.uint16))  # mm
 
 
 def make_small_town(folder: Path) -> None:

@@ -8,7 +8,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
-from command import slopemap
+from command import Done, slopemap
 
 PLAN = ("plan", "--json")
 
@@ -93,21 +93,36 @@ def test_a_settings_file_that_is_not_there(tmp_path: Path) -> None:
     assert (done.returncode, len(done.stderr.splitlines())) == (1, 1)
 
 
-def test_demo_answers_from_what_the_package_carries(tmp_path: Path) -> None:
-    done = slopemap("demo", "-o", str(tmp_path / "out"))
+@pytest.fixture(scope="module")
+def demo(tmp_path_factory: pytest.TempPathFactory) -> tuple[Done, Path]:
+    """What the command said, and the folder it ran in."""
+    folder = tmp_path_factory.mktemp("demo")
+    return slopemap("demo", cwd=folder), folder
+
+
+def test_demo_answers_from_what_the_package_carries(demo: tuple[Done, Path]) -> None:
+    done, folder = demo[0], demo[1] / "slopemap_demo"
     assert done.returncode == 0, done.stderr
-    assert {"image1.jpg", "image2.jpg", "camera.json", "map.png", "slopes.json"} <= {
-        path.name for path in (tmp_path / "out").iterdir()
-    }
-    answer = json.loads((tmp_path / "out" / "slopes.json").read_text(encoding="utf-8"))
+    files = {path.name for path in folder.iterdir()}
+    assert {"image1.jpg", "image2.jpg", "camera.json", "map.png", "slopes.json"} <= files
+    answer = json.loads((folder / "slopes.json").read_text(encoding="utf-8"))
     assert answer["scale"]["unit"] == "m"
     assert len(answer["sites"]) >= 3
-    assert cv2.imread(str(tmp_path / "out" / "map.png")).std() > 20
+    assert cv2.imread(str(folder / "map.png")).std() > 20
     assert "next: look at" in done.stderr
     (wrote,) = (line for line in done.stderr.splitlines() if line.startswith("wrote "))
-    assert {Path(name).name for name in wrote.removeprefix("wrote ").split(", ")} == {
-        path.name for path in (tmp_path / "out").iterdir()
-    }
+    assert {Path(name).name for name in wrote.removeprefix("wrote ").split(", ")} == files
+
+
+def test_the_slopes_of_the_demo_are_those_of_the_depth_it_carries(demo: tuple[Done, Path]) -> None:
+    depth = ("--depth", "slopemap_demo/depth.png", "--factor", "0.001")
+    done = slopemap("validate", "slopemap_demo", *depth, "-o", "check", "--json", cwd=demo[1])
+    assert done.returncode == 0, done.stderr
+    found = json.loads(done.stdout)
+    assert len(found["planes"]) == 9
+    assert max(abs(one["difference_deg"]) for one in found["planes"]) < 0.5
+    assert found["scale"] == pytest.approx(1.0, abs=0.005)
+    assert (demo[1] / "check" / "validation.png").exists()
 
 
 def test_demo_of_a_town_has_roofs_walls_and_a_page(tmp_path: Path) -> None:

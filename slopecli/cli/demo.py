@@ -16,6 +16,7 @@ from slopecli.cli.talk import Talk, origin_of
 NEXT = (
     "next: look at {folder}/map.png: blue ground is at most 15° steep, orange ground is steeper, hatched ground is not "
     "known",
+    "against the true ground: slopemap validate {folder} --depth {folder}/depth.png --factor 0.001 -o check",
     "your own pair needs its camera: slopemap map first.jpg second.jpg --camera camera.json -o out",
 )
 NEXT_IN_TOWN = (
@@ -55,7 +56,8 @@ def demo(ctx: click.Context, **parameters: Any) -> None:
     folder = Path(parameters["output"] or ("slopemap_town" if town else "slopemap_demo"))
     check_directory(folder)
     with talk.timed("load"):
-        copied = first, second, camera_file = copy_sample("town" if town else "descent", folder)
+        copied = copy_sample("town" if town else "descent", folder)
+        first, second, camera_file = copied[:3]
         images, camera = (load_image(first), load_image(second)), load_camera(camera_file)
     # the distances between the cameras of the samples
     if town:

@@ -266,9 +266,7 @@ def summary_lines(comparison: Comparison, unit: str) -> Sequence[str]:
         lines.append(f"no truth under {', '.join(map(str, comparison.missing))}")
     cells = comparison.cells
     if cells is not None and not cells.n:
-        lines.append(
-            "no cell of the map has a footprint whose true ground is known all over; give --depth to compare cells"
-        )
+        lines.append("cells of the map are compared with a --depth or --disparity of the size of image 1 alone")
     elif cells is not None:
         lines.append(
             f"{cells.n} cells of the map: slopes off by {cells.median_deg:.2f}° in median, {cells.p90_deg:.2f}° at "
