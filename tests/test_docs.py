@@ -383,6 +383,18 @@ def test_the_site_has_every_page_and_begins_with_what_it_cannot_do() -> None:
     assert sorted(pages) == sorted(path.name for path in (ROOT / "docs").glob("*.md") if path.name != "package_page.md")
 
 
+@pytest.mark.parametrize("page", sorted((ROOT / "docs").glob("*.md")), ids=lambda path: path.name)
+def test_links_of_a_page_of_the_site_stay_in_it(page: Path) -> None:
+    """As the site is built, where what lies above docs/ is not; anchors are those of titles."""
+    for target, anchor in re.findall(r"\]\((?!https?:)([^)#]*)(?:#([^)]*))?\)", page.read_text(encoding="utf-8")):
+        file = page.parent / target if target else page
+        assert file.resolve().is_relative_to(ROOT / "docs"), target
+        if anchor:
+            titles = re.findall(r"^#+ (.*)$", file.read_text(encoding="utf-8"), re.MULTILINE)
+            slugs = {re.sub(r"[\s-]+", "-", re.sub(r"[^\w\s-]", "", title).strip().lower()) for title in titles}
+            assert anchor in slugs, f"{target}#{anchor}"
+
+
 def test_the_site_builds_without_a_warning(tmp_path: Path) -> None:
     build = pytest.importorskip("mkdocs.commands.build", reason="the site is built where mkdocs-material is installed")
     pytest.importorskip("material")
