@@ -115,11 +115,11 @@ class Solution:
     inlier: BoolArray
     converged: bool
     iterations: int
+    noise_gain: float
     solver: str = "mle"
     ambiguity: Ambiguity = field(default_factory=Ambiguity)
     prior_chi2: float | None = None
     joint_normals: FloatArray | None = None
-    noise_gain: float = 1.0
     focal_shift: FloatArray | None = None
 
     @property

@@ -55,6 +55,7 @@ def make_solution(
         "inlier": np.ones(POINTS * m, bool),
         "converged": True,
         "iterations": 4,
+        "noise_gain": 1.0,
     }
     return Solution(**{**values, **changes})  # type: ignore[arg-type]
 

@@ -40,7 +40,7 @@ def scene_of(seed: int = 0, camera: Camera = PINHOLE, **options: object) -> Scen
 
 
 def seen_through(scene: Scene, camera: Camera, relief: bool = False) -> tuple[Sightings, Solution]:
-    sightings = Sightings(scene.uv1, scene.uv2, scene.patch, np.ones(len(scene.patch)), (camera, camera))
+    sightings = Sightings(scene.uv1, scene.uv2, scene.patch, np.ones(len(scene.patch)), (camera, camera), 1.0)
     solution = solve_planes(*sightings.rays(), scene.patch, relief=relief)
     return sightings.take(solution.inlier), solution
 
@@ -52,7 +52,7 @@ def report_of(scene: Scene, camera: Camera, **options: object) -> Report:
 
 def test_rays_that_are_known_are_those_of_these_cameras_only() -> None:
     scene, longer = scene_of(camera=LENS), changed(LENS, "f", 0.1)
-    every = Sightings(scene.uv1, scene.uv2, scene.patch, np.ones(len(scene.patch)), (LENS, LENS))
+    every = Sightings(scene.uv1, scene.uv2, scene.patch, np.ones(len(scene.patch)), (LENS, LENS), 1.0)
     known, some = every.with_rays(), np.arange(3, 40, 5)
     for seen in (
         known.take(some),
@@ -97,7 +97,7 @@ def test_matches_have_more_noise_under_a_false_focal_length() -> None:
 def test_epipolar_lines_tell_the_focal_length_and_the_motion(camera: Camera, factor: float) -> None:
     scene = scene_of(camera=camera, noise_px=0.0, points=100)
     false = changed(camera, "f", np.log(factor))
-    every = Sightings(scene.uv1, scene.uv2, scene.patch, np.ones(len(scene.patch)), (false, false))
+    every = Sightings(scene.uv1, scene.uv2, scene.patch, np.ones(len(scene.patch)), (false, false), 1.0)
     wrong = np.arange(0, len(scene.patch), 7 if camera is PINHOLE else 20)  # matches that are none
     every.uv2[wrong] = np.roll(every.uv2[wrong], 1, axis=0)
     found = start_by_lines(every, 1e-6, 0.7)
@@ -113,7 +113,7 @@ def test_a_search_that_begins_at_a_motion_far_from_the_right_one_arrives() -> No
     """As where a wrong camera has led to another motion, from which no step comes back."""
     scene = scene_of(1, noise_px=0.1)
     false = changed(PINHOLE, "f", np.log(0.6))
-    every = Sightings(scene.uv1, scene.uv2, scene.patch, np.ones(len(scene.patch)), (false, false))
+    every = Sightings(scene.uv1, scene.uv2, scene.patch, np.ones(len(scene.patch)), (false, false), 1.0)
     start = Settled.of(solve_planes(*every.rays(), scene.patch))
     turned = rotation_from_vector(np.array([0.0, np.radians(50.0), 0.0])) @ start.T
     freed = free_focal(every, start._replace(T=turned))

@@ -387,7 +387,7 @@ def test_metadata_of_other_formats(tmp_path: Path, suffix: str) -> None:
 
 def test_nothing_stated_is_nothing_read() -> None:
     metadata = decode_metadata(photograph(SIZE), "image.jpg")
-    assert metadata == Metadata("image.jpg", SIZE)
+    assert metadata == Metadata("image.jpg", SIZE, 1)
 
 
 @pytest.mark.parametrize(

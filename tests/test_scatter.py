@@ -26,7 +26,7 @@ def seen(scene: Scene, shared_px: float, seed: int, prior: MotionPrior | None = 
     error = shared_px * np.random.default_rng(seed + 1).standard_normal((8, 8, 2))
     column, row = np.floor(scene.uv1 / side).astype(int).T
     uv2 = scene.uv2 + error[np.clip(row, 0, 7), np.clip(column, 0, 7)]
-    sightings = Sightings(scene.uv1, uv2, scene.patch, np.ones(len(scene.patch)), (CAMERA, CAMERA))
+    sightings = Sightings(scene.uv1, uv2, scene.patch, np.ones(len(scene.patch)), (CAMERA, CAMERA), 1.0)
     solution = solve_planes(*sightings.rays(), scene.patch, prior=prior)
     return sightings.take(solution.inlier), solution
 
@@ -36,7 +36,7 @@ def warped(scene: Scene, most_px: float, seed: int) -> tuple[Sightings, Solution
     place = 2.0 * scene.uv2 / (CAMERA.width, CAMERA.height) - 1.0
     terms = np.polynomial.polynomial.polyvander2d(*place.T, (2, 2))
     uv2 = scene.uv2 + most_px * terms @ np.random.default_rng(seed).uniform(-1.0, 1.0, (9, 2))
-    sightings = Sightings(scene.uv1, uv2, scene.patch, np.ones(len(scene.patch)), (CAMERA, CAMERA))
+    sightings = Sightings(scene.uv1, uv2, scene.patch, np.ones(len(scene.patch)), (CAMERA, CAMERA), 1.0)
     solution = solve_planes(*sightings.rays(), scene.patch)
     return sightings.take(solution.inlier), solution
 

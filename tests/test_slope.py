@@ -25,7 +25,7 @@ def one_plane(normal: FloatArray, sigma: float = 0.01) -> Solution:
         R=np.eye(3), T=np.array([1.0, 0.0, 0.0]), scaled_normals=-normals,
         normal_covariance=np.tile(sigma**2 * np.eye(3), (m, 1, 1)), motion_covariance=np.zeros((5, 5)),
         tangent=np.eye(3)[:, 1:], normal_gain=np.zeros((m, 3, 5)), noise=1e-3, relief=np.zeros(m), rms=1e-3, chi2=1.0,
-        inlier=np.ones(1, dtype=bool), converged=True, iterations=1,
+        inlier=np.ones(1, dtype=bool), converged=True, iterations=1, noise_gain=1.0,
     )  # fmt: skip
 
 

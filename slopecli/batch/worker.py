@@ -23,7 +23,6 @@ P = ParamSpec("P")
 T = TypeVar("T")
 
 HEADER = struct.Struct("<Q")  # length of the pickle that follows
-EXIT_S = 10.0  # time to end by itself
 ONE_THREAD = dict.fromkeys(("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"), "1")
 SERVE = "import sys; from slopecli.batch.worker import serve; serve(int(sys.argv[1]))"
 
@@ -190,7 +189,7 @@ class Worker(Executor):
                 if stream is not None:
                     stream.close()
         try:
-            self._process.wait(EXIT_S)
+            self._process.wait(10.0)  # s, to end by itself
         except subprocess.TimeoutExpired:
             self._process.kill()
             self._process.wait()

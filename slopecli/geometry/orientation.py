@@ -11,8 +11,6 @@ import numpy as np
 
 from slopecli.types import FloatArray, IntArray
 
-TRIANGLES = 3000  # drawn: a share of them is known to 0.01
-
 
 def kept_orientation(x1: FloatArray, x2: FloatArray, surface: IntArray) -> float:
     """Share of triangles that turn the same way round in both images; NaN if no surface has three points.
@@ -29,7 +27,7 @@ def kept_orientation(x1: FloatArray, x2: FloatArray, surface: IntArray) -> float
     if not enough.any():
         return float("nan")
     rng = np.random.default_rng(0)
-    chosen = rng.choice(np.flatnonzero(enough), TRIANGLES, p=count[enough] / count[enough].sum())
+    chosen = rng.choice(np.flatnonzero(enough), 3000, p=count[enough] / count[enough].sum())  # a share is known to 0.01
     # three different points of a surface of n: each draw skips the earlier ones
     n = count[chosen]
     a, b, c = (rng.integers(0, n - taken) for taken in range(3))

@@ -9,11 +9,12 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from slopecli.geometry.slope import CAMERA_UP
 from slopecli.ground.footprints import Cells, disc_area, disc_sums
 from slopecli.types import BoolArray, FloatArray, IntArray
 
 LEAST_SHARE = 0.85  # of a footprint's pixels that must be matched for its plane to be told
-AHEAD = np.array([0.0, 0.0, 1.0])  # normal and middle of a footprint of fewer than three points
+AHEAD = 0.0 - CAMERA_UP  # without negative zeros: normal and middle of a footprint of fewer than three points
 BLOCKS = 12  # blocks of pixels along a footprint's diameter, the highest and lowest of which are looked at
 
 

@@ -17,7 +17,6 @@ from slopecli.options import Lander
 from slopecli.types import BoolArray, FloatArray
 
 HEADING_STEP_DEG = 5.0  # largest step between the headings that are tried
-FLAT = 1e-9  # of the lander's diameter: heights above a plane that are rounding errors
 
 
 @dataclass(frozen=True)
@@ -52,7 +51,7 @@ def worst_stand(lander: Lander, ground: FloatArray, pixel: float) -> Stand:
     for three in _supporting_triples(pads):
         planes = resting[:, three] @ np.linalg.inv(np.column_stack([pads[list(three)], np.ones(3)])).T
         others = resting - (planes[:, :2] @ pads.T + planes[:, 2:])
-        stable = (others <= FLAT * lander.diameter).all(axis=1)
+        stable = (others <= 1e-9 * lander.diameter).all(axis=1)  # but for rounding
         if stable.any():
             gradient = np.linalg.norm(planes[stable, :2], axis=1)
             slope = max(slope, math.atan(float(gradient.max())))
@@ -74,7 +73,7 @@ def _supporting_triples(pads: FloatArray) -> list[tuple[int, int, int]]:
     def holds_centre(three: tuple[int, ...]) -> bool:
         a, b, c = pads[list(three)]
         turns = [p[0] * q[1] - p[1] * q[0] for p, q in ((a, b), (b, c), (c, a))]
-        return min(turns) >= -FLAT * max(turns)
+        return min(turns) >= -1e-9 * max(turns)
 
     return [(i, j, k) for i, j, k in combinations(range(len(pads)), 3) if holds_centre((i, j, k))]
 

@@ -19,8 +19,6 @@ class SafetyTunables:
     flattened_gsd: float = 0.7  # ground px by which the matcher flattens what stands out, on average
     flattened_sigma_gsd: float = 2.0  # 1-sigma of that
     reach: float = 4.5  # sigmas of a tilt to either side over which its probability is integrated: all but 1e-5 of it
-    chance_nodes: int = 14  # of that quadrature
-    nodes: int = 5  # of the quadrature of a slope's sigma along either axis: good to a few percent
 
 
 SAFETY = SafetyTunables()
@@ -100,13 +98,14 @@ def slope_sigma(slope: FloatArray, along: FloatArray, across: FloatArray) -> Flo
 
 @cache
 def _hermite() -> tuple[FloatArray, FloatArray]:
-    nodes, weights = np.polynomial.hermite_e.hermegauss(SAFETY.nodes)
+    """Nodes and weights along either axis by which a slope's sigma is good to a few percent."""
+    nodes, weights = np.polynomial.hermite_e.hermegauss(5)
     return nodes, weights / weights.sum()
 
 
 @cache
 def _legendre() -> tuple[FloatArray, FloatArray]:
-    return np.polynomial.legendre.leggauss(SAFETY.chance_nodes)
+    return np.polynomial.legendre.leggauss(14)
 
 
 def probability_low(height: FloatArray, limit: float, ground_px: FloatArray, scale_sigma: float) -> FloatArray:

@@ -22,8 +22,10 @@ from slopecli.io.tiff_directories import TiffTag
 PNG_SIGNATURE = b"\x89PNG\r\n\x1a\n"
 JPEG_SIGNATURE = b"\xff\xd8\xff"
 CRITICAL_CHUNKS = (b"IHDR", b"PLTE", b"IDAT", b"IEND")
-USUAL_COMPRESSIONS = (*range(9), 32773, 32946)
-COMPRESSIONS = {34712: "JPEG 2000", 34887: "LERC", 34925: "LZMA", 50000: "Zstandard", 50001: "WebP", 50002: "JPEG XL"}
+COMPRESSIONS = {
+    **dict.fromkeys((*range(9), 32773, 32946), ""),  # those that are read
+    **{34712: "JPEG 2000", 34887: "LERC", 34925: "LZMA", 50000: "Zstandard", 50001: "WebP", 50002: "JPEG XL"},
+}
 SAMPLE_KINDS = {4: "undefined", 5: "complex", 6: "complex"}  # of SampleFormat, that are not read; 3 is floating point
 SEVERAL_PICTURES = "is animated; its first picture is used"
 
@@ -37,8 +39,8 @@ class ImageHeader:
     unusual : what decoders may not read of it, with the remedy; "" if nothing.
     """
 
-    size: tuple[int, int] | None = None
-    orientation: int = 1
+    size: tuple[int, int] | None
+    orientation: int
     is_raw: bool = False
     note: str = ""
     nodata: float | None = None
@@ -64,7 +66,7 @@ def read_header(data: bytes) -> ImageHeader:
         return _webp_header(data)
     if data[4:12] in (b"ftypavif", b"ftypavis"):
         return _avif_header(data)
-    return ImageHeader(_other_size(data), note=SEVERAL_PICTURES if _is_animated_gif(data) else "")
+    return ImageHeader(_other_size(data), 1, note=SEVERAL_PICTURES if _is_animated_gif(data) else "")
 
 
 def _cut_short(kind: str, data: bytes) -> NoReturn:
@@ -128,7 +130,7 @@ def _tiff_header(data: bytes) -> ImageHeader:
     directories = tiff.read_directories(data)
     image = tiff.full_image(directories)
     if image is None:
-        return ImageHeader()
+        return ImageHeader(None, 1)
     bands, bits = image.number(TiffTag.SAMPLES, 1), image.number(TiffTag.BITS, 1)
     if bands > 1 and bits != 8 and image.number(TiffTag.PLANAR, 1) == 2:  # OpenCV mixes them up
         what = f"keeps its {bands} bands of {bits} bits one after the other (planar)"
@@ -160,8 +162,7 @@ def _unusual_tiff(image: tiff.Directory) -> str:
     if kind in SAMPLE_KINDS or (kind == 3 and bits not in (32, 64)):
         what = SAMPLE_KINDS.get(kind, "floating-point")
         return f"holds {what} values of {bits} bits, needed 8 or 16-bit integers or 32-bit floats; convert it"
-    if compression not in USUAL_COMPRESSIONS:
-        name = COMPRESSIONS.get(compression, f"number {compression}")
+    if name := COMPRESSIONS.get(compression, f"number {compression}"):
         return f"is compressed by a method that is not read ({name}); save it with LZW, deflate or none"
     return ""
 

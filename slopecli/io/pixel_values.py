@@ -12,7 +12,6 @@ from slopecli.errors import InputError
 TAIL_PERCENT = 0.1  # share of the pixels that may saturate at either end, however close to the others their values are
 BULK_PERCENT = 5.0  # below and above the values that are the bulk of an image
 BEYOND = 2.0  # how far the range may reach beyond the bulk, in widths of the bulk: of Gaussian values nothing is cut
-LEAST_SHARE = 0.05  # of the pixels: with fewer between the least and the greatest value, these two count as well
 SAMPLE_SIDE = 1024  # about the rows and columns from which percentiles are estimated
 
 
@@ -77,7 +76,7 @@ def _range(grey: NDArray[Any], empty: NDArray[np.bool_] | None) -> tuple[float, 
         raise InputError("has no finite pixel value; export it again")
     least, greatest = measured.min(), measured.max()
     values = measured[(measured > least) & (measured < greatest)]
-    if len(values) < LEAST_SHARE * len(measured):
+    if len(values) < BULK_PERCENT / 100 * len(measured):
         values = measured
     percents = [TAIL_PERCENT, BULK_PERCENT, 100 - BULK_PERCENT, 100 - TAIL_PERCENT]
     low, first, last, high = np.percentile(values, percents)

@@ -12,8 +12,6 @@ from pathlib import Path
 
 from slopecli.io.files import TEMPORARY, unfinished
 
-ABANDONED_S = 86_400.0  # age from which a temporary folder counts as left over where folders cannot be locked
-
 
 @contextmanager
 def temporary_folder(folder: Path) -> Iterator[Path]:
@@ -45,7 +43,7 @@ def _is_abandoned(entry: os.DirEntry[str], lockable: bool) -> bool:
         with _locked(Path(entry.path)) as free:
             if free is not None:
                 return free
-    return time.time() - entry.stat(follow_symlinks=False).st_mtime > ABANDONED_S
+    return time.time() - entry.stat(follow_symlinks=False).st_mtime > 24 * 3600
 
 
 @contextmanager

@@ -16,7 +16,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from slopecli.geometry.statistics import robust_sigma
+from slopecli.geometry.statistics import GATE_SIGMAS, robust_sigma
 from slopecli.look.dense import Cells, dense_cells, flow, match_exposure, spread
 from slopecli.look.depth_transfer import DepthTransfer
 from slopecli.look.matches import ON_PLANE_PX
@@ -62,7 +62,6 @@ class DepthTunables:
     most_step: float = 0.2  # the same by a round of alignment
     step_gradient: float = 0.4  # of the displacement, px per px: ground of 45 degrees has a tenth to a fifth
     beside_px: int = 4  # grid px to either side of a step that may have the depth of the other side
-    noise_range: float = 2.5  # of the noise over the square of a jump, in its sigmas
 
 
 DEPTH = DepthTunables()
@@ -109,7 +108,7 @@ class DenseDepth:
         logarithm, kernel = np.log(self.w), np.ones((DEPTH.side_px, DEPTH.side_px), np.uint8)
         noise = robust_sigma(self.across_px[self.known].astype(float)) / self.shift_px if self.known.any() else 0.0
         span = cv2.dilate(logarithm, kernel) - cv2.erode(logarithm, kernel)
-        return np.asarray(np.maximum(span - DEPTH.noise_range * noise, 0.0))
+        return np.asarray(np.maximum(span - GATE_SIGMAS * noise, 0.0))
 
     @property
     def focal_px(self) -> float:

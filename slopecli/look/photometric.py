@@ -33,7 +33,6 @@ from slopecli.look.warp import (
 from slopecli.types import FloatArray, IntArray
 
 MIN_SEEN = 0.3  # share of the pixels that must lie in image 2 for a plane to be aligned or scored on them
-SETTLED_PX = 0.01  # a step that displaces no pixel by more ends the alignment
 # tangents of the tilt from the line of sight: fronto-parallel, slanted, and grazing as ground before a level camera
 TILTS = ((0.0, 0.0), *((a * t, b * t) for t in (1.0, 2.5) for a, b in ((1, 0), (-1, 0), (0, 1), (0, -1))))
 
@@ -142,7 +141,7 @@ def align_plane(view: View, normal: FloatArray, iterations: int = 10) -> PlaneFi
         step = -np.linalg.solve(system + 1e-4 * np.diag(np.diag(system)) + 1e-12 * np.eye(3), gradient)
         reach = np.quantile(np.abs(view.pixels.rays @ step) * px_per_depth, 0.9)
         normal = normal + step * min(1.0, 1.0 / max(reach, 1e-9))  # by a px at most: in that range an image is linear
-        if reach < SETTLED_PX:
+        if reach < 0.01:  # px: settled
             break
     return PlaneFit(normal, _score(view, normal, normalise(grey, radius), radius), _covariance(system))
 

@@ -144,6 +144,7 @@ def slope_sigmas(flight: Flight, seen: Seen) -> FloatArray:
         inlier=np.ones(len(seen.x1), bool),
         converged=True,
         iterations=0,
+        noise_gain=1.0,
     )
     return measure_slopes(solution, flight.up, flight.up_sigma_rad).sigma_rad
 

@@ -21,7 +21,6 @@ from slopecli.products.drawing.outlines import Box, Mask, boxes_of, inner_distan
 from slopecli.types import BoolArray, Camera, FloatArray, IntArray, Plane, Report
 
 MOST_TRIANGLES = 200_000  # of all regions: a file of 7 MB, a vertex for every third or fourth pixel of a megapixel
-CELLS_DEEP = 4  # between the border of a narrow region and its middle: its grid is finer, down to a quarter of the step
 FARTHEST = 20.0  # times the scene's distance; beyond it lies what a plane's last rays before its horizon hit
 
 
@@ -143,7 +142,7 @@ def region_grid(mask: Mask, box: Box, step: float) -> tuple[FloatArray, IntArray
     """
     margin = int(np.ceil(step)) + 1
     distance = _signed_distance(mask, margin)
-    step = float(np.clip(distance.max() / CELLS_DEEP, max(1.0, step / 4), step))
+    step = float(np.clip(distance.max() / 4, max(1.0, step / 4), step))
     depth, origin = _at_nodes(distance, np.array([box[1].start, box[0].start], float) - margin, step)
     inside = depth > 0
     corner, across, along = _number(inside)

@@ -15,7 +15,6 @@ from slopecli.errors import DegenerateConfiguration, InputError
 from slopecli.types import BoolArray, FloatArray, IntArray
 
 FINEST_RESIDUAL = 1e-9  # normalised coordinates, a millionth of a pixel; below it residuals are rounding
-MOST_INVERSE_DEPTH = 1e75  # 1/baseline: a step along a direction that nothing fixes may go on, but not overflow
 # rows of a symmetric 3x3 matrix stored as its 6 upper entries 00 01 02 11 12 22
 _PACKED = np.array([[0, 1, 2], [1, 3, 4], [2, 4, 5]])
 # where entry ((j, a), (k, b)) of a patch's 9x9 form sits among the 6 x 6 packed sums
@@ -275,7 +274,8 @@ def predict(observations: Observations, R: FloatArray, T: FloatArray, N: FloatAr
     """Predict image 2 under motions R (s, 3, 3), T (s, 3) and scaled normals N (s, m, 3)."""
     K = (R @ T[:, :, None])[:, :, 0]
     inverse_depth = np.add.reduce(observations.per_point(N.swapaxes(1, 2)) * observations.p, axis=1)
-    np.clip(inverse_depth, -MOST_INVERSE_DEPTH, MOST_INVERSE_DEPTH, out=inverse_depth)
+    # a step along a direction that nothing fixes may go on, but not overflow
+    np.clip(inverse_depth, -1e75, 1e75, out=inverse_depth)
     y = R @ observations.p - K[:, :, None] * inverse_depth[:, None]
     z = away_from_zero(y[:, 2], 1e-9)
     x2 = y[:, :2] / z[:, None]

@@ -27,7 +27,7 @@ class Sightings:
     patch: IntArray
     weight: FloatArray
     cameras: tuple[Camera, Camera]
-    gain: float = 1.0
+    gain: float
     known: tuple[FloatArray, FloatArray] | None = None
 
     def take(self, which: BoolArray | IntArray) -> Sightings:

@@ -85,8 +85,8 @@ class Metadata:
 
     path: str
     size: Size
+    orientation: int
     taken_size: Size | None = None
-    orientation: int = 1
     maker: str = ""
     model: str = ""
     lens: Lens | None = None

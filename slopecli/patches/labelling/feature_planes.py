@@ -79,7 +79,7 @@ def _energy(cells: DepthPlanes, near: IntArray) -> Energy:
     """Return the energy; the depth of a cell on no plane may be any that the scene shows."""
     low, high = np.quantile(cells.target, [0.01, 0.99])
     none = float(np.log(max(high - low, 10 * cells.bounds[0])))
-    return Energy(neighbour_costs(near, LABELLING.ransac_smooth), none, LABELLING.plane)
+    return Energy(neighbour_costs(near, 2.0 * LABELLING.smooth), none, LABELLING.plane)
 
 
 def _cell_area(scene: Scene) -> float:

@@ -13,16 +13,14 @@ class LabellingTunables:
     neighbours: int = 6  # nearest points that every point is joined with: as many as a triangulation gives
     # the search
     eager: float = 0.3  # share of its price a plane must save to be tried: two may be worth it only together
-    mergers: int = 2  # pairs per plane that are tried as one plane
     # the finder ransac
     plane: float = 40.0  # nats, price of a plane, of ten cells that nothing else explains; of a homography twice that
-    ransac_smooth: float = 1.0  # nats for two neighbours on different planes
     ransac_scale_px: tuple[float, float] = (0.2, 1.0)  # of residuals: matches are no better, flat surfaces no worse
     ransac_points: int = 2500  # among which planes are sought; all are labelled in the end
     ransac_judges: int = 1200  # of them, on which proposals compete
     ransac_around: int = 24  # nearest points that propose a plane: fewer are noisier, more cross edges
     # label_planes; its coordinates have about unit size
-    smooth: float = 0.5  # nats for two neighbours on different planes: feature matches are sparser than cells
+    smooth: float = 0.5  # nats for two neighbours on different planes; twice that for cells, which are closer
     ceiling: float = 0.01  # largest scale, share of the diagonal of image 2's points: rougher surfaces are no planes
     points: int = 500  # among which planes are sought; all are labelled in the end
     seeds: int = 300  # points around which planes are proposed

@@ -198,7 +198,7 @@ def _likely_mergers(costs: FloatArray, labels: IntArray) -> list[tuple[int, int]
         own = costs[labels == j + 1]
         loss[:, j] = np.median(own[:, 1:], axis=0) - np.median(own[:, j + 1])
         loss[j, j] = np.inf
-    order = np.argsort(loss, axis=None, kind="stable")[: min(LABELLING.mergers * k, k * (k - 1))]
+    order = np.argsort(loss, axis=None, kind="stable")[: min(2 * k, k * (k - 1))]
     return [(int(at) // k + 1, int(at) % k + 1) for at in order]
 
 

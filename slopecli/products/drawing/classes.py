@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from enum import IntEnum
 from functools import lru_cache
 
 import cv2
@@ -16,7 +17,15 @@ from slopecli.products.drawing.marks import COLOURS, Colour
 from slopecli.report.slope_units import SLOPE_UNITS, SlopeUnit, slope_unit_of
 from slopecli.types import FloatArray, Report
 
-UNKNOWN, STEP = -1, -2  # in place of a class: no slope is known; the footprint lies across a step of the ground
+
+class NoClass(IntEnum):
+    """What stands in place of a class: no slope is known; the footprint lies across a step of the ground."""
+
+    UNKNOWN = -1
+    STEP = -2
+
+
+UNKNOWN, STEP = NoClass
 STEP_COLOUR = COLOURS["ink"]
 SIGMA_EDGES_DEG = (0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0)
 # from dark to light; one side of the tolerance is blue and the other orange, also without red-green vision
@@ -24,7 +33,6 @@ RAMPS: dict[str, Sequence[Colour]] = {
     "gentle": ((10, 26, 80), (28, 76, 168), (90, 150, 225), (190, 216, 250)),
     "steep": ((80, 28, 0), (184, 74, 8), (240, 140, 36), (255, 238, 150)),
 }
-LIGHTNESS = (20.0, 92.0)  # CIELAB L* of the first class and of the last
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,7 +77,7 @@ def classes_between(edges_deg: Sequence[float], tolerance: float, unit: SlopeUni
     """Return the classes of slope between these edges, with the tolerance among them, deg."""
     edges = tuple(sorted({float(edge) for edge in (*edges_deg, tolerance) if edge > 0}))
     steep_from = edges.index(tolerance) + 1
-    lightness = np.linspace(*LIGHTNESS, len(edges) + 1)
+    lightness = np.linspace(20.0, 92.0, len(edges) + 1)  # CIELAB L* of the first class and of the last
     gentle, steep = (_of_lightness(tuple(ramp), lightness) for ramp in RAMPS.values())
     return Classes(edges, np.vstack([gentle[:steep_from], steep[steep_from:]]), steep_from, unit)
 

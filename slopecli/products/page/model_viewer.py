@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 
 from slopecli.ground.slope_map import SlopeMap
-from slopecli.products.glb import model_from_camera1
+from slopecli.products.glb import LARGEST_TEXTURE_PX, model_from_camera1
 from slopecli.products.page.page_tunables import PAGE
 from slopecli.products.region_mesh import Surface, lay_on_plane, region_surfaces, window_surface
 from slopecli.report.kinds import many_windows
@@ -100,7 +100,7 @@ def _texture(image: Image) -> Any:
     from PIL.JpegImagePlugin import JpegImageFile
 
     pixels = cv2.cvtColor(image.grey, cv2.COLOR_GRAY2BGR) if image.colour is None else image.colour
-    scale = PAGE.texture_px / max(pixels.shape)
+    scale = LARGEST_TEXTURE_PX / 2 / max(pixels.shape)
     if scale < 1.0:
         pixels = np.asarray(cv2.resize(pixels, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA), np.uint8)
     encoded = cv2.imencode(".jpg", pixels, [cv2.IMWRITE_JPEG_QUALITY, PAGE.jpeg_quality])[1].tobytes()

@@ -12,7 +12,6 @@ class PageTunables:
     most_rows: int = 250  # of a table; slopes.json has them all
     most_whys: int = 60  # planes whose sigma is explained
     model_triangles: int = 12_000  # half a megabyte with the viewer; patches.glb has more
-    texture_px: int = 1024  # long side of image 1 on the model
     jpeg_quality: int = 88
 
 
