@@ -9,6 +9,7 @@ import numpy as np
 
 from slopecli.geometry.epipolar import tangent_basis
 from slopecli.geometry.slope import ASPECT_SIGMAS, aspects
+from slopecli.geometry.tilt_distribution import REACH_SIGMAS
 from slopecli.types import FloatArray
 
 
@@ -18,7 +19,6 @@ class SafetyTunables:
 
     flattened_gsd: float = 0.7  # ground px by which the matcher flattens what stands out, on average
     flattened_sigma_gsd: float = 2.0  # 1-sigma of that
-    reach: float = 4.5  # sigmas of a tilt to either side over which its probability is integrated: all but 1e-5 of it
 
 
 SAFETY = SafetyTunables()
@@ -52,7 +52,8 @@ class Tilts:
         x0, y0 = self.slope_rad * np.sin(turn), self.slope_rad * np.cos(turn)
         # x = tolerance sin(angle) keeps the integrand smooth where the disc ends
         first, last = (
-            np.arcsin(np.clip((x0 + sign * SAFETY.reach * narrow) / tolerance_rad, -1.0, 1.0)) for sign in (-1.0, 1.0)
+            np.arcsin(np.clip((x0 + sign * 0.5 * REACH_SIGMAS * narrow) / tolerance_rad, -1.0, 1.0))
+            for sign in (-1.0, 1.0)
         )
         total = np.zeros_like(self.slope_rad)
         for node, weight in zip(*_legendre(), strict=True):

@@ -127,6 +127,17 @@ class Evidence(Matches):
         """(n,) distance in image 2 between each match and the plane's prediction, px."""
         return np.abs(self.w - homogeneous(self.x1) @ normal) * self.leverage * self.focal_px
 
+    def sweep_depths(self, per_px: float, least: int, most: int) -> FloatArray:
+        """Inverse depths (n,), `least` to `most`, over the range of the scene and 30 % beyond.
+
+        per_px : how many are wanted for a px by which they move a match in image 2.
+        """
+        low, high = np.percentile(self.w, [1, 99])
+        spread = high - low
+        low, high = max(low - 0.3 * spread, 1e-4 * high), high + 0.3 * spread
+        pixels = (high - low) * median(self.leverage) * self.focal_px
+        return np.linspace(low, high, int(np.clip(pixels * per_px, least, most)))
+
 
 def gather_evidence(matches: Matches, grey: FloatArray, R: FloatArray, T: FloatArray, focal_px: float) -> Evidence:
     """Evidence of the matches that are consistent with the motion and in front of the camera; grey (n,) at them."""

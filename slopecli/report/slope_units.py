@@ -13,12 +13,10 @@ class SlopeUnit:
     """A unit of slopes.
 
     suffix : what stands behind a number.  run : that the rise is over; 0 for degrees.
-    steepest_deg : slopes from there on, such as walls, are in degrees in any unit, as their rise has no meaning.
     """
 
     suffix: str
     run: float = 0.0
-    steepest_deg: float = 80.0
 
     def text(self, slope_deg: float, sigma_deg: float | None = None) -> str:
         """A slope, with its 1-sigma if it has one: "14.94 ± 2.09°", "26.7 ± 3.9 %", "3.20 ± 0.47 in 12"."""
@@ -63,8 +61,8 @@ class SlopeUnit:
         return [*(self._class(low, high) for low, high in between), f"over {self.limit(edges_deg[-1])}"]
 
     def has(self, slope_deg: float) -> bool:
-        """Whether a slope is told as a rise, not in degrees."""
-        return bool(self.run) and slope_deg < self.steepest_deg
+        """Whether a slope is told as a rise, not in degrees: below 80 degrees, as a wall's rise has no meaning."""
+        return bool(self.run) and slope_deg < 80.0
 
     def angle_deg(self, rise: float) -> float:
         """The slope of a rise over the run; of a unit without a run, the same number."""

@@ -28,7 +28,6 @@ class ComparisonTunables:
 
     gate: float = 4.0  # robust sigmas off its plane from which on points under a plane of any shape belong to others
     rounds: int = 5  # of leaving those out
-    whole: float = 0.99  # share of a cell's footprint that must be known
 
 
 COMPARE = ComparisonTunables()
@@ -234,7 +233,7 @@ def _cells(result: Result, cells: ResultMap, truth: Truth) -> CellsCompared:
     planes = fit_footprints(points, known, known, Cells(u, v, cells.footprint_px / 2.0))
     cosine = np.clip((planes.normal * result.up).sum(-1), -1.0, 1.0)
     true_deg = np.degrees(np.arccos(cosine))
-    both = np.isfinite(cells.slope_deg) & (planes.share >= COMPARE.whole)
+    both = np.isfinite(cells.slope_deg) & (planes.share >= 0.99)
     if not both.any():
         return CellsCompared(0, float("nan"), float("nan"), float("nan"), 0, 0)
     off = np.abs(cells.slope_deg - true_deg)[both]

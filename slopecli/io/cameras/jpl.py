@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator
-from dataclasses import dataclass
 from itertools import islice
 from typing import TYPE_CHECKING, Any
 
@@ -19,6 +18,7 @@ from slopecli.geometry.cahvor import angles_off_axis
 from slopecli.geometry.camera import rays_from_pixels
 from slopecli.io.cameras import values
 from slopecli.io.cameras.content import CameraFileContent
+from slopecli.look.noise import OVERVIEW_CELL_PX
 from slopecli.types import Camera, FloatArray
 
 if TYPE_CHECKING:
@@ -46,13 +46,8 @@ PDS4_PARTS = {
 Model = dict[str, Any]  # type, size, and the components by letter, not yet checked
 
 
-@dataclass(frozen=True)
-class Pupil:
-    """When a moving entrance pupil is too much to be left out."""
-
-    tolerated_px: float = 0.1  # the systematic error that matches have anyway
-    # nothing in focus is nearer than the first; ground nearer than the other is all that rovers and landers measure
-    near_m: tuple[float, float] = (0.05, 100.0)
+# nothing in focus is nearer than the first; ground nearer than the other is all that rovers and landers measure
+NEAR_M = (0.05, 100.0)
 
 
 def find(content: CameraFileContent) -> dict[str, Model]:
@@ -203,7 +198,7 @@ def _radial_terms(model: Model, kind: str) -> tuple[list[float], float]:
     return radial, p[0]
 
 
-def _pupil_note(camera: Camera, E: FloatArray, limit: Pupil = Pupil()) -> str:
+def _pupil_note(camera: Camera, E: FloatArray) -> str:
     """What leaving out the moving entrance pupil does; InputError where that would matter everywhere."""
     if not E.any():
         return ""
@@ -213,16 +208,16 @@ def _pupil_note(camera: Camera, E: FloatArray, limit: Pupil = Pupil()) -> str:
     theta = theta[theta > 0]
     shift_m = np.abs((theta / np.sin(theta) - 1.0) * (E[0] + E[1] * theta**2 + E[2] * theta**4))
     moved_px = float((shift_m * np.sin(theta)).max(initial=0.0)) * camera.focal_px  # of a point at 1 m
-    near_m = moved_px / limit.tolerated_px
-    if near_m < limit.near_m[0]:
+    near_m = moved_px / OVERVIEW_CELL_PX  # there it moves points by as much as matches may be off
+    if near_m < NEAR_M[0]:
         return ""
     what = f"its entrance pupil moves by up to {1000 * float(shift_m.max(initial=0.0)):.3g} mm along O"
-    if near_m > limit.near_m[1]:
+    if near_m > NEAR_M[1]:
         raise InputError(
-            f"{what}, which moves points nearer than {near_m:.3g} m by more than {limit.tolerated_px:g} px; "
+            f"{what}, which moves points nearer than {near_m:.3g} m by more than {OVERVIEW_CELL_PX:g} px; "
             "a pupil that moves so far is not supported: linearise the images to CAHV first"
         )
     return (
         f"{what}, which is left out: all rays start at C, and points nearer than {near_m:.2g} m are off by more than "
-        f"{limit.tolerated_px:g} px at the border"
+        f"{OVERVIEW_CELL_PX:g} px at the border"
     )

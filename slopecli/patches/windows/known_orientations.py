@@ -16,7 +16,7 @@ import numpy as np
 
 from slopecli.geometry.epipolar import homogeneous, tangent_basis
 from slopecli.geometry.motion import inverse_depth
-from slopecli.geometry.statistics import median, robust_sigma
+from slopecli.geometry.statistics import robust_sigma
 from slopecli.look.dense import CLEAR_AGREEMENT
 from slopecli.look.matches import LEAST_MATCHES, MIN_ON_PLANE, ON_PLANE_PX, Matches
 from slopecli.look.noise import MAX_GAIN, ROUNDING_GREY
@@ -41,7 +41,6 @@ class OrientationTunables:
     # 1-sigma of the tilt of a plane whose orientation counts as known; those nearer than half of it are the same
     sure_rad: float = float(np.radians(3.0))
     parallel_rad: float = float(np.radians(10.0))  # orientations that shading does not tell from each other
-    steps: tuple[int, int] = (12, 100)  # least and most depths swept, 2/3 px of the grid apart
     least_seen: float = 0.75  # share of a window that image 2 must show: planes are compared on nearly the same pixels
     alike: float = 0.02  # relative growth of the squared difference by which an orientation gets e times less likely
     unknown: float = 0.3  # probability beforehand of an orientation that is not among the known
@@ -124,7 +123,7 @@ def _realigned(patch: Patch, known: list[KnownPlane], exposure: Exposure, scene:
     small, view = (view_of(patch.window, scene, side, border=False) for side in (TUNE.coarse_px // 2, FINE_PX))
     if min(small.grid.shape) < 8:  # px: too narrow to compare
         return patch
-    found = _compared(small, np.array([plane.normal for plane in known]), _depths(small, scene), exposure, 1.0)
+    found = _compared(small, np.array([plane.normal for plane in known]), _swept(small, scene), exposure, 1.0)
     starts = [k for k in np.argsort(found.misfit, kind="stable")[: KNOWN.starts] if np.isfinite(found.misfit[k])]
     fits = [align_plane(view, found.normals[k] * found.depth[k], 8) for k in starts]  # as for other starts
     own = align_plane(view, own_plane(patch, scene), 8)
@@ -220,7 +219,7 @@ def _settled(patch: Patch, known: list[KnownPlane], exposure: Exposure, scene: S
     view = view_of(patch.window, scene, TUNE.coarse_px // 2, border=False)
     if min(view.grid.shape) < 8:  # px: too narrow to compare
         return patch
-    depths, n = _depths(view, scene), len(known)
+    depths, n = _swept(view, scene), len(known)
     normals = np.array([plane.normal for plane in known])
     found = _compared(view, normals, depths, exposure, (1.0 - KNOWN.unknown) * _support(normals, patch, scene))
     found = found.joined(_compared(view, _open_orientations(view), depths, exposure, KNOWN.unknown))
@@ -294,21 +293,17 @@ def _open_orientations(view: View) -> FloatArray:
     return np.array([[x, y, 1.0 - x * centre[0] - y * centre[1]] for x, y in TILTS])
 
 
+def _swept(view: View, scene: Scene) -> FloatArray:
+    """(n,) inverse depths, 1/baseline, two thirds of a px of the grid apart."""
+    return scene.evidence.sweep_depths(1.5 * view.grid.mean_scale, 12, 100)
+
+
 def _tilted(normal: FloatArray) -> FloatArray:
     """(8, 3) normals tilted from this one by what shading may not tell, and by twice as much, to four sides."""
     unit = normal / np.linalg.norm(normal)
     sides = tangent_basis(unit).T
     angle = KNOWN.parallel_rad * np.array([1.0, -1.0, 2.0, -2.0])
     return np.concatenate([np.cos(angle)[:, None] * unit + np.sin(angle)[:, None] * side for side in sides])
-
-
-def _depths(view: View, scene: Scene) -> FloatArray:
-    """(n,) inverse depths, 1/baseline, over the range of the scene and 30 % beyond."""
-    evidence = scene.evidence
-    low, high = np.percentile(evidence.w, [1, 99])
-    low, high = max(low - 0.3 * (high - low), 1e-4 * high), high + 0.3 * (high - low)
-    pixels = (high - low) * median(evidence.leverage) * evidence.focal_px * view.grid.mean_scale
-    return np.linspace(low, high, int(np.clip(1.5 * pixels, *KNOWN.steps)))
 
 
 def _compared(

@@ -13,7 +13,7 @@ from slopecli.geometry.plane_fit import BEND_RAD, robust_plane
 from slopecli.geometry.statistics import median
 from slopecli.look.dense import CELL, FULL_SMOOTHINGS, Cells, dense_cells
 from slopecli.look.foerstner import correlate_windows, foerstner_corners
-from slopecli.look.matches import LEAST_MATCHES, ON_PLANE_PX, Evidence, Matches, pair_rays
+from slopecli.look.matches import LEAST_MATCHES, ON_PLANE_PX, Matches, pair_rays
 from slopecli.look.noise import LEAST_MATCH_PX, NOISE_GREY
 from slopecli.look.photometric import PlaneFit, align_plane, sweep_planes
 from slopecli.look.scene import FINE_PX, Scene, axis_variance, view_of
@@ -101,7 +101,7 @@ def _search_plane(window: Window, scene: Scene) -> list[FloatArray]:
     fits = [align_plane(view, normal, 6) for normal in (*candidates, *scene.planes) if normal is not None]
     fits = [fit for fit in fits if np.isfinite(fit.score)]
     if max((fit.score for fit in fits), default=-1.0) < TUNE.good_score and len(scene.evidence) >= LEAST_MATCHES:
-        depths = _sweep_depths(scene.evidence, view.grid.mean_scale)
+        depths = scene.evidence.sweep_depths(view.grid.mean_scale, 8, 60)
         fits += [align_plane(view, fit.normal, 8) for fit in sweep_planes(view, depths)]
     best = max(fits, key=lambda fit: fit.score, default=None)
     if best is None or best.score <= TUNE.fair_score:
@@ -117,18 +117,6 @@ def _sharpen(fit: PlaneFit, window: Window, scene: Scene) -> PlaneFit:
         if max(window[2:]) > 0.6 * side:
             fit = align_plane(view_of(window, scene, side, border=False), fit.normal, 8)
     return fit
-
-
-def _sweep_depths(evidence: Evidence, scale: float) -> FloatArray:
-    """Inverse depths (n,), 1/baseline, over the range of the scene and 30 % beyond, about a grid px apart; n is 8..60.
-
-    scale : grid px per px.
-    """
-    low, high = np.percentile(evidence.w, [1, 99])
-    spread = high - low
-    low, high = max(low - 0.3 * spread, 1e-4 * high), high + 0.3 * spread
-    pixels = (high - low) * median(evidence.leverage) * evidence.focal_px * scale
-    return np.linspace(low, high, int(np.clip(pixels, 8, 60)))
 
 
 def _normal_is_determined(fit: PlaneFit) -> bool:
