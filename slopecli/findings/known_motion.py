@@ -17,8 +17,6 @@ from slopecli.options import Options
 from slopecli.patches.join import excess_px
 from slopecli.types import Diagnostic, FloatArray, Solution
 
-USELESS_DEG = 90.0  # a 1-sigma that excludes no direction
-
 
 def motion_prior(options: Options) -> MotionPrior | None:
     """The prior of `--rotation-prior`, `--direction-prior` or `--pose`; None without any.
@@ -51,10 +49,10 @@ def known_length_m(options: Options) -> float | None:
 
 def _sigma(name: str, sigma_deg: float) -> float:
     """In rad; InputError where it is too large to exclude anything."""
-    if not sigma_deg < USELESS_DEG:
+    if not sigma_deg < 90.0:  # it excludes no direction
         raise InputError(
             f"the {name} given has a sigma of {sigma_deg:g} deg, which excludes nothing; give one below "
-            f"{USELESS_DEG:g} deg, or leave it out"
+            f"90 deg, or leave it out"
         )
     return math.radians(sigma_deg)
 

@@ -22,6 +22,7 @@ from slopecli.patches.settling import noise_of_each_alone, set_aside_unsettled
 from slopecli.types import BoolArray, Camera, FloatArray, IntArray, Solution
 from slopecli.windows import box_polygon
 
+WIDEST_RAY = 5.0  # tangent of the angle to the axis
 RAYS = Camera(0, 0, 1.0, 1.0, 0.0, 0.0, source="rays")  # stands for no camera: its pixels are rays
 FEWEST = 3  # points that make a plane
 MOST_LEFT_OUT = 0.25  # share of a patch's rows off its plane beyond which it is not one plane, or of rows at one point
@@ -83,7 +84,7 @@ def join_rows(given: Given, cameras: tuple[Camera, Camera]) -> Joined:
     typical = min(median(np.abs(xy).max(axis=1)) for xy in (given.xy1, given.xy2))
     if cameras[0] is RAYS and given.pixels:
         raise InputError(f"{given.path}: its points are pixels; give the camera with --camera or --intrinsics")
-    if cameras[0] is RAYS and typical > 5.0:  # half of them would be beyond 79 degrees off the axis
+    if cameras[0] is RAYS and typical > WIDEST_RAY:  # half of them would be beyond 79 degrees off the axis
         raise InputError(
             f"{given.path}: half of the points lie beyond {typical:.4g}, which are pixels and no rays (x/z, y/z); "
             "give the camera with --camera or --intrinsics"
