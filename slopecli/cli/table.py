@@ -31,7 +31,6 @@ LEFT_OUT: tuple[str, ...] = (
     "above",
 )
 LEFT_OUT += ("refused", "poor", "unknown", "undecided", "sites", "aspect", "image", "source", "limit")
-LEAST_WORDS = 16  # characters of a column of words, which are wrapped
 
 
 @dataclass(frozen=True)
@@ -115,4 +114,4 @@ def _widths(table: Table) -> list[tuple[int, int]]:
     """The least width of every column, and that without wrapping."""
     columns = zip(table.header, *table.rows, strict=True)
     widths = [(title, max(map(len, [title, *cells]))) for title, *cells in columns]
-    return [(min(width, LEAST_WORDS) if title in WORD_COLUMNS else width, width) for title, width in widths]
+    return [(min(width, 16) if title in WORD_COLUMNS else width, width) for title, width in widths]

@@ -19,8 +19,6 @@ from slopecli.patches.patch import Patch
 from slopecli.report.units import motion_of, scale_of
 from slopecli.types import Alternative, AlternativePlane, AmbiguityReport, FloatArray, Plane, Solution
 
-LEAST_DIFFERENCE_DEG = 0.1  # of two motions, below which no sensor is recommended to decide between them
-
 
 def ambiguity_report(
     main: Measured, second: Measured | None, joined: Joined, planes: tuple[Plane, ...], length: float, options: Options
@@ -98,9 +96,9 @@ def what_decides(solution: Solution, slopes_deg: FloatArray, other_slopes_deg: F
 
 
 def _sensor(what: str, option: str, apart: float, own_sigma: float, needed: float) -> list[str]:
-    """A sensor of an angle, rad, in which the roots differ, as a way to decide; none where it cannot."""
+    """A sensor of an angle, rad, in which the roots differ, as a way to decide; none where it cannot, or hardly."""
     sigma_deg = math.degrees(deciding_sigma(apart, own_sigma, needed))
-    if math.degrees(apart) < LEAST_DIFFERENCE_DEG or sigma_deg <= 0.0:
+    if math.degrees(apart) < 0.1 or sigma_deg <= 0.0:
         return []
     step = 10.0 ** (math.floor(math.log10(sigma_deg)) - 1)  # two digits, rounded down
     how_well = f"{option} with a sigma below {math.floor(sigma_deg / step) * step:.2g} deg decides"

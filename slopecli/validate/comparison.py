@@ -27,7 +27,6 @@ class ComparisonTunables:
     """Tunables of the comparison."""
 
     gate: float = 4.0  # robust sigmas off its plane from which on points under a plane of any shape belong to others
-    rounds: int = 5  # of leaving those out
 
 
 COMPARE = ComparisonTunables()
@@ -177,7 +176,7 @@ def fit_plane(truth: Truth, robust: bool) -> TruePlane:
         where a disparity is a mismatch.
     """
     kept = np.ones(len(truth.points), bool)
-    for _ in range(COMPARE.rounds if robust else 1):
+    for _ in range(5 if robust else 1):
         plane = _fit(truth.some(kept))
         off = np.abs((truth.points - plane.middle) @ plane.normal)
         inside = off <= max(COMPARE.gate * MAD_FACTOR * median(off[kept]), 1e-9 * float(truth.points[:, 2].mean()))

@@ -9,7 +9,6 @@ from slopecli.errors import InputError
 from slopecli.io.cameras.values import first_twice
 
 MAX_YAML_CHARACTERS = 4_000_000  # YAML is parsed at about 1 MB a second
-MAX_DEPTH = 40  # of nested lists and mappings; camera files have less than ten
 
 
 def yaml_documents(text: str) -> list[Any]:
@@ -64,7 +63,7 @@ def _check_depth(events: Any) -> None:
     for event in events:
         if isinstance(event, yaml.CollectionStartEvent):
             depth += 1
-            if depth > MAX_DEPTH:
+            if depth > 40:  # camera files have less than ten
                 raise InputError("is YAML nested too deeply for a camera file")
         elif isinstance(event, yaml.CollectionEndEvent):
             depth -= 1
