@@ -39,6 +39,7 @@ PLAN = ROOT / "docs" / "plan.md"
 SOLVE = ROOT / "docs" / "solve.md"
 MAP = ROOT / "docs" / "map.md"
 GIS = ROOT / "docs" / "gis.md"
+VALIDATE = ROOT / "docs" / "validate.md"
 IMAGES = ROOT / "docs" / "images"
 EXAMPLE = re.compile(r"```console\n\$ (?P<command>slopemap (?:[^\n]*\\\n)*[^\n]*)\n(?P<output>.*?)```", re.DOTALL)
 
@@ -156,8 +157,8 @@ def rewrite_examples(document: Path, folder: Path) -> None:
     examples = list(EXAMPLE.finditer(text))
     if not examples:
         sys.exit(f"{document.name} has no console block with a slopemap command")
-    for example in reversed(examples):
-        output = run_example(example["command"], folder)
+    outputs = [run_example(example["command"], folder) for example in examples]  # one may need what another wrote
+    for example, output in reversed(list(zip(examples, outputs, strict=True))):
         text = text[: example.start("output")] + output + text[example.end("output") :]
     document.write_text(text, encoding="utf-8")
 
@@ -200,11 +201,12 @@ def write_examples_and_pictures() -> None:
         make_pictures,
         write_camera_picture,
         write_map_picture,
+        write_validation_picture,
     )  # beside this script; the tests run the rest without that
     from study_figures import make_study_figures
 
     IMAGES.mkdir(exist_ok=True)
-    for document in (README, CAMERAS, SEGMENT, BATCH, PLAN, SOLVE, MAP, GIS):
+    for document in (README, CAMERAS, SEGMENT, BATCH, PLAN, SOLVE, MAP, GIS, VALIDATE):
         with tempfile.TemporaryDirectory() as folder:
             rewrite_examples(document, Path(folder))
             if document == CAMERAS:
@@ -213,6 +215,8 @@ def write_examples_and_pictures() -> None:
                 (IMAGES / "plan.png").write_bytes(next(Path(folder).glob("*/plan.png")).read_bytes())
             if document == GIS:
                 rewrite_table(GIS, strike_and_dip_table(Path(folder) / "bedding" / "planes.csv"))
+            if document == VALIDATE:
+                write_validation_picture(Path(folder) / "check" / "validation.png", IMAGES)
             if document == MAP:
                 write_map_picture(Path(folder) / "map_output" / "map.png", IMAGES)
     with tempfile.TemporaryDirectory() as folder:

@@ -75,6 +75,11 @@ def write_camera_picture(source: Path, images: Path) -> None:
     _write(images / "camera.jpg", cv2.imread(str(source)), MAP_BYTES)
 
 
+def write_validation_picture(source: Path, images: Path) -> None:
+    """Write the figure of `slopemap validate`, a little smaller."""
+    _write(images / "validation.jpg", _shown(cv2.imread(str(source)), WIDTH))
+
+
 def _segmented(folder: Path, options: Sequence[str]) -> Path:
     """Output folder of a run with these options, which is run if it was not."""
     out = folder / ("segment" + "".join(options))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from pathlib import Path
 
 import cv2
@@ -123,6 +124,11 @@ def test_the_slopes_of_the_demo_are_those_of_the_depth_it_carries(demo: tuple[Do
     assert max(abs(one["difference_deg"]) for one in found["planes"]) < 0.5
     assert found["scale"] == pytest.approx(1.0, abs=0.005)
     assert (demo[1] / "check" / "validation.png").exists()
+    page = (Path(__file__).resolve().parent.parent / "docs" / "validate.md").read_text(encoding="utf-8")
+    told = re.findall(r"^ *(\d)  +([\d.]+) ± [\d.]+° +([\d.]+)° ", page, re.MULTILINE)
+    assert [int(number) for number, *_ in told] == [one["id"] for one in found["planes"]]
+    for at, name in ((1, "slope_deg"), (2, "true_slope_deg")):
+        assert [float(row[at]) for row in told] == pytest.approx([one[name] for one in found["planes"]], abs=0.2)
 
 
 def test_demo_of_a_town_has_roofs_walls_and_a_page(tmp_path: Path) -> None:
