@@ -10,7 +10,6 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import NamedTuple
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -25,6 +24,7 @@ from slopecli.look.warp import (
     block_sum,
     covered,
     image_gradient,
+    local_mean,
     magnification,
     plane_transfer,
     sample_layer,
@@ -91,13 +91,13 @@ class View:
 def normalise(image: FloatImage, radius: float) -> FloatImage:
     """Image with local mean 0 and local standard deviation 1 (Gaussian of sigma `radius` px), noise not amplified."""
     centred = detrend(image, radius)
-    contrast = np.sqrt(cv2.GaussianBlur(centred * centred, (0, 0), radius) + NOISE_GREY**2)
+    contrast = np.sqrt(local_mean(centred * centred, radius) + NOISE_GREY**2)
     return np.asarray(centred / contrast, np.float32)
 
 
 def detrend(image: FloatImage, radius: float) -> FloatImage:
     """Image less its local mean (Gaussian of sigma `radius` px), which removes slow shading and keeps the contrast."""
-    return np.asarray(image - cv2.GaussianBlur(image, (0, 0), radius), np.float32)
+    return image - local_mean(image, radius)
 
 
 def gain_between(first: FloatImage, second: FloatImage, valid: NDArray[np.bool_]) -> float:

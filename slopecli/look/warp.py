@@ -186,6 +186,15 @@ def image_gradient(image: FloatImage) -> tuple[FloatImage, FloatImage]:
     return np.asarray(gx, np.float32), np.asarray(gy, np.float32)
 
 
+def local_mean(image: FloatImage, sigma: float) -> FloatImage:
+    """Image (h, w) smoothed by a Gaussian of `sigma` px, at the resolution that suffices for it."""
+    height, width = image.shape
+    shrink = max(1, int(sigma / 3.0))  # the Gaussian has a sigma of at least 3 px: so wide, pixels do not show
+    small = cv2.resize(image, (-(-width // shrink), -(-height // shrink)), interpolation=cv2.INTER_AREA)
+    smooth = cv2.GaussianBlur(small, (0, 0), sigma / shrink)
+    return np.asarray(cv2.resize(smooth, (width, height), interpolation=cv2.INTER_LINEAR), np.float32)
+
+
 def block_sum(layer: FloatImage, cell: int) -> FloatArray:
     """Sums over square blocks of `cell` px, (h // cell, w // cell); the rest at right and bottom is dropped."""
     rows, columns = layer.shape[0] // cell, layer.shape[1] // cell
