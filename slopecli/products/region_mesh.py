@@ -141,9 +141,10 @@ def region_grid(mask: Mask, box: Box, step: float) -> tuple[FloatArray, IntArray
     uv : (n, 2) px of the image.  triangles : (m, 3) indices into uv, counter-clockwise as seen in the image.
     """
     margin = int(np.ceil(step)) + 1
-    distance = _signed_distance(mask, margin)
+    side = max(1, int(step / 6))  # of squares of pixels, whose border looks the same at this step
+    distance = _signed_distance(mask, margin, side)
     step = float(np.clip(distance.max() / 4, max(1.0, step / 4), step))
-    depth, origin = _at_nodes(distance, np.array([box[1].start, box[0].start], float) - margin, step)
+    depth, origin = _at_nodes(distance, np.array([box[1].start, box[0].start], float) - margin, step, side)
     inside = depth > 0
     corner, across, along = _number(inside)
     rows, columns = (grid.astype(float) for grid in np.indices(depth.shape))
@@ -156,22 +157,27 @@ def region_grid(mask: Mask, box: Box, step: float) -> tuple[FloatArray, IntArray
     return np.concatenate(uv) * step + origin, np.concatenate(list(_triangles(inside, corner, across, along)))
 
 
-def _signed_distance(mask: Mask, margin: int) -> NDArray[np.float32]:
-    """Distance of every pixel to the border, positive inside, of the mask with a margin around it, px."""
-    padded = np.pad(mask, margin)
+def _signed_distance(mask: Mask, margin: int, side: int) -> NDArray[np.float32]:
+    """Distance of every square of `side` px to the border, positive inside, of the mask with a margin around it, px."""
+    padded = np.pad(mask, [(margin, margin + -(n + 2 * margin) % side) for n in mask.shape])
+    if side > 1:
+        share = cv2.resize(padded, None, fx=1 / side, fy=1 / side, interpolation=cv2.INTER_AREA)
+        padded = mask_of(share > 127, True)  # at least half of a square
     outer = cv2.distanceTransform(255 - padded, cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
     # the blur of 1 px takes the staircase out of a slanting border, which a plane seen at an angle would enlarge
-    return np.asarray(cv2.GaussianBlur(inner_distance(padded) - outer, (0, 0), 1.0), np.float32)
+    return np.asarray(side * cv2.GaussianBlur(inner_distance(padded) - outer, (0, 0), 1.0), np.float32)
 
 
-def _at_nodes(values: NDArray[np.float32], corner: FloatArray, step: float) -> tuple[NDArray[np.float32], FloatArray]:
-    """Sample an array whose first pixel is at `corner` at the nodes of a grid; returns the (2,) px of the first too.
+def _at_nodes(
+    values: NDArray[np.float32], corner: FloatArray, step: float, side: int
+) -> tuple[NDArray[np.float32], FloatArray]:
+    """Sample values of squares of pixels, the first pixel at `corner`, at the nodes of a grid; and the first node, px.
 
     The nodes are multiples of the step from the image's corner on, so that grids of neighbours fit together.
     """
     first = np.ceil(corner / step)
-    last = np.floor((corner + values.shape[::-1] - 1) / step)
-    u, v = (step * np.arange(first[i], last[i] + 1) - corner[i] for i in (0, 1))
+    last = np.floor((corner + np.multiply(values.shape[::-1], side) - 1) / step)
+    u, v = ((step * np.arange(first[i], last[i] + 1) - corner[i] + 0.5) / side - 0.5 for i in (0, 1))
     maps = np.meshgrid(u.astype(np.float32), v.astype(np.float32))
     return np.asarray(cv2.remap(values, maps[0], maps[1], cv2.INTER_LINEAR), np.float32), first * step
 

@@ -23,14 +23,9 @@ Box = tuple[slice, slice]  # rows and columns
 
 def boxes_of(labels: NDArray[np.generic]) -> dict[int, Box]:
     """Return the bounding box of every id in a label map (h, w), 0 left out, in the order of the ids."""
-    flat = labels.ravel()
-    order = np.argsort(flat, kind="stable")  # pixels of one id lie together, in reading order
-    ids, rows, columns = flat[order], *np.divmod(order, labels.shape[1])
-    starts = np.flatnonzero(np.r_[True, ids[1:] != ids[:-1]])
-    lefts, rights = np.minimum.reduceat(columns, starts), np.maximum.reduceat(columns, starts)
-    ends = np.r_[starts[1:], len(flat)] - 1
-    sides = np.column_stack([ids[starts], rows[starts], rows[ends] + 1, lefts, rights + 1]).tolist()
-    return {i: (slice(top, bottom), slice(left, right)) for i, top, bottom, left, right in sides if i != 0}
+    from scipy.ndimage import find_objects
+
+    return {i: box for i, box in enumerate(find_objects(labels), 1) if box is not None}
 
 
 def mask_of(labels: NDArray[np.generic], label: int) -> Mask:
