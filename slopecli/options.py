@@ -93,6 +93,8 @@ class Stated:
     shown_turn_deg : by which image 1 is turned clockwise to be shown, as its file says; angles are given of it so.
     move_m : from camera 1 to camera 2, metres north, east, down; None where it is not known.  move_sigma_deg : 1-sigma
     of its direction.
+    up_off_deg, up_off_sigma_deg : angle between the up that was given and the one that image 1 states, and its 1-sigma.
+    position_off_m : the same of positions; each None where one of the two is not known.
     """
 
     up: bool = False
@@ -104,6 +106,9 @@ class Stated:
     shown_turn_deg: float = 0.0
     move_m: tuple[float, float, float] | None = None
     move_sigma_deg: float = 0.0
+    up_off_deg: float | None = None
+    up_off_sigma_deg: float | None = None
+    position_off_m: float | None = None
 
 
 @dataclass(frozen=True)

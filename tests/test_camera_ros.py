@@ -23,6 +23,13 @@ def test_ros_unknown_model_is_refused_by_name(tmp_path: Path) -> None:
     assert "'thin_prism' is not supported" in refusal(write(tmp_path, ROS_FILE.replace("plumb_bob", "thin_prism")))
 
 
+def test_a_slip_in_the_name_of_a_model_is_told(tmp_path: Path) -> None:
+    told = refusal(write(tmp_path, ROS_FILE.replace("plumb_bob", "plumb_bobb")))
+    assert "did you mean 'plumb_bob'?" in told
+    assert "mean" not in refusal(write(tmp_path, ROS_FILE.replace("plumb_bob", "inverse_brown_conrady")))
+    assert "mean" not in refusal(write(tmp_path, ROS_FILE.replace("plumb_bob", "fisheye62")))
+
+
 def test_ros_model_without_its_coefficients_is_refused(tmp_path: Path) -> None:
     assert "is missing" in refusal(write(tmp_path, ROS2_ECHO.replace("\nd:", "\nsomething:")))
 

@@ -30,6 +30,7 @@ CAMERA = make_camera()
 LEFT, RIGHT = np.array([0.25, -0.3, 1.0]) / 6, np.array([-0.2, 0.35, 1.0]) / 5.5
 HALVES = ("--window", "60,50,90,130", "--window", "180,50,90,130")
 QUIET = ("--no-overlay", "--no-ply")
+INTRINSICS = ("--intrinsics", f"{CAMERA.fx},{CAMERA.fy},{CAMERA.cx},{CAMERA.cy}")
 BODY = np.array([[0, 0, 1], [1, 0, 0], [0, 1, 0]])  # x ahead, y right, z down of the camera's x right, y down, z ahead
 NED_1 = Rotation.from_euler("ZYX", [YAW, PITCH, ROLL], degrees=True).as_matrix() @ BODY
 METRES_NORTH, METRES_EAST = 111_180.0, 75_440.0  # of a degree at this latitude
@@ -429,3 +430,40 @@ def test_what_is_missing_for_a_gis_is_said(scene: Pair, tmp_path: Path) -> None:
         done = slopemap("estimate", *images, *camera, *options, "-o", "out", cwd=tmp_path)
         assert done.returncode == 2
         assert said in done.stderr
+
+
+# ---- what is given is doubted where the image states otherwise ----
+
+
+@pytest.mark.parametrize(
+    ("given", "off"),
+    [
+        (("--pitch", "70", "--roll", "5"), True),  # the wrong sign
+        (("--pitch", "-70", "--roll", "5"), False),
+        (("--up", "0,0,-1", "--up-sigma", "1"), True),  # the camera looks 20 degrees off straight down
+        (("--up", "0,0,-1", "--up-sigma", "10"), False),
+        (("--metadata",), False),
+    ],
+)
+def test_an_up_that_the_image_contradicts_is_used_with_a_warning(
+    tmp_path: Path, scene: Pair, given: tuple[str, ...], off: bool
+) -> None:
+    result = answer(tmp_path, write(tmp_path, scene), *INTRINSICS, *given)
+    told = codes(result).get("metadata-contradicted", "")
+    assert ("given as up" in told) == off
+    if off:
+        assert "--pitch" in told
+        assert "safe" not in {plane["verdict"] for plane in result["planes"]}
+        assert result["up"]["source"] == "given"
+
+
+def test_a_position_in_another_country_is_used_with_a_warning(tmp_path: Path, scene: Pair) -> None:
+    images = write(tmp_path, scene)
+    swapped = answer(tmp_path, images, "--metadata", "--position", f"{PLACE[1]},{PLACE[0]}")
+    assert "km from the one that image 1 states" in codes(swapped)["position-contradicted"]
+    assert swapped["place"]["position"]["latitude_deg"] == PLACE[1]
+    near = answer(tmp_path, images, "--metadata", "--position", f"{PLACE[0] + 0.002},{PLACE[1]}")
+    assert "position-contradicted" not in codes(near)
+    # metadata that nobody asked for give nothing but this comparison
+    alone = answer(tmp_path, images, *INTRINSICS, "--up", "0,0,-1", "--up-sigma", "10")
+    assert alone["place"] is None

@@ -13,6 +13,10 @@ from slopecli.options import CameraChoice, MapOptions, Options, Position
 from slopecli.patches import FINDERS
 
 CAMERA_FLAGS, WINDOW_FLAGS = ("camera", "intrinsics", "fov"), ("grid", "windows")
+NO_CAMERA = (
+    "No camera: give --camera FILE, --intrinsics FX,FY,CX,CY or --fov DEG; or --metadata, for images that state how "
+    "they were taken, as those of drones and telephones do."
+)
 
 
 def given(ctx: click.Context, *names: str) -> list[str]:

@@ -35,7 +35,9 @@ def take_metadata(ctx: click.Context, parameters: dict[str, Any]) -> tuple[dict[
     plain = {**parameters, **{_OF[name]: defaults[_OF[name]] for name in must}}
     if parameters["metadata"] and not given(ctx, *CAMERA_FLAGS):
         plain["camera"] = EXIF
-    asked = must or may or EXIF in (plain["camera"], plain.get("camera2"))
+    # an up and a position that are given are compared with those stated
+    compared = isinstance(plain.get("up"), tuple) or plain.get("position") is not None
+    asked = must or may or compared or EXIF in (plain["camera"], plain.get("camera2"))
     if not asked and all(angle is None for angle in angles.values()):
         return plain, None
     return plain, MetadataChoice(must, may, **angles)

@@ -12,6 +12,7 @@ import click
 from slopecli.cli import shared_options as shared
 from slopecli.cli.checks import (
     CAMERA_FLAGS,
+    NO_CAMERA,
     at_most_one,
     camera_choices,
     check_estimate,
@@ -163,10 +164,9 @@ def _read_pair(
     """The images and cameras of a pair, and the options, after checks of the command line and of the output folder."""
     check_estimate(ctx)
     parameters, choice = take_metadata(ctx, parameters)
-    no_camera = "No camera: give --camera FILE, --intrinsics FX,FY,CX,CY or --fov DEG; or --camera exif."
     no_output = "Nowhere to put the answer: give -o DIR, or --json to print it."
     refuse(
-        ctx, (not given(ctx, *CAMERA_FLAGS, "metadata"), no_camera), (not given(ctx, "output", "as_json"), no_output)
+        ctx, (not given(ctx, *CAMERA_FLAGS, "metadata"), NO_CAMERA), (not given(ctx, "output", "as_json"), no_output)
     )
     talk, output = ctx.ensure_object(Talk), parameters["output"]
     if output:

@@ -14,6 +14,7 @@ from slopecli.cli import parameter_types as kinds
 from slopecli.cli import shared_options as shared
 from slopecli.cli.checks import (
     CAMERA_FLAGS,
+    NO_CAMERA,
     WINDOW_FLAGS,
     at_most_one,
     camera_choice,
@@ -126,10 +127,7 @@ def _check(ctx: click.Context, frames: tuple[str, ...], parameters: dict[str, An
         ctx,
         (not frames and not live, "No frames: give images, a folder, a video, or --live DEVICE."),
         (frames and live, "--live reads a camera; leave the files out."),
-        (
-            not given(ctx, *CAMERA_FLAGS, "metadata"),
-            "No camera: give --camera FILE, --intrinsics FX,FY,CX,CY or --fov DEG; or --camera exif.",
-        ),
+        (not given(ctx, *CAMERA_FLAGS, "metadata"), NO_CAMERA),
         (
             not given(ctx, "output", "as_json"),
             "Nowhere to put the answer: give -o DIR, or --json to print it.",

@@ -166,10 +166,16 @@ _ROWS: dict[Severity, dict[str, tuple[Any, ...]]] = {
             "The motion that the images show is not the one that their metadata state: it goes another way than from "
             "one position to the other, or turns by another angle than the gimbal did. Where one of the images would "
             "agree if it were turned, as by a viewer that writes its pixels anew and leaves the angles as they were, "
-            "the message says so. Level or north is then wrong as well.",
+            "the message says so. Level or north is then wrong as well. Or the up that was given is not the one that "
+            "image 1 states, as with a wrong sign of `--pitch`.",
             "check that both files are as the camera wrote them, and of one flight; or give --pitch, --roll and --yaw",
             "degrees between the two directions, or angles",
             True,
+        ),
+        "position-contradicted": (
+            "`--position` is more than a kilometre from where image 1 says that it was taken. The one given is used.",
+            "check the order (latitude, longitude) and the signs of --position; --metadata takes what is stated",
+            "metres between the two",
         ),
         "prior-contradicted": (
             "The images contradict `--rotation-prior`, `--direction-prior` or `--pose`, which was left out.",

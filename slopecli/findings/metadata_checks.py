@@ -21,11 +21,12 @@ class Agreement:
     """What counts as a contradiction.
 
     sigmas : beyond which two statements differ by more than chance.  tells_deg : 1-sigma, degrees, up to which a
-    statement tells one quarter turn from the next.
+    statement tells one quarter turn from the next.  places_m : between two places of one camera, beyond any receiver.
     """
 
     sigmas: float = 4.0
     tells_deg: float = 15.0
+    places_m: float = 1000.0
 
 
 AGREES = Agreement()
@@ -38,7 +39,23 @@ def metadata_taken(pair: PairFacts) -> list[Diagnostic]:
 
 def metadata_notes(options: Options) -> list[Diagnostic]:
     """What was taken from the metadata, and what is missing there, as findings."""
-    return [] if options.stated is None else [finding("metadata", note) for note in options.stated.notes]
+    stated = options.stated
+    return [] if stated is None else [*(finding("metadata", note) for note in stated.notes), *_given_otherwise(stated)]
+
+
+def _given_otherwise(stated: Stated) -> list[Diagnostic]:
+    """Warn of an up, or a position, that was given and that image 1 states otherwise; what was given is used."""
+    found, off, sigma = [], stated.up_off_deg, stated.up_off_sigma_deg
+    if off is not None and sigma is not None and off > AGREES.sigmas * sigma:
+        message = f"the direction given as up is {off:.0f}° off the one that image 1 states (1-sigma {sigma:.2g}°)"
+        remedy = (
+            "check the sign of --pitch (-90 looks straight down) and the axes of --up; --up exif takes what is stated"
+        )
+        found.append(finding("metadata-contradicted", message, off, remedy))
+    if stated.position_off_m is not None and stated.position_off_m > AGREES.places_m:
+        message = f"the position given is {stated.position_off_m / 1e3:.3g} km from the one that image 1 states"
+        found.append(finding("position-contradicted", message, stated.position_off_m))
+    return found
 
 
 def contradicted(facts: AnswerFacts) -> list[Diagnostic]:

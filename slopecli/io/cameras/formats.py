@@ -143,7 +143,7 @@ CAMERA_FORMATS = (
         files="calibration file, output of `topic echo` (ROS 1 and 2)",
         recognised_by="`distortion_model` with `camera_matrix`, `K` or `k`",
         lenses="`plumb_bob`, `rational_polynomial`, `equidistant`",
-        converted="region of interest and binning; K is that of the raw image, P is not read",
+        converted="region of interest and binning, where there are any; K is that of the raw image, P is not read",
     ),
     CameraFormat(
         "CamOdoCal",

@@ -71,6 +71,7 @@ def read(part: str, image: values.Size | None) -> Camera:
 def _terms(part: str) -> dict[str, Any]:
     """Names and values of the lines that are no comments; others than those of a perspective lens are refused."""
     lines = [line.split() for line in part.splitlines() if line.strip() and not line.lstrip().startswith("#")]
+    lines = [[line[0].capitalize(), *line[1:]] for line in lines]  # some versions write px and py
     values.refuse_twice(line[0] for line in lines)
     for line in lines:
         if line[0] not in KEYS or len(line) != 2:

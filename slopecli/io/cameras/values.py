@@ -7,6 +7,7 @@ import re
 from collections import Counter
 from collections.abc import Collection, Hashable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from difflib import get_close_matches
 from typing import Any, TypeVar
 
 from slopecli.errors import InputError
@@ -54,8 +55,17 @@ def lens_model(name: Any, what: str = "lens model") -> CameraModel:
     for model, names in LENS_NAMES.items():
         if plain in names.split():
             return model
-    shown = repr(name)[:60]
-    raise InputError(f"{what} {shown} is not supported, only {LENSES_KNOWN} lenses are; undistort the images first")
+    shown, meant = repr(name)[:60], _meant(plain)
+    advice = f"did you mean {meant!r}?" if meant else "undistort the images first"
+    raise InputError(f"{what} {shown} is not supported, only {LENSES_KNOWN} lenses are; {advice}")
+
+
+def _meant(plain: str) -> str:
+    """The name of a lens model that another one is a slip of the keyboard away from, "" where there is none."""
+    known = [name for names in LENS_NAMES.values() for name in names.split() if len(name) > 4]
+    near = [] if re.search(r"\d", plain) else get_close_matches(plain, known, n=1, cutoff=0.9)
+    spelled = {"plumbbob": "plumb_bob", "rationalpolynomial": "rational_polynomial"}  # as ROS does
+    return spelled.get(near[0], near[0]) if near else ""
 
 
 def number(value: Any, name: str) -> float:

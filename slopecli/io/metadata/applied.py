@@ -59,14 +59,31 @@ def apply_metadata(
     second = None if attitude is None or attitude.source == GIVEN else pair[1].attitude
     moved = displacement(pair)
     wanted = _Wanted(pair, choice)
+    place = pair[0].position if compared or any(camera.exif for camera in cameras) else None
     options, stated = (
-        replace(options, position=options.position or pair[0].position),
+        replace(options, position=options.position or place),
         _stated(attitude if compared else None, second, moved),
     )
     options, stated = wanted.frame(options, stated, attitude)
     options, stated = wanted.scale(options, stated, moved)
     options = wanted.focal_sigma(options, cameras)
-    return replace(options, stated=replace(stated, notes=wanted.notes()))
+    return replace(options, stated=_off(pair[0], options, replace(stated, notes=wanted.notes())))
+
+
+def _off(image1: Metadata, options: Options, stated: Stated) -> Stated:
+    """With how much the up and the position that were given are off those that image 1 states, where it states them."""
+    if image1.attitude is not None and isinstance(options.up, tuple) and not stated.up:
+        up = np.array(options.up) / np.linalg.norm(options.up)
+        # who knows that a program turned the pixels by quarters gives the angles of what there is
+        turned = (about_line_of_sight(90.0 * quarters) @ np.array(image1.attitude.up_cam) for quarters in range(4))
+        apart = math.degrees(math.acos(max(-1.0, min(1.0, max(float(up @ one) for one in turned)))))
+        sigma = math.hypot(image1.attitude.tilt_sigma_deg, options.up_sigma_deg, 1.0)  # given to whole degrees
+        stated = replace(stated, up_off_deg=apart, up_off_sigma_deg=sigma)
+    if image1.position is not None and options.position is not None and options.position != image1.position:
+        one, other = options.position, image1.position
+        places = (one.latitude_deg, one.longitude_deg, other.latitude_deg, other.longitude_deg)
+        stated = replace(stated, position_off_m=float(np.linalg.norm(ned_displacement(*places, 0.0))))
+    return stated
 
 
 def displacement(pair: Pair) -> Displacement | None:
