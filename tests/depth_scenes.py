@@ -55,4 +55,4 @@ def true_depth(depth: DenseDepth, pair: Pair) -> DenseDepth:
     true = pair.inverse_depth(pixels1(depth).reshape(-1, 2)).reshape(depth.w.shape).astype(np.float32)
     every = np.ones_like(depth.known)
     nothing = np.zeros_like(depth.w)
-    return replace(depth, w=true, known=every, sure=every, step=~every, across_px=nothing)
+    return replace(depth, w=true, known=every, sure=every, step=~every, across_px=nothing, along_px=nothing)

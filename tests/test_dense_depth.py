@@ -82,6 +82,19 @@ def test_what_remains_across_the_epipolar_lines_is_of_the_size_of_the_noise() ->
     assert 1.3 * spread[0] < spread[1] < 0.1
 
 
+def test_what_remains_along_the_lines_is_large_where_a_smaller_stone_was_smoothed() -> None:
+    """A block of twelve pixels on level ground: its edges are smoothed, and a smaller window sees that they are."""
+    block = Surface(tilted(0, 0, 6.0 / 1.04), (150, 110, 162, 122))
+    pair = render(turn(), unit(0, 1, 0), [tilted(0, 0, 6.0), block])
+    depth = measure_depth(scene_of(pair))
+    off = np.abs(error_px(depth, pair)) > 0.2
+    left = np.abs(depth.along_px)
+    around = np.zeros_like(off)
+    around[100:132, 140:172] = True
+    assert (off & around).sum() > 20
+    assert left[off & around].mean() > 5 * left[~off & ~around & depth.known].mean()
+
+
 def test_distorting_lenses_are_followed() -> None:
     check(render(R, T, [GROUND], camera1=BROWN))
     check(render(R, T, [GROUND], camera1=make_camera(), camera2=BROWN))

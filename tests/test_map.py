@@ -277,8 +277,8 @@ def test_a_footprint_in_metres_is_that_of_as_many_pixels(half: Path) -> None:
 
 def test_sites_are_as_many_and_as_large_as_asked_for(half: Path) -> None:
     assert answered(half, "--sites", "0")["sites"] == []
-    sites = answered(half, "--site-radius", "25", "--sites", "3")["sites"]  # without it there are five
-    assert [site["radius_px"] for site in sites] == [25.0] * 3
+    sites = answered(half, "--site-radius", "22", "--sites", "3")["sites"]  # without it there are five
+    assert [site["radius_px"] for site in sites] == [22.0] * 3
     assert sites == sorted(sites, key=lambda site: -site["p_safe"])
     done = run(half, "--site-radius", "190")
     assert done.returncode == 0

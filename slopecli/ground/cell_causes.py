@@ -34,8 +34,7 @@ def cell_causes(
     some, spread = planes.thinned(step), normal_spread(planes.thinned(step))
     by_motion, shift = motion_gain(some, root), focal_shift(some, root)
     alike = spread @ spread.swapaxes(-1, -2)
-    edges, gaps = (part[::step, ::step, None, None] * alike for part in (gradient.edges, gradient.gaps))
-    noise = spread @ gradient.noise[::step, ::step] @ spread.swapaxes(-1, -2)
+    noise, edges, gaps = (part[::step, ::step, None, None] * alike for part in gradient)
     covariances = {
         "matches": noise,
         "relief": edges,

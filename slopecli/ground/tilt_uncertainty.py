@@ -6,6 +6,7 @@ normalised coordinate. About a ray x, N = w (g, 1 - g.x) is the scaled normal of
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -15,9 +16,10 @@ import numpy as np
 from slopecli.geometry.camera import pixels_from_rays, rays_from_pixels
 from slopecli.geometry.epipolar import homogeneous, rotation_from_vector
 from slopecli.geometry.motion import inverse_depth
-from slopecli.ground.footprint_planes import FootprintPlanes
-from slopecli.ground.footprints import COARSE, disc_sums
+from slopecli.ground.footprint_planes import LEAST_SHARE, FootprintPlanes
+from slopecli.ground.footprints import COARSE, Cells, disc_area, disc_sums
 from slopecli.look.dense_depth import DEPTH, DenseDepth
+from slopecli.look.warp import FloatImage
 from slopecli.types import BoolArray, Camera, FloatArray, Solution
 
 
@@ -25,10 +27,9 @@ from slopecli.types import BoolArray, Camera, FloatArray, Solution
 class TiltTunables:
     """Tunables of the uncertainty of planes of footprints; they are fitted to rendered ground with known depth."""
 
-    noise: float = 0.85  # error of a plane by noise over that measured by ramps across the epipolar lines
-    edge_px: float = 51.84  # of edges of relief, see `edge_variance`: 0.9^2 in footprints of 64 px
+    ramp_px: float = 16.0  # grid px, radius of the discs on which `shared_px` is measured
+    edge_alike_px: float = 2.0  # grid px that share an error as large as a jump of depth
     unmatched: float = 3.0  # 1-sigma of ground that is not matched, in the relief of its footprint
-    neighbours: float = 1.5  # footprints, sigma of the Gaussian over which the variance of noise is averaged
     # height of a step, of the footprint's diameter, from which on a slope across it has no meaning
     step_share: float = 0.25
     step_length: float = 0.15  # pixels on it, of the footprint's diameter
@@ -122,8 +123,8 @@ def normal_spread(planes: FootprintPlanes) -> FloatArray:
 
 
 class GradientVariance(NamedTuple):
-    """Variance of the gradient of ln w over footprints, by all but motion: by noise (rows, columns, 2, 2), and alike
-    along both axes (rows, columns) by edges of relief, and by ground that is not matched, or in doubt."""
+    """Variance of the gradient of ln w over footprints (rows, columns), alike along both axes, by all but motion: by
+    errors of matches, by edges of relief, and by ground that is not matched, or in doubt."""
 
     noise: FloatArray
     edges: FloatArray
@@ -132,12 +133,15 @@ class GradientVariance(NamedTuple):
     @property
     def total(self) -> FloatArray:
         """(rows, columns, 2, 2) their sum."""
-        return np.asarray(self.noise + (self.edges + self.gaps)[..., None, None] * np.eye(2))
+        return np.asarray((self.noise + self.edges + self.gaps)[..., None, None] * np.eye(2))
 
 
 def gradient_parts(depth: DenseDepth, planes: FootprintPlanes, jump: FloatArray) -> GradientVariance:
     """Variance of the gradient of ln w by cause; jump: see `largest_jump`."""
-    noise, edges = noise_variance(depth, planes), edge_variance(depth, planes)
+    sums = disc_sums(error_layers(depth), planes.cells, COARSE)
+    # the second moment of a disc about either axis is a fourth of its squared radius
+    moment = np.maximum(sums[0], 1.0) * (planes.cells.radius_px / depth.focal_px) ** 2 / 4.0
+    noise, edges = (density / moment for density in error_densities(sums, rise_of(planes, depth)))
     return GradientVariance(noise, edges, _gap_variance(depth, planes, jump))
 
 
@@ -167,42 +171,54 @@ def _motion_covariance(planes: FootprintPlanes, root: Root) -> FloatArray:
     return np.asarray(gain @ root.covariance @ gain.swapaxes(-1, -2) + shift[..., :, None] * shift[..., None, :])
 
 
-def noise_variance(depth: DenseDepth, planes: FootprintPlanes) -> FloatArray:
-    """(rows, columns, 2, 2) variance of the gradient of ln w by noise, from ramps fitted to the residual across.
+def error_layers(depth: DenseDepth, systematic_px: float = 0.0) -> list[FloatImage]:
+    """Layers (h, w) whose sums `error_densities` takes: pixels known, and of these the variance of ln w times the
+    pixels that share an error, and the jumps of ln w beside them, and their squares.
 
-    The residual across the epipolar line has no reason but noise, and the same correlation as the noise along it. What
-    a ramp over a footprint is fitted to it, squared and averaged over the surroundings, is the variance sought.
+    systematic_px : 1-sigma of what no alignment can mend.
     """
-    error = np.where(depth.known, np.clip(depth.across_px, -1.0, 1.0) / depth.shift_px, 0.0)
-    x, y = depth.rays[..., 0], depth.rays[..., 1]
-    n, total, by_x, by_y = disc_sums((depth.known, error, error * x, error * y), planes.cells, COARSE)
-    middle = planes.middle[..., :2] / planes.middle[..., 2:]
-    # the ramp of a disc: its second moment about either axis is a fourth of its squared radius
-    moment = np.maximum(n, 1.0) * (planes.cells.radius_px / depth.focal_px) ** 2 / 4.0
-    ramp = np.stack([by_x - total * middle[..., 0], by_y - total * middle[..., 1]], -1) / moment[..., None]
-    answered = planes.answered[..., None]
-    products = np.where(answered, ramp[..., [0, 0, 1]] * ramp[..., [0, 1, 1]], 0.0)
-    cells = planes.cells
-    spacing = float(np.diff(cells.u).mean()) if len(cells.u) > 1 else 1.0
-    sigma = TILT.neighbours * 2 * cells.radius_px / spacing
-    stack = np.dstack([products, answered]).astype(np.float32)
-    smooth = cv2.GaussianBlur(stack, (0, 0), sigma, borderType=cv2.BORDER_CONSTANT).astype(float)
-    a, b, c = np.moveaxis(smooth[..., :3] / np.maximum(smooth[..., 3:], 1e-9), -1, 0)
-    return TILT.noise**2 * np.stack([a, b, b, c], -1).reshape(*cells.shape, 2, 2)
+    known = depth.known.astype(np.float32)
+    left = np.clip(depth.along_px, -1.0, 1.0) ** 2 + np.float32(systematic_px**2)
+    span = depth.span * known
+    return [known, np.float32(shared_px(depth)) * left * known / depth.shift_px**2, span, depth.span * span]
 
 
-def edge_variance(depth: DenseDepth, planes: FootprintPlanes) -> FloatArray:
-    """(rows, columns) variance of the gradient of ln w by edges of relief, each of which is misplaced at random.
+def shared_px(depth: DenseDepth) -> float:
+    """Number of pixels that share an error of matching, as large as what alignment left along the epipolar lines.
 
-    It is measured, not derived: in proportion to the mean square of the jumps over a footprint, as their errors are
-    independent, and for one and the same ground to the fourth power of the diameter.
+    Ramps fitted over discs to the residual across the lines, which has no other reason but noise and the same
+    correlation, are that many times larger in square than independent errors would make them.
     """
-    span = depth.span
-    layers = (depth.known, span * depth.known, span * span * depth.known)
-    n, first, second = disc_sums(layers, planes.cells, COARSE)
-    n, rise = np.maximum(n, 1.0), rise_of(planes, depth)
-    jumps = np.maximum(second / n - 2 * rise * first / n + rise**2, 0.0)
-    return np.asarray(TILT.edge_px * jumps * depth.focal_px**2 / (2 * planes.cells.radius_px) ** 4)
+    rows, columns = depth.w.shape
+    u, v = np.arange(columns, dtype=np.float32), np.arange(rows, dtype=np.float32)[:, None]
+    radius, known = TILT.ramp_px, depth.known
+    places = [np.arange(int(radius), count, int(radius)) for count in (columns, rows)]
+    cells = Cells(places[0], places[1], radius)
+    across = np.where(known, np.clip(depth.across_px, -1.0, 1.0), np.float32(0.0))
+    left2 = np.where(known, np.clip(depth.along_px, -1.0, 1.0) ** 2, np.float32(0.0))
+    n, total, by_u, by_v, left2 = disc_sums((known, across, across * u, across * v, left2), cells)
+    ramps = (by_u - total * cells.u) ** 2 + (by_v - total * cells.v[:, None]) ** 2
+    whole = n >= LEAST_SHARE * disc_area(radius)
+    if not whole.any():
+        return 4.0 * np.pi * DEPTH.window_px**2
+    # the second moment of a disc is half its squared radius; ramps have an exponential distribution, of median ln 2
+    ratio = ramps[whole] / np.maximum(0.5 * radius**2 * left2[whole], np.finfo(np.float32).tiny)
+    return float(np.median(ratio) / np.log(2.0))
+
+
+def error_densities(sums: Sequence[FloatArray], rise: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Variance of ln w times the pixels that share an error, by errors of matches, and by edges of relief.
+
+    The former follow from what is left along the epipolar lines: a smaller window than that of the alignment still asks
+    for a displacement where noise, a border, relief or a mismatch misled the larger one. Edges are each misplaced at
+    random, so that errors are in proportion to the jumps.
+
+    sums : of `error_layers` over footprints or windows.  rise : `DenseDepth.span` on the plane, see `rise_of`.
+    """
+    known, matches, first, second = sums
+    n = np.maximum(known, 1.0)
+    jumps2 = np.maximum(second / n - 2 * rise * first / n + rise**2, 0.0)
+    return matches / n, TILT.edge_alike_px * jumps2
 
 
 def _gap_variance(depth: DenseDepth, planes: FootprintPlanes, jump: FloatArray) -> FloatArray:
@@ -237,11 +253,17 @@ def largest_jump(depth: DenseDepth, planes: FootprintPlanes) -> FloatArray:
 
 
 def across_step(depth: DenseDepth, planes: FootprintPlanes, jump: FloatArray) -> BoolArray:
-    """(rows, columns) whether a footprint lies across a step, rather than on ground that is steep or rough."""
+    """(rows, columns) whether a footprint lies across a step, rather than on ground that is steep or rough.
+
+    Or so near one, on its upper side, that it may: matching misplaces a step towards the ground below it.
+    """
     diameter = 2 * planes.cells.radius_px
     off_px = min(TILT.step_off_px, TILT.step_off_share * diameter)
     wider = replace(planes.cells, radius_px=planes.cells.radius_px + off_px)
-    pixels = disc_sums((depth.step,), wider, COARSE)[0]
+    logarithm = np.where(depth.step, np.log(depth.w), np.float32(0.0))
+    near, sums = disc_sums((depth.step, logarithm), wider, COARSE)
+    above = -np.log(planes.middle[..., 2]) * near > sums
+    pixels = np.where(above, near, disc_sums((depth.step,), planes.cells, COARSE)[0])
     high = jump > TILT.step_share * diameter / depth.focal_px
     return np.asarray(high & (pixels > TILT.step_length * diameter))
 

@@ -10,10 +10,11 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from slopecli.ground.footprint_planes import AHEAD, FootprintPlanes, fit_footprints, nearest_answered, planes_of_sums
-from slopecli.ground.footprints import COARSE, Cells
-from slopecli.ground.tilt_uncertainty import TILT, Root, edge_variance, noise_variance, normal_covariance, rise_of
+from slopecli.ground.footprint_planes import AHEAD, FootprintPlanes, planes_of_sums
+from slopecli.ground.footprints import Cells
+from slopecli.ground.tilt_uncertainty import TILT, Root, error_densities, error_layers, normal_covariance, rise_of
 from slopecli.look.dense_depth import DenseDepth
+from slopecli.look.noise import SYSTEMATIC_PX
 from slopecli.types import BoolArray, FloatArray, IntArray
 from slopecli.windows import Window
 
@@ -22,11 +23,6 @@ from slopecli.windows import Window
 class WindowPlaneTunables:
     """Tunables of the planes of windows."""
 
-    places: float = 4.0  # discs along a window's side, whose noise is measured
-    most_discs: float = 4096.0  # of one size; their noise changes slowly over the image
-    largest_px: float = 64.0  # radius of these discs; what larger windows have follows from it
-    # power of the length by which the variance of a ramp falls: 4 for independent errors, some of which are not
-    falls: int = 3
     hole_px: int = 8  # grid px, side of the holes in the ground matched that are wrong independently of each other
     in_doubt: float = 0.5  # 1-sigma of ground in doubt, in the jumps there
     off_plane: float = 2.0  # 1-sigma of ground that is not matched, in the RMS relief of the rest
@@ -66,10 +62,8 @@ class WindowPlanes:
 def fit_windows(depth: DenseDepth, windows: Sequence[Window], root: Root) -> WindowPlanes:
     """Fit the planes of windows, px of image 1."""
     parts = parts_of(depth, windows)
-    size = np.sqrt(np.array([w * h for _, _, w, h in windows]) / np.pi) * depth.grid.mean_scale
-    radius_px = np.maximum(1.0, np.round(size))
     planes = _nearest_planes(depth, parts)
-    gradient = _matching(depth, parts, radius_px)
+    gradient = _matching(depth, parts, planes)
     unsure, sizes_px = planes.sure[0] < 1.0, np.diff(parts, axis=-1)[..., 0]
     for size_px in np.unique(sizes_px[unsure], axis=0):
         alike = np.flatnonzero(unsure & (sizes_px == size_px).all(1))
@@ -110,36 +104,17 @@ def box_sums(layer: NDArray[Any], parts: IntArray) -> FloatArray:
     return np.asarray(table[bottom, right] - table[top, right] - table[bottom, left] + table[top, left])
 
 
-def _matching(depth: DenseDepth, parts: IntArray, radius_px: FloatArray) -> FloatArray:
-    """(n, 3, 2, 2) variance of the gradient of ln w of windows as large as discs of this radius (n,), grid px: noise,
-    by edges of relief, and 0 for ground without matches.
-
-    It is that of the disc nearest to the window's middle, at most `FIT.largest_px` large; NaN where none is matched.
-    """
-    measured = np.minimum(radius_px, FIT.largest_px)
-    gradient = np.full((len(parts), 3, 2, 2), np.nan)
-    for radius in np.unique(measured):
-        cells = _disc_cells(depth, float(radius))
-        planes = fit_footprints(depth.points, depth.known, depth.sure, cells, COARSE)
-        nearest = nearest_answered(planes)
-        if nearest is not None:
-            here = measured == radius
-            v, u = 0.5 * parts[here].sum(-1).T
-            at = (np.abs(axis[:, None] - place).argmin(0) for axis, place in ((cells.v, v), (cells.u, u)))
-            edges = edge_variance(depth, planes)[..., None, None] * np.eye(2)
-            kinds = np.stack([noise_variance(depth, planes), edges, np.zeros_like(edges)], axis=2)
-            variance = kinds.reshape(-1, 3, 2, 2)
-            smaller = (radius / radius_px[here]) ** FIT.falls
-            gradient[here] = smaller[:, None, None, None] * variance[nearest[tuple(at)]]
+def _matching(depth: DenseDepth, parts: IntArray, planes: FootprintPlanes) -> FloatArray:
+    """(n, 3, 2, 2) variance of the gradient of ln w of windows: by errors of matches, by edges of relief, and 0 for
+    ground without matches."""
+    sums = [box_sums(layer, parts) for layer in error_layers(depth, SYSTEMATIC_PX)]
+    # the second moment of a rectangle about either axis is a twelfth of its squared side
+    sides = np.diff(parts, axis=-1)[:, ::-1, 0] / depth.focal_px
+    moments = np.maximum(sums[0], 1.0)[:, None] * sides**2 / 12.0
+    gradient = np.zeros((len(parts), 3, 2, 2))
+    for kind, density in enumerate(error_densities(sums, rise_of(planes, depth)[0])):
+        gradient[:, kind, [0, 1], [0, 1]] = density[:, None] / moments
     return gradient
-
-
-def _disc_cells(depth: DenseDepth, radius_px: float) -> Cells:
-    """Discs of this radius, grid px, all over the image."""
-    rows, columns = depth.w.shape
-    step = max(1.0, 2 * radius_px / FIT.places, float(np.sqrt(rows * columns / FIT.most_discs)))
-    u, v = (np.arange(0.5 * step, count, step).astype(np.int64) for count in (columns, rows))
-    return Cells(u, v, radius_px)
 
 
 def across_steps(depth: DenseDepth, windows: Sequence[Window], planes: FootprintPlanes) -> BoolArray:

@@ -11,6 +11,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from typing import NamedTuple
 
 import cv2
 import numpy as np
@@ -47,6 +48,7 @@ class DepthTunables:
     # of a mean over the window: a window of 60 px, errors shared by some 8 of them
     window_noise: float = NOISE_GREY**2 / 8.0
     window_px: float = 2.5  # grid px, sigma of the Gaussian window of the alignment
+    rest_px: float = 1.5  # grid px, the same of the window that shows what this one left
     side_px: int = 5  # grid px, of the median filter between rounds, the smallest bare area, and the square of a jump
     # grid px, sigma of the Gaussian below which differences of the two images are texture, not shading
     shading_px: float = 6.0
@@ -78,7 +80,7 @@ class DenseDepth:
     though an edge beside them makes it look known.  rays (h, w, 2): normalised coordinates.
     uv2 (h, w, 2): full px of image 2.  shifts (h, w, 2): displacement, grid px, per change of ln w.
     across_px (h, w): residual across the epipolar line after alignment, as large as texture allows it along the line,
-    grid px.
+    grid px.  along_px (h, w): displacement along the line that a smaller window still asks for, grid px.
     """
 
     grid: Grid
@@ -91,6 +93,7 @@ class DenseDepth:
     uv2: FloatImage
     shifts: FloatImage
     across_px: FloatImage
+    along_px: FloatImage
 
     @cached_property
     def shift_px(self) -> FloatImage:
@@ -139,15 +142,16 @@ def measure_depth(
     w, across = pair.by_flow(w) if start is None else (start, np.zeros_like(w))
     for _ in range(DEPTH.rounds):
         w = pair.along(w)
-    uv2, told, own, left, noise = pair.check(w)
+    left = pair.check(w)
+    uv2, told = left.uv2, left.told
     shown = covered(uv2, scene.shape2, 1.0)
-    bare = shown & (_in_one_piece(~own, DEPTH.side_px) | _in_one_piece(~told, DEPTH.untold_px))
-    known = shown & told & (np.abs(across) < ON_PLANE_PX) & (np.abs(left) < ON_PLANE_PX)
+    bare = shown & (_in_one_piece(~left.own, DEPTH.side_px) | _in_one_piece(~told, DEPTH.untold_px))
+    known = shown & told & (np.abs(across) < ON_PLANE_PX) & (np.abs(left.across_px) < ON_PLANE_PX)
     known &= ~_hidden(w, uv2, known, scene)
     step = _steps(w, shifts) & shown
     side = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * DEPTH.beside_px + 1, 2 * DEPTH.beside_px + 1))
-    sure = known & ~bare & (cv2.dilate(step.astype(np.uint8), side) == 0)
-    return DenseDepth(grid, w, known, sure, step, bare, transfer.rays, uv2, shifts, noise)
+    sure = known & ~bare & (cv2.dilate((step | ~shown).astype(np.uint8), side) == 0)
+    return DenseDepth(grid, w, known, sure, step, bare, transfer.rays, uv2, shifts, left.noise_px, left.along_px)
 
 
 def depth_cells(scene: Scene, grid: Grid, cell: int) -> Cells:
@@ -177,6 +181,19 @@ def _start(scene: Scene, grid: Grid) -> FloatArray:
     shape = rows * NODE_STEP, columns * NODE_STEP
     logarithm = spread(places, np.log(found.w)[:, None], shape, NODE_STEP, weight)[..., 0]
     return np.exp(cv2.medianBlur(logarithm.astype(np.float32), 3).astype(float))
+
+
+class _Left(NamedTuple):
+    """What is left of an alignment, of every pixel (h, w): px of image 2 (h, w, 2), whether the images tell the depth,
+    whether by texture of the pixel's own that both show, the residual across the epipolar line, what noise alike would
+    be along the line, and what a smaller window still asks for along it, grid px."""
+
+    uv2: FloatImage
+    told: NDArray[np.bool_]
+    own: NDArray[np.bool_]
+    across_px: FloatImage
+    noise_px: FloatImage
+    along_px: FloatImage
 
 
 class _Alignment:
@@ -222,11 +239,10 @@ class _Alignment:
             cv2.medianBlur(w * np.exp(np.clip(step, -DEPTH.most_step, DEPTH.most_step)), DEPTH.side_px), np.float32
         )
 
-    def check(self, w: FloatImage) -> tuple[FloatImage, NDArray[np.bool_], NDArray[np.bool_], FloatImage, FloatImage]:
-        """Px of image 2, whether the images tell the depth, whether by texture of the pixel's own that both show, the
-        residual across the line, and what noise alike would be along the line, grid px.
+    def check(self, w: FloatImage) -> _Left:
+        """What is left of the alignment.
 
-        The residual is held back where texture is faint, as a step of alignment is; in its rounds depth is not.
+        The residual across is held back where texture is faint, as a step of alignment is; in its rounds depth is not.
         """
         uv2, difference, gx, gy = self._compared(w)
         length = np.sqrt(self._length2 + 1e-12)
@@ -238,7 +254,8 @@ class _Alignment:
         settled = 1.0 - (self._hold / (told + self._hold)) ** DEPTH.rounds
         alike = settled * pull * length / np.sqrt((seen + np.float32(1e-3)) * (told + np.float32(1e-3)))
         across = pull / (seen + DEPTH.window_noise / DEPTH.reach_px**2)
-        return uv2, told > DEPTH.told * (told + self._hold), own, across, alike
+        along = _rest(slope * difference) * length / (_rest(slope * slope) + np.float32(0.3) * self._length2)
+        return _Left(uv2, told > DEPTH.told * (told + self._hold), own, across, alike, along)
 
     def _alike(self, slope: FloatImage, difference: FloatImage, length: FloatImage) -> FloatImage:
         """(h, w) correlation of the gradients of the images along the epipolar lines over the window around a pixel.
@@ -275,6 +292,10 @@ def _length2(shifts: FloatImage) -> FloatImage:
 
 def _window(values: FloatImage) -> FloatImage:
     return np.asarray(cv2.GaussianBlur(values, (0, 0), DEPTH.window_px))
+
+
+def _rest(values: FloatImage) -> FloatImage:
+    return np.asarray(cv2.GaussianBlur(values, (0, 0), DEPTH.rest_px))
 
 
 def _without_grain(values: FloatImage) -> FloatImage:

@@ -40,8 +40,8 @@ def fuse_depths(depths: Sequence[DenseDepth], baselines: Sequence[float]) -> Den
 
     Returns
     -------
-    fused : as of the first pair; pixels that only others show are known, too, with `shifts` and `across_px` of the best
-        of them, which the noise follows from.
+    fused : as of the first pair; pixels that only others show are known, too, with `shifts`, `across_px` and `along_px`
+        of the best of them, which the noise follows from.
     """
     first = depths[0]
     if len(depths) == 1:
@@ -64,15 +64,16 @@ def fuse_depths(depths: Sequence[DenseDepth], baselines: Sequence[float]) -> Den
     sure, step = _steps(depths, kept)
     # pairs share the noise and the smoothing of image 1, so the mean is trusted like one of them: the first where it
     # is known, else the best
-    trusted = np.where(kept[0] > 0.0, 0, np.argmax(kept, axis=0))
+    trusted = np.where(kept[0] > 0.0, 0, np.argmax(kept, axis=0))[None]
+    left = ("across_px", "along_px")
     return replace(
         first,
         w=np.where(known, np.exp(mean), first.w).astype(np.float32),
         known=known,
         sure=known & sure,
         step=np.where(known, step, first.step),
-        shifts=np.take_along_axis(np.stack([d.shifts for d in depths]), trusted[None, ..., None], axis=0)[0],
-        across_px=np.take_along_axis(np.stack([d.across_px for d in depths]), trusted[None], axis=0)[0],
+        shifts=np.take_along_axis(np.stack([d.shifts for d in depths]), trusted[..., None], axis=0)[0],
+        **{name: np.take_along_axis(np.stack([getattr(d, name) for d in depths]), trusted, axis=0)[0] for name in left},
     )
 
 
