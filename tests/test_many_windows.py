@@ -52,6 +52,29 @@ def test_every_window_has_its_slope_within_its_sigma() -> None:
     assert np.mean([wrong[plane.id] < 2.5 * max(plane.slope_sigma_deg or 0.0, 0.05) for plane in ok]) > 0.9
 
 
+def test_windows_onto_ground_without_texture_are_poor_as_it_may_be_a_drop() -> None:
+    """Level ground with a bare strip of 4 px at the border, far below it: no window on it is called safe."""
+    strip = Surface(tilted(0.0, 0.0, 9.0), (396.0, 0.0, 4.0, 320.0), contrast=0.0)
+    scene = render(turn(), unit(0.9, 0.2, 0.3), [Surface(tilted(0, 0)), strip], camera1=make_camera(*SIZE), noise=1.0)
+    report = estimate(Image(scene.grey1), Image(scene.grey2), scene.camera1, scene.camera2, Options(grid=GRID))
+    windows = grid_windows(*GRID, *SIZE)
+    onto = {k for k, (x, _, w, _) in enumerate(windows, start=1) if x + w > 396}
+    on_strip = [plane for plane in report.planes if plane.id in onto]
+    shown = {k for k, (x, y, *_) in enumerate(windows, start=1) if x >= 120 and y >= 40}
+    elsewhere = [plane for plane in report.planes if plane.id in shown - onto]
+    assert on_strip
+    assert all(plane.status == "poor" and plane.verdict != "safe" for plane in on_strip)
+    assert any("may be a drop" in (plane.reason or "") for plane in on_strip)
+    assert np.mean([plane.status == "ok" for plane in elsewhere]) > 0.9
+
+
+def test_a_window_that_image_2_shows_in_part_is_in_more_doubt_the_less_of_it_is_shown() -> None:
+    """Image 2 misses the left of this pair, where the first column of windows is."""
+    sigma = {plane.id: plane.slope_sigma_deg or 0.0 for plane in answer().planes}
+    columns = [[sigma[k] for k in range(first, 81, GRID[0]) if k in sigma] for first in (1, 2, 3)]
+    assert np.median(columns[0] + columns[1]) > 3 * np.median(columns[2])
+
+
 def test_ids_and_outlines_are_those_of_the_grid_row_by_row() -> None:
     report = answer()
     assert sorted([one.id for one in report.planes] + [one.id for one in report.rejected]) == [*range(1, 81)]

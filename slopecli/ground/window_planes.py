@@ -132,6 +132,14 @@ def across_steps(depth: DenseDepth, windows: Sequence[Window], planes: Footprint
     return np.asarray(stepped)
 
 
+def onto_bare(depth: DenseDepth, windows: Sequence[Window]) -> BoolArray:
+    """(n,) whether a window reaches onto ground without texture of its own, which may be a drop: see
+    `tilt_uncertainty.beside_bare`."""
+    parts = parts_of(depth, windows)
+    side = np.sqrt(np.diff(parts, axis=-1)[..., 0].prod(1))
+    return np.asarray(box_sums(depth.bare, parts) > TILT.step_length * side)
+
+
 def _gaps(depth: DenseDepth, first: IntArray, size_px: IntArray, relief: FloatArray) -> FloatArray:
     """(n, 2, 2) variance of the gradient of ln w by ground that is not matched, or in doubt, of windows of one size.
 

@@ -17,7 +17,7 @@ from slopecli.geometry.epipolar import normal_angle
 from slopecli.geometry.statistics import robust_sigma
 from slopecli.ground.footprint_planes import FootprintPlanes
 from slopecli.ground.tilt_uncertainty import Root, focal_shift, motion_gain, normal_covariance, normals_under
-from slopecli.ground.window_planes import WindowPlanes, across_steps, box_sums, fit_windows, parts_of
+from slopecli.ground.window_planes import WindowPlanes, across_steps, box_sums, fit_windows, onto_bare, parts_of
 from slopecli.look.dense_depth import DEPTH, DenseDepth, measure_depth
 from slopecli.look.matches import Matches, pair_rays, thin
 from slopecli.look.noise import LEAST_MATCH_PX
@@ -73,7 +73,7 @@ def answer_together(
     with single_threaded():
         depth = measure_depth(scene, windows, DEPTH.most_pixels)
         dense = fit_windows(depth, windows, root)
-        own = _own_patches(windows, depth, dense, scene)
+        own = _with_unseen(_own_patches(windows, depth, dense, scene), depth, dense.planes, scene)
         patches, planes = _borrowed(own, depth, dense.planes, scene)
     chosen = [k for k, patch in enumerate(patches) if patch.origin != "none"]
     if not chosen:
@@ -95,7 +95,7 @@ def _own_patches(windows: Sequence[Window], depth: DenseDepth, dense: WindowPlan
     """A patch a window, with pixels of the depth as its matches where it has enough, else without any."""
     share, sure = dense.planes.share[0], dense.planes.sure[0]
     own = np.isfinite(dense.covariance).all((1, 2)) & (share >= LEAST_MATCHED) & (sure >= TUNE.scarce_share)
-    stepped = across_steps(depth, windows, dense.planes)
+    doubts = _doubts(depth, windows, dense.planes)
     matches, lattice = _matches(depth, scene)
     sigma_px = max(robust_sigma(depth.across_px[depth.known].astype(float)), LEAST_MATCH_PX) / depth.grid.mean_scale
     patches = list(starmap(window_patch, zip(windows, range(1, len(windows) + 1), strict=True)))
@@ -115,10 +115,46 @@ def _own_patches(windows: Sequence[Window], depth: DenseDepth, dense: WindowPlan
                 score=1.0,
                 share=float(share[k]),
                 dense_shares=(noise, relief, gaps),
-                reason="across a step: no surface has this slope" if stepped[k] else "",
-                code="non-planar-patch" if stepped[k] else "",
+                code=doubts[k][0],
+                reason=doubts[k][1],
             )
     return patches
+
+
+def _doubts(depth: DenseDepth, windows: Sequence[Window], planes: FootprintPlanes) -> list[tuple[str, str]]:
+    """Diagnostic code and reason in words why the plane of a window is poor, for each; empty where it is not."""
+    stepped, bare = across_steps(depth, windows, planes), onto_bare(depth, windows)
+    step = "non-planar-patch", "across a step: no surface has this slope"
+    drop = "low-texture", "part of it has no texture of its own, and may be a drop"
+    return [step if a else drop if b else ("", "") for a, b in zip(stepped.tolist(), bare.tolist(), strict=True)]
+
+
+def _with_unseen(patches: list[Patch], depth: DenseDepth, planes: FootprintPlanes, scene: Scene) -> list[Patch]:
+    """The patches, those that image 2 shows in part in more doubt: the rest may be tilted as much otherwise as any
+    window of the pair is, in proportion to its share."""
+    windows = [patch.window for patch in patches]
+    parts = parts_of(depth, windows)
+    hidden = 1.0 - box_sums(covered(depth.uv2, scene.shape2), parts) / np.diff(parts, axis=-1)[..., 0].prod(1)
+    partly = [k for k, patch in enumerate(patches) if patch.origin == "own" and hidden[k] > 0.0]
+    index = _without_doubt(patches)
+    if not partly or len(index) < MANY.neighbours:
+        return patches
+    anywhere = np.full(len(partly), np.inf)
+    sigma = hidden[partly] * _differs(_middles(windows)[index], planes.normal[0, index], anywhere)
+    patches = list(patches)
+    for k, sigma_rad in zip(partly, sigma.tolist(), strict=True):
+        patches[k] = replace(patches[k], tilt_sigma_rad=sigma_rad, unmatched_sigma_rad=sigma_rad)
+    return patches
+
+
+def _without_doubt(patches: Sequence[Patch]) -> IntArray:
+    """Indices of the windows whose own plane is not poor."""
+    return np.flatnonzero([patch.origin == "own" and not patch.reason for patch in patches])
+
+
+def _middles(windows: Sequence[Window]) -> FloatArray:
+    """(n, 2) px."""
+    return np.array([(x + w / 2, y + h / 2) for x, y, w, h in windows])
 
 
 def _matches(depth: DenseDepth, scene: Scene) -> tuple[Matches, IntArray]:
@@ -145,14 +181,14 @@ def _borrowed(
         return patches, planes
     windows = [patch.window for patch in patches]
     reasons = _reasons(depth, windows, scene)
-    index = np.flatnonzero(known & np.array([not patch.reason for patch in patches]))
+    index = _without_doubt(patches)
     if len(index) < MANY.neighbours:
         nothing = "and too few windows around it can be matched"
         return [
             patch if patch.origin == "own" else patch.unmatched(f"{why}, {nothing}", code)
             for patch, (code, why) in zip(patches, reasons, strict=True)
         ], planes
-    middle = np.array([(x + w / 2, y + h / 2) for x, y, w, h in windows])
+    middle = _middles(windows)
     away, nearest = _nearest(middle[rest], middle[index])
     units = planes.normal[0, index]
     mean = units[nearest].mean(axis=1)
