@@ -5,9 +5,11 @@ from __future__ import annotations
 import io
 import sys
 
+import click
 import pytest
 
 from slopecli import cli
+from slopecli.cli import Table, print_result, print_table
 
 
 @pytest.mark.parametrize(
@@ -56,6 +58,21 @@ def test_a_long_run_shows_its_stage_on_a_terminal_and_leaves_no_trace(monkeypatc
     assert "done: overview" in terminal.getvalue()
     talk.clear()
     assert terminal.getvalue().endswith("\r\033[K")
+
+
+@pytest.mark.parametrize("as_table", [True, False], ids=["table", "JSON"])
+def test_what_is_printed_begins_on_a_line_of_its_own(monkeypatch: pytest.MonkeyPatch, as_table: bool) -> None:
+    screen = Terminal()  # where both streams go
+    for name in ("stdout", "stderr"):
+        monkeypatch.setattr(sys, name, screen)
+    talk = cli.Talk()
+    talk._start -= 3.0
+    with click.Context(click.Command("any"), obj=talk):
+        talk.stage("write", 0.1)
+        print_table(Table(("id",), [("1",)]), talk) if as_table else print_result("{}")
+    shown = click.unstyle(screen.getvalue().split("done: write")[1])
+    assert screen.getvalue().split("done: write")[1].startswith("\r\033[K")
+    assert ("id" if as_table else "{}") in shown
 
 
 @pytest.mark.parametrize("quiet", [True, False])

@@ -14,8 +14,8 @@ __getattr__, __dir__ = lazy_names(
         "progress": "BatchProgress",
         "report_table": "classes_table result_table talk_lines",
         "shared_options": "talk_options",
-        "table": "Table draw_table",
-        "talk": "Talk",
+        "table": "Table draw_table print_table",
+        "talk": "Talk print_result",
     },
 )
 

@@ -56,6 +56,7 @@ def print_table(table: Table, talk: Talk, *below: str) -> None:
 
     On a terminal it is no wider than that, and the columns left out for it are said on stderr.
     """
+    talk.clear()
     table = Table(table.header, [tuple(map(visible, row)) for row in table.rows])
     if is_terminal(sys.stdout):
         from rich.console import Console

@@ -85,6 +85,9 @@ def is_terminal(stream: TextIO | None) -> bool:
 
 def print_result(text: str) -> None:
     """Print a result on stdout. If its reader has gone (`| head`), the rest is dropped and the exit status stays 0."""
+    context = click.get_current_context(silent=True)
+    if context is not None and isinstance(context.obj, Talk):
+        context.obj.clear()
     try:
         click.echo(text.rstrip("\n"))
     except BrokenPipeError:
