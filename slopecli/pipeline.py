@@ -17,13 +17,13 @@ from slopecli.ground.slope_map import SlopeMap
 from slopecli.look.changes import Change, find_changes
 from slopecli.look.features import FeatureMemory
 from slopecli.look.scene import Scene
-from slopecli.look.scene_from_images import find_scene
+from slopecli.look.scene_from_images import FINE, find_scene
 from slopecli.measure import up_sigma_rad
 from slopecli.options import MapOptions, Options
 from slopecli.patches import PLANE_FINDERS
 from slopecli.patches.given import RAYS, Given, join_rows
 from slopecli.patches.join import Joined, join_patches
-from slopecli.patches.windows.dense_planes import with_dense_planes
+from slopecli.patches.windows.dense_planes import rough_windows, with_dense_planes
 from slopecli.patches.windows.many_windows import answer_together, many_windows
 from slopecli.patches.windows.window_finder import wanted_windows
 from slopecli.report.build import build_report
@@ -32,7 +32,7 @@ from slopecli.types import Camera, Image, ImageInfo, Report, Solution
 
 if TYPE_CHECKING:
     from slopecli.ground.map_task import MapTask
-    from slopecli.sequence.frame import Frame, SequenceStep
+    from slopecli.sequence.frame import Frame, SequenceAnswer, SequenceStep
     from slopecli.sequence.stream import Sequence
 
 AGAIN = 0.002  # change of the focal length, beyond its 1-sigma by the matches, from which on these are found again
@@ -137,6 +137,23 @@ def sequence(frames: Iterable[Frame], runner: Sequence, *, stop_when_settled: bo
             return
 
 
+def sequence_answer(runner: Sequence) -> SequenceAnswer:
+    """The answer after `sequence`: rough windows with planes through all pixels, by the depth that all frames tell.
+
+    runner : made with `keep_depth`; else its planes are those through the points tracked, as after every frame.
+
+    Raises
+    ------
+    NoAnswer : there is none, with the reason for which the last frame was skipped.
+    """
+    if not runner.has_depth:
+        return runner.answer()
+    report, joined, solution = runner.reported(runner.images)
+    if len(rough_windows(joined, solution, runner.camera)):
+        report = runner.reported(runner.images, runner.fused(FINE.max_pixels).depth).report
+    return runner.answer(report)
+
+
 def sequence_map(runner: Sequence, wanted: MapOptions | None = None) -> SlopeMap:
     """The map of the ground of the first frame from the depth of all, after `sequence`.
 
@@ -150,8 +167,8 @@ def sequence_map(runner: Sequence, wanted: MapOptions | None = None) -> SlopeMap
     """
     from slopecli.ground.map_task import build_map, sizes_of
 
-    report, joined, solution = runner.reported(runner.images)
     fused = runner.fused()
+    report, joined, solution = runner.reported(runner.images, fused.depth)
     task = _map_task(fused.scene, report, joined, solution, runner.focal_sigma, runner.options_now, wanted)
     return build_map(fused.depth, sizes_of(task, fused.depth.grid.mean_scale), task)
 

@@ -16,6 +16,8 @@ from slopecli import Image, Options, Report, estimate, load_camera, load_image
 from slopecli.geometry import tangent_basis
 from slopecli.ground import Root, fit_windows
 from slopecli.look import DenseDepth, measure_depth
+from slopecli.pipeline import sequence_answer
+from slopecli.sequence import Sequence
 
 SAMPLE = Path(__file__).parent.parent / "sample_data" / "descent"
 R, T, GROUND = turn(1, -2, 3), unit(0.8, 0.2, 0.4), tilted(0.2, -0.1)
@@ -90,6 +92,20 @@ def test_rough_ground_seen_whole_is_known_better_than_by_its_matches() -> None:
     assert min(sigmas) < 0.05  # no plane through matches is as sure here
     best = int(np.argmin(sigmas))
     assert errors[best] < 0.1
+
+
+def test_a_sequence_ends_with_the_planes_of_all_pixels() -> None:
+    """After every frame planes are those of the points tracked; at the end those of `estimate` on the same images."""
+    camera = load_camera(str(SAMPLE / "camera.json"))
+    runner = Sequence(camera, Options(), keep_depth=True)
+    for k in (1, 2):
+        runner.add(load_image(str(SAMPLE / f"image{k}.png")).grey)
+    while_running, at_end = runner.report(), sequence_answer(runner).report
+    sigmas = [[one.slope_sigma_deg or 0.0 for one in report.planes] for report in (while_running, at_end, answer())]
+    middle = int(np.argmin(sigmas[2]))
+    assert sigmas[1][middle] < 0.2 * sigmas[0][middle]
+    slopes = [report.planes[middle].slope_deg for report in (at_end, answer())]
+    assert slopes[0] == pytest.approx(slopes[1], abs=0.1)
 
 
 @pytest.mark.parametrize("solver", ["ha", "lh"])

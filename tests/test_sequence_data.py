@@ -15,7 +15,7 @@ import pytest
 
 from slopecli.io import load_image
 from slopecli.options import Options
-from slopecli.pipeline import estimate
+from slopecli.pipeline import estimate, sequence_answer
 from slopecli.sequence import Sequence
 from slopecli.types import Camera, FloatArray, Image, Report
 
@@ -51,6 +51,19 @@ def test_a_descent_is_as_good_as_its_best_pair() -> None:
         assert errors[0] < 2.0 * best
         assert errors[3:].max() < later * best
     assert all((row.errors <= 2.0 * row.sigmas).all() for row in rows())
+
+
+def test_the_answer_at_the_end_is_as_good_as_that_of_the_best_pair() -> None:
+    """It has all pixels of rough windows, as `estimate` has."""
+    pair, truth = errors_of_pair(1), descent()
+    runner = Sequence(truth.camera, Options(), keep_depth=True)
+    for number, frame in enumerate(truth.frames, 1):
+        runner.add(frame)
+        if number in (5, 12):
+            errors, sigmas = BENCHMARK["_judged"](sequence_answer(runner).report, truth)
+            for share in (0.5, 0.9):
+                assert np.quantile(errors, share) < 1.1 * np.quantile(pair, share)
+            assert (errors <= 2.5 * sigmas).all()
 
 
 def test_baselines_of_a_descent_keep_their_ratios() -> None:

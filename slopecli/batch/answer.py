@@ -22,7 +22,7 @@ from slopecli.io.metadata.metadata_reading import decode_metadata
 from slopecli.io.metadata.of_frames import options_of_frames
 from slopecli.look.features import FeatureMemory
 from slopecli.options import CameraChoice, Options
-from slopecli.pipeline import estimate, sequence, slope_map
+from slopecli.pipeline import estimate, sequence, sequence_answer, slope_map
 from slopecli.products import MAP_PRODUCTS, SEQUENCE_PRODUCTS, Origin, encode_products
 from slopecli.sequence.stream import Sequence as Runner
 from slopecli.types import Camera, Image, Report
@@ -157,7 +157,7 @@ def _estimate(job: Job, inputs: Shipped) -> tuple[Outcome, dict[str, bytes]]:
 
 def _follow(job: Job, options: Options, camera: Camera, fingerprint: str) -> tuple[Outcome, dict[str, bytes]]:
     """The outcome of a sequence and its files."""
-    runner, at_end = Runner(camera, options), None
+    runner, at_end = Runner(camera, options, keep_depth=True), None
     if job.metadata is not None:
 
         def read(path: str) -> Metadata:
@@ -168,7 +168,7 @@ def _follow(job: Job, options: Options, camera: Camera, fingerprint: str) -> tup
     for _ in sequence(read_frames(job.pair.frames, job.base), runner):
         pass
     runner.options_of = at_end
-    answer = runner.answer_or_refuse()
+    answer = sequence_answer(runner)
     image = runner.first_image
     contents = encode_products(answer, image, job.keep, SEQUENCE_PRODUCTS) if isinstance(image, Image) else {}
     return _outcome_of(job, answer.report, fingerprint, tuple(contents)), contents

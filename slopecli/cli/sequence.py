@@ -183,11 +183,11 @@ def _runner(
     for note in notes:
         ctx.ensure_object(Talk).say(f"info: {note}")
     if metadata is None:
-        return Sequence(camera, options, keep_depth=parameters["with_map"]), None
+        return Sequence(camera, options, keep_depth=True), None
     read = read_metadata if of_files else partial(Metadata, size=(first.width, first.height))
     running, at_end = options_of_frames(read, metadata, options, choice)
     running(first.path, first.path)  # refuses what the first frame has to state
-    return Sequence(camera, options, keep_depth=parameters["with_map"], options_of=running), at_end
+    return Sequence(camera, options, keep_depth=True, options_of=running), at_end
 
 
 def _run(
@@ -269,12 +269,14 @@ def _pace(done: int, seconds: float, total: int | None) -> str:
 
 def _answer(runner: Sequence, parameters: dict[str, Any], talk: Talk) -> SequenceAnswer:
     """The answer so far, with the map if one was asked for."""
-    if not parameters["with_map"] or not runner.started:
-        return runner.answer_or_refuse()
     from slopecli import pipeline
 
+    if not parameters["with_map"] or not runner.started:
+        with talk.timed("dense windows"):
+            return pipeline.sequence_answer(runner)
     with talk.timed("map"):
-        return runner.answer(pipeline.sequence_map(runner, map_options_from(parameters)))
+        ground = pipeline.sequence_map(runner, map_options_from(parameters))
+    return runner.answer(ground.report, ground)
 
 
 def _print(answer: SequenceAnswer, written: list[Path], talk: Talk, as_json: bool) -> None:

@@ -65,12 +65,15 @@ class DepthFrames:
         held._kept, held._last = list(self._kept), self._last
         return held
 
-    def fused(self, reference: Grey, camera: Camera, tracks: Tracks, u: FloatArray, known: BoolArray) -> FusedScene:
+    def fused(
+        self, reference: Grey, camera: Camera, tracks: Tracks, u: FloatArray, known: BoolArray, max_pixels: float
+    ) -> FusedScene:
         """Depth of the reference from all frames kept, in baselines of the last one.
 
         Frames are taken in by rising baseline, each beginning with the depth that those before it tell.
 
         u : (n,) inverse depths of the points where `known` (n,), in the unit of the frames' positions.
+        max_pixels : that are measured.
         """
         frames = [frame for frame in (self._last, *self._kept) if frame is not None]
         scenes = [scene_of(reference, frame, camera, tracks, u, known) for frame in frames]
@@ -78,7 +81,8 @@ class DepthFrames:
         depths: dict[int, DenseDepth] = {}
         start: FloatImage | None = None  # in the unit of the positions
         for k in sorted(range(len(frames)), key=lambda k: length[k]):
-            own = measure_depth(scenes[k], start=None if start is None else start * np.float32(length[k]))
+            begin = None if start is None else start * np.float32(length[k])
+            own = measure_depth(scenes[k], max_pixels=max_pixels, start=begin)
             depths[k] = _in_unit_of_points(own, scenes[k].evidence)
             longest = sorted(depths, key=lambda j: -length[j])
             start = to_begin_with([depths[j] for j in longest], [length[j] for j in longest])

@@ -9,10 +9,12 @@ import numpy as np
 
 from slopecli.geometry.camera import pixels_from_rays
 from slopecli.geometry.solver.views import predict_views
+from slopecli.look.dense_depth import DenseDepth
 from slopecli.look.matches import LEAST_MATCHES, Evidence, Matches
 from slopecli.options import Options
 from slopecli.patches.join import Joined
 from slopecli.patches.patch import Patch
+from slopecli.patches.windows.dense_planes import with_planes_of_depth
 from slopecli.patches.windows.unmatched_parts import gaps_of, unseen_rad
 from slopecli.patches.windows.window_finder import window_patch
 from slopecli.report.build import build_report
@@ -102,10 +104,12 @@ def report_of(
     options: Options,
     diagnostics: list[Diagnostic],
     length: float,
+    depth: DenseDepth | None = None,
 ) -> Reported:
     """The report of the answer so far; lengths are in metres, or in baselines of the first move.
 
     solution : of the first frame and the last one that the estimator took in, of all windows.  length : its baseline.
+    depth : of every pixel, for planes of rough windows through all of them; None for those through the points.
 
     Raises
     ------
@@ -115,6 +119,8 @@ def report_of(
     solution = _chosen(solution, enough, joined)
     if camera.focal_sigma:
         solution = with_focal_uncertainty(solution, joined, camera.both, camera.focal_sigma, options)
+    if depth is not None:
+        joined, solution = with_planes_of_depth(depth, joined, solution, camera.both, camera.focal_sigma)
     if options.baseline_m is not None:
         options = replace(options, baseline_m=options.baseline_m * length)
     diagnostics = [*camera.notes(options), *diagnostics]

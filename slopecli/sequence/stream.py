@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Callable
 from dataclasses import replace
 
@@ -11,11 +10,11 @@ import numpy as np
 
 from slopecli.errors import InputError, NoAnswer, SlopemapError
 from slopecli.findings.metadata_checks import metadata_notes
-from slopecli.findings.wording import finding
 from slopecli.geometry.solver.many_views import ViewsSolution
 from slopecli.geometry.solver.one_thread import one_blas_thread
 from slopecli.geometry.solver.resection import Motion as Placed
 from slopecli.ground.slope_map import SlopeMap
+from slopecli.look.dense_depth import DEPTH, DenseDepth
 from slopecli.look.features import FeatureMemory, Grey
 from slopecli.look.threads import single_threaded
 from slopecli.options import Options
@@ -30,8 +29,8 @@ from slopecli.sequence.later_reference import Follower, LaterReference
 from slopecli.sequence.sequence_report import Reported, report_of, tested_by_last_view
 from slopecli.sequence.tracking_tunables import TRACKING
 from slopecli.sequence.tracks import choose_tracks
-from slopecli.sequence.used_frames import first_move_m, motions_of
-from slopecli.types import Camera, Diagnostic, Image, ImageInfo, Report
+from slopecli.sequence.used_frames import first_move_m, motions_of, skipped_notes
+from slopecli.types import Camera, Image, ImageInfo, Report
 
 
 class Sequence:
@@ -67,7 +66,7 @@ class Sequence:
         self._depth = DepthFrames() if keep_depth else None
         self._depth_then: DepthFrames | None = None  # as of the frame that is to be the next reference
         self.current: Image | None = None
-        self._reference_image: Image | ImageInfo = ImageInfo("", None, None, "")
+        self._reference_image: Image | ImageInfo = ImageInfo("", camera.width, camera.height, "")
         self._infos: dict[int, ImageInfo] = {}  # of frames used, by number
 
     @property
@@ -230,15 +229,16 @@ class Sequence:
             self._infos[state.frame] = _named(frame.image)
         return state
 
-    def answer(self, slope_map: SlopeMap | None = None) -> SequenceAnswer:
-        """The answer so far, with the motions of all frames used. InputError or NoAnswer as `report`."""
-        report = self.report(self.images) if slope_map is None else slope_map.report
-        return SequenceAnswer(report, tuple(self.motions(report)), slope_map)
+    def answer(self, report: Report | None = None, slope_map: SlopeMap | None = None) -> SequenceAnswer:
+        """The answer so far, or that of a report of it, with the motions of all frames used.
 
-    def answer_or_refuse(self, slope_map: SlopeMap | None = None) -> SequenceAnswer:
-        """The answer so far; NoAnswer, with the reason for which the last frame was skipped, where there is none."""
+        Raises
+        ------
+        NoAnswer : there is none, with the reason for which the last frame was skipped.
+        """
         if self._first is not None:
-            return self.answer(slope_map)
+            report = report or self.report(self.images)
+            return SequenceAnswer(report, tuple(self.motions(report)), slope_map)
         why = [state.why for state in self.frames if state.why is not None]
         last = f": the last of them {why[-1].message}" if why else ""
         parallax = bool(why) and why[-1].code == "parallax"
@@ -271,8 +271,15 @@ class Sequence:
         """The answer so far as a report of the first frame and the last one used; arguments as of `reported`."""
         return self.reported(images).report
 
-    def fused(self) -> FusedScene:
+    @property
+    def has_depth(self) -> bool:
+        """Whether `fused` has an answer."""
+        return self._first is not None and self._depth is not None
+
+    def fused(self, max_pixels: float = DEPTH.most_pixels) -> FusedScene:
         """Depth of every pixel of the first frame from those that tell most of it; see `keep_depth`.
+
+        max_pixels : that are measured; of a larger image every so many.
 
         Raises
         ------
@@ -286,12 +293,15 @@ class Sequence:
         state, system = estimator.best.root.state, estimator.best.root.system
         known = estimator.alive & (system.V > 0.0)
         aligner = self._reference()
-        return self._depth.fused(aligner.grey, self.camera, aligner.tracks, state.u, known)
+        return self._depth.fused(aligner.grey, self.camera, aligner.tracks, state.u, known, max_pixels)
 
-    def reported(self, images: tuple[Image | ImageInfo, Image | ImageInfo] | None = None) -> Reported:
+    def reported(
+        self, images: tuple[Image | ImageInfo, Image | ImageInfo] | None = None, depth: DenseDepth | None = None
+    ) -> Reported:
         """The answer so far as a report of the first frame and the last one used.
 
         images : both, for their names and what the first shows; names alone where they are not given.
+        depth : of `fused`, for planes of rough windows through all pixels.
 
         Raises
         ------
@@ -312,8 +322,8 @@ class Sequence:
             options = replace(options, baseline_m=length)
         elif self.options_of is not None and options.stated and options.stated.scale and options.baseline_m:
             options = replace(options, baseline_m=options.baseline_m / baseline)
-        pair, notes = views.pair(shown), [*metadata_notes(options), *self._notes()]
-        found = report_of(estimator, pair, self.windows, named, self._camera, options, notes, baseline)
+        pair, notes = views.pair(shown), [*metadata_notes(options), *skipped_notes(self.frames)]
+        found = report_of(estimator, pair, self.windows, named, self._camera, options, notes, baseline, depth)
         if length is None:
             return found
         return found._replace(report=replace(found.report, scale=replace(found.report.scale, source="pose")))
@@ -327,16 +337,6 @@ class Sequence:
     def motions(self, report: Report) -> list[FrameMotion]:
         """Motions of all frames used, in the unit of the report, each as it was when its frame came in."""
         return motions_of(self.frames, report)
-
-    def _notes(self) -> list[Diagnostic]:
-        """That frames were skipped, how many, and why."""
-        why = [state.why for state in self.frames if state.why is not None]
-        if not why:
-            return []
-        counts = Counter(one.code for one in why)
-        told = ", ".join(f"{count} {code}" for code, count in sorted(counts.items()))
-        message = f"{len(why)} of {len(self.frames)} frames were not used: {told}"
-        return [finding("frame-skipped", message, len(why))]
 
 
 def _named(image: Image | ImageInfo) -> ImageInfo:

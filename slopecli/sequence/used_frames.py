@@ -1,12 +1,16 @@
-"""Motions of the frames that were used, in the unit of a report, and the length of the first move in metres."""
+"""Motions of the frames that were used, in the unit of a report, the length of the first move in metres, and a word on
+frames that were not."""
 
 from __future__ import annotations
 
+from collections import Counter
+
 import numpy as np
 
+from slopecli.findings.wording import finding
 from slopecli.geometry.epipolar import rotation_angle
 from slopecli.sequence.frame import FrameMotion, FrameState
-from slopecli.types import Motion, Report
+from slopecli.types import Diagnostic, Motion, Report
 
 
 def first_move_m(used: list[FrameState]) -> float | None:
@@ -45,3 +49,13 @@ def motions_of(frames: list[FrameState], report: Report) -> list[FrameMotion]:
         motion = Motion(R, T, float(np.degrees(rotation_angle(R))), None, None)
         found.append(FrameMotion(state.frame, state.image, state.time_s, motion))
     return found
+
+
+def skipped_notes(frames: list[FrameState]) -> list[Diagnostic]:
+    """That frames were skipped, how many, and why."""
+    why = [state.why for state in frames if state.why is not None]
+    if not why:
+        return []
+    counts = Counter(one.code for one in why)
+    told = ", ".join(f"{count} {code}" for code, count in sorted(counts.items()))
+    return [finding("frame-skipped", f"{len(why)} of {len(frames)} frames were not used: {told}", len(why))]

@@ -13,12 +13,12 @@ import numpy as np
 from slopecli.geometry.statistics import CHI2
 from slopecli.ground.tilt_uncertainty import Root, focal_shift, motion_gain, normals_under
 from slopecli.ground.window_planes import WindowPlanes, fit_windows
-from slopecli.look.dense_depth import measure_depth
+from slopecli.look.dense_depth import DenseDepth, measure_depth
 from slopecli.look.scene import Scene
 from slopecli.look.scene_from_images import FINE
 from slopecli.look.threads import single_threaded
 from slopecli.patches.join import Joined
-from slopecli.types import BoolArray, FloatArray, IntArray, Solution
+from slopecli.types import BoolArray, Camera, FloatArray, IntArray, Solution
 
 
 @dataclass(frozen=True)
@@ -42,17 +42,31 @@ def with_dense_planes(joined: Joined, solution: Solution, scene: Scene, focal_si
 
     focal_sigma : relative 1-sigma of the focal length that the covariances hold.
     """
-    px = scene.camera1.focal_px
-    from_matches = np.array([p.source == "window" and p.origin == "own" for p in joined.patches])
-    rough = from_matches & (solution.relief * px > DENSE.rough_px)
-    if solution.solver != "mle" or solution.joint_normals is not None or not rough.any():
+    index = rough_windows(joined, solution, scene.camera1)
+    if solution.solver != "mle" or solution.joint_normals is not None or not len(index):
         return joined, solution
-    index = np.flatnonzero(rough)
     windows = [joined.patches[k].footprint.bounds for k in index]
-    root = Root.of(solution, focal_sigma, (scene.camera1, scene.camera2))
     with single_threaded():
         depth = measure_depth(replace(scene, R=solution.R, T=solution.T), windows, FINE.max_pixels)
-        dense = fit_windows(depth, windows, root)
+    return with_planes_of_depth(depth, joined, solution, (scene.camera1, scene.camera2), focal_sigma)
+
+
+def rough_windows(joined: Joined, solution: Solution, camera: Camera) -> IntArray:
+    """Index of the windows over rough ground that have matches of their own."""
+    from_matches = np.array([p.source == "window" and p.origin == "own" for p in joined.patches])
+    return np.flatnonzero(from_matches & (solution.relief * camera.focal_px > DENSE.rough_px))
+
+
+def with_planes_of_depth(
+    depth: DenseDepth, joined: Joined, solution: Solution, cameras: tuple[Camera, Camera], focal_sigma: float
+) -> tuple[Joined, Solution]:
+    """As `with_dense_planes`, by a depth of image 1 that is known, in the baselines of the solution."""
+    index = rough_windows(joined, solution, cameras[0])
+    if not len(index):
+        return joined, solution
+    root = Root.of(solution, focal_sigma, cameras)
+    with single_threaded():
+        dense = fit_windows(depth, [joined.patches[k].footprint.bounds for k in index], root)
     better = _better(dense, solution, joined, index)
     if not better.any():
         return joined, solution
@@ -114,4 +128,4 @@ def _replaced(solution: Solution, index: IntArray, dense: WindowPlanes, better: 
         there, seen = other.scaled_normals.copy(), normals_under(dense.planes, root, other.R, other.T)[0]
         there[index] = seen[better]
         ambiguity = replace(ambiguity, alternative=replace(other, scaled_normals=there))
-    return replace(solution, **arrays, ambiguity=ambiguity)
+    return replace(solution, **arrays, ambiguity=ambiguity, joint_normals=None)
