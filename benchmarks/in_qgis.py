@@ -1,6 +1,6 @@
 """Open a folder of results in QGIS without a screen, say what it finds, and draw what it shows.
 
-    QT_QPA_PLATFORM=offscreen python3 benchmarks/in_qgis.py FOLDER PICTURE.png
+    QT_QPA_PLATFORM=offscreen /usr/bin/python3 benchmarks/in_qgis.py FOLDER PICTURE.png
 
 Needs the Python of QGIS (Debian: python3-qgis, qgis-providers). Ends with an error if QGIS reads the projection, names
 of bands, what is not known, or the style otherwise than meant.
