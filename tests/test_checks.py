@@ -169,6 +169,13 @@ def test_a_move_that_would_decide_about_a_window_is_named() -> None:
     assert info.remedy == "move 2.3 m between the images instead of 2 m"
 
 
+def test_no_move_is_recommended_against_the_uncertainty_of_up() -> None:
+    solution = make_solution([14.0, 5.0], sigma_deg=[0.3, 0.3])
+    report = make_report_of(solution, Options(up_sigma_deg=0.42))
+    assert report.planes[0].verdict == "undecided"  # 14 +- 0.52
+    assert "low-parallax" not in reported(report)  # 0.09 of 0.43 are left for the images
+
+
 def test_a_slope_that_is_not_known_wants_parallax_too() -> None:
     report = make_report_of(make_solution([20, 5], sigma_deg=[12.2, 0.6]))
     (info,) = report.diagnostics

@@ -62,7 +62,7 @@ def low_parallax(pair: PairFacts) -> list[Diagnostic]:
 def parallax_for_tolerance(facts: AnswerFacts) -> list[Diagnostic]:
     """Planes that a longer move would decide about, or make known to `max_sigma`, if such a move can be made.
 
-    Sigmas fall as the parallax grows, but for the tilt sigma of matches that does not depend on it. Nothing is said
+    Sigmas fall as the parallax grows, but for that of up and the tilt sigma of matches, which do not. Nothing is said
     where a second root is left: that is why planes are undecided then.
     """
     if facts.solution.ambiguity.status == "unresolved":
@@ -85,7 +85,7 @@ def parallax_for_tolerance(facts: AnswerFacts) -> list[Diagnostic]:
 
 def _times_as_far(plane: Plane, wanted_deg: float, facts: AnswerFacts) -> float:
     """Factor of the parallax that reduces the sigma of a plane to the one wanted; infinite where none does."""
-    fixed = float(np.degrees(facts.patch_of[plane.id].tilt_sigma_rad)) ** 2
+    fixed = float(np.degrees(facts.patch_of[plane.id].tilt_sigma_rad)) ** 2 + facts.options.up_sigma_deg**2
     changing, left = (plane.slope_sigma_deg or 0.0) ** 2 - fixed, wanted_deg**2 - fixed
     return float(np.sqrt(max(changing, 0.0) / left)) if left > 0.0 else np.inf
 
