@@ -136,6 +136,8 @@ def run_example(command: str, folder: Path) -> str:
         subprocess.run(
             [sys.executable, str(ROOT / "sample_data" / "make_rock_pair.py"), folder / "outcrop"], check=True
         )
+    if " slopemap_demo" in command and not (folder / "slopemap_demo").exists():
+        subprocess.run([sys.executable, "-m", "slopecli", "demo", "-q"], cwd=folder, capture_output=True, check=True)
     arguments = shlex.split(command.replace("\\\n", " "))[1:]
     done = subprocess.run(
         [sys.executable, "-m", "slopecli", *arguments],
@@ -157,8 +159,8 @@ def rewrite_examples(document: Path, folder: Path) -> None:
     examples = list(EXAMPLE.finditer(text))
     if not examples:
         sys.exit(f"{document.name} has no console block with a slopemap command")
-    outputs = [run_example(example["command"], folder) for example in examples]  # one may need what another wrote
-    for example, output in reversed(list(zip(examples, outputs, strict=True))):
+    for example in reversed(examples):
+        output = run_example(example["command"], folder)
         text = text[: example.start("output")] + output + text[example.end("output") :]
     document.write_text(text, encoding="utf-8")
 
