@@ -11,7 +11,7 @@ import pytest
 from report_factory import make_ambiguity, make_region_report, make_report, with_level_plane
 from rich.console import Console
 
-from slopecli.cli import Table, Talk, draw_table, result_table, talk_lines
+from slopecli.cli import Table, Talk, draw_table, print_facts, result_table, talk_lines
 from slopecli.report import SLOPE_UNITS
 from slopecli.types import Rejected, Scale, Up
 
@@ -288,3 +288,20 @@ def test_a_small_sigma_is_not_rounded_to_certainty() -> None:
         "17.6 ± <0.1 %",
         "2.12 ± <0.01 in 12",
     ]
+
+
+def test_facts_go_on_below_what_is_said_of_them_on_a_terminal(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    line = "distortion  " + "; ".join(f"corner {k} 21.61 px" for k in range(6))
+    monkeypatch.setenv("COLUMNS", "60")
+    print_facts([line], indent=12)
+    assert capsys.readouterr().out == f"{line}\n"
+    screen = io.StringIO()
+    monkeypatch.setattr(screen, "isatty", lambda: True, raising=False)
+    monkeypatch.setattr("sys.stdout", screen)
+    print_facts([line], indent=12)
+    shown = screen.getvalue().splitlines()
+    assert max(map(len, shown)) <= 60
+    assert all(row.startswith(12 * " ") for row in shown[1:])
+    assert " ".join(screen.getvalue().split()) == " ".join(line.split())

@@ -15,7 +15,7 @@ __getattr__, __dir__ = lazy_names(
         "report_table": "classes_table result_table talk_lines",
         "shared_options": "talk_options",
         "table": "Table draw_table print_table",
-        "talk": "Talk print_result",
+        "talk": "Talk print_facts print_result",
     },
 )
 

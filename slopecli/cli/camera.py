@@ -13,8 +13,8 @@ from slopecli.cli.checks import refuse
 from slopecli.cli.parameter_types import PATH, SIZE
 from slopecli.cli.shared_options import Flag, Option
 from slopecli.cli.table import Table, print_table
-from slopecli.cli.talk import Talk, check_stdout, print_result
-from slopecli.errors import InputError, visible
+from slopecli.cli.talk import Talk, check_stdout, print_facts, print_result
+from slopecli.errors import InputError
 
 if TYPE_CHECKING:
     from slopecli.io.metadata import Metadata
@@ -84,7 +84,8 @@ def show(
     if not written:
         check_stdout()
     lines += _of_metadata(found, file, metadata)
-    print_result(camera_report(facts, converted, metadata) if as_json else "\n".join(map(visible, lines)))
+    report = camera_report(facts, converted, metadata)
+    print_result(report) if as_json else print_facts(lines, len("principal point  "))
     if written:
         talk.say(f"wrote {', '.join(map(str, written))}")
 

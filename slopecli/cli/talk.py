@@ -7,7 +7,7 @@ import os
 import sys
 import textwrap
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, TextIO
@@ -40,7 +40,7 @@ class Talk:
         """Say one line on stderr unless -q was given; on a terminal broken between words."""
         self.clear()
         if not self.quiet:
-            tell(line, _terminal_width())
+            tell(line, _terminal_width(sys.stderr))
 
     def note(self, text: str) -> None:
         """Say how a file was read, and keep it for the page."""
@@ -113,15 +113,28 @@ def tell(text: str, width: int | None = None) -> None:
         click.echo(shown, err=True)
 
 
-def _terminal_width() -> int | None:
-    """Characters in a line of the terminal that stderr is, as the environment's COLUMNS says or the terminal itself;
-    None where stderr is none."""
-    if not is_terminal(sys.stderr):
+def print_facts(lines: Sequence[str], indent: int) -> None:
+    """Print lines of a name and what is said of it on stdout; on a terminal long ones go on below what is said.
+
+    lines : made `visible` here.
+    indent : characters of the column of names.
+    """
+    lines, width = list(map(visible, lines)), _terminal_width(sys.stdout)
+    if width is not None and width > 2 * indent:
+        how: dict[str, Any] = {"subsequent_indent": " " * indent, "break_long_words": False, "break_on_hyphens": False}
+        lines = [textwrap.fill(line, width, **how) if len(line) > width else line for line in lines]
+    print_result("\n".join(lines))
+
+
+def _terminal_width(stream: TextIO | None) -> int | None:
+    """Characters in a line of the terminal that a stream is, as the environment's COLUMNS says or the terminal itself;
+    None where it is none."""
+    if stream is None or not is_terminal(stream):
         return None
     columns = os.environ.get("COLUMNS", "")
     try:
         wanted = int(columns) if columns.isdecimal() and len(columns) < 9 else 0
-        return wanted or os.get_terminal_size(sys.stderr.fileno()).columns or None
+        return wanted or os.get_terminal_size(stream.fileno()).columns or None
     except (OSError, ValueError):
         return None
 
