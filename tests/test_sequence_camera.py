@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import replace
 from functools import cache
+from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
+from command import slopemap
 from frames import CAMERA, frame
+from scenery import Grey
 
 from slopecli.findings import CameraTest
 from slopecli.geometry.solver import CameraScore
@@ -90,3 +95,30 @@ def test_the_first_pair_settles_a_focal_length_that_is_not_known_well() -> None:
     assert asked.used.focal_px == pytest.approx(CAMERA.focal_px * np.exp(-0.03), rel=0.001)
     assert [one.code for one in asked.notes(options)] == ["focal-length"]
     assert not asked.asks(100.0)
+
+
+WIDER = replace(CAMERA, fx=0.8 * CAMERA.fx, fy=0.8 * CAMERA.fy, cx=CAMERA.cx + 6.0)
+
+
+def seen_by_wider(number: int) -> Grey:
+    """A frame as `WIDER` takes it, but for a border of what `CAMERA` does not see."""
+    moved = np.array([[0.8, 0.0, WIDER.cx - 0.8 * CAMERA.cx], [0.0, 0.8, WIDER.cy - 0.8 * CAMERA.cy]])
+    size = CAMERA.width, CAMERA.height
+    return np.asarray(cv2.warpAffine(frame(number), moved, size, flags=cv2.INTER_CUBIC, borderValue=90), np.uint8)
+
+
+def test_a_frame_of_another_camera_is_seen_as_that_of_the_first_would(tmp_path: Path) -> None:
+    """Each image of a folder has the camera of its name, where the file holds several."""
+    named = {"left": CAMERA, "right": WIDER}
+    cameras = {name: {"K": [[c.fx, 0, c.cx], [0, c.fy, c.cy], [0, 0, 1]]} for name, c in named.items()}
+    (tmp_path / "cameras.json").write_text(json.dumps(cameras), encoding="utf-8")
+    images = {"left_1.png": frame(0), "left_2.png": frame(1), "right_3.png": seen_by_wider(2)}
+    for name, grey in images.items():
+        cv2.imwrite(str(tmp_path / name), grey)
+    files = [str(tmp_path / name) for name in images]
+    done = slopemap("sequence", *files, "--camera", str(tmp_path / "cameras.json"), "--grid", "2x2", "--json")
+    assert done.returncode == 0, done.stderr
+    document = json.loads(done.stdout)
+    assert [one["frame"] for one in document["motions"]] == [1, 2, 3]
+    for plane, same in zip(document["planes"], last(1.0).planes, strict=True):
+        assert plane["slope_deg"] == pytest.approx(same.slope_deg, abs=0.3)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from contextlib import ExitStack
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -102,7 +103,7 @@ def sequence(ctx: click.Context, frames: tuple[str, ...], **parameters: Any) -> 
     _check(ctx, frames, parameters)
     parameters, metadata = take_metadata(ctx, parameters)
     talk = ctx.ensure_object(Talk)
-    source = _opened(frames, parameters)
+    source = _with_cameras(_opened(frames, parameters), parameters, talk)
     runner, options_at_end = _runner(ctx, source, parameters, metadata)
     interrupted, problem = _run(source, runner, parameters, talk)
     if interrupted and not runner.started:
@@ -162,6 +163,17 @@ def _opened(frames: tuple[str, ...], parameters: dict[str, Any]) -> FrameSource:
     choice = VideoChoice(parameters["every"], parameters["fps"], parameters["start_s"], parameters["stop_s"])
     positions = read_positions(parameters["positions_file"]) if parameters["positions_file"] else None
     return open_frames(frames, parameters["pattern"], times, choice, positions)
+
+
+def _with_cameras(source: FrameSource, parameters: dict[str, Any], talk: Talk) -> FrameSource:
+    """The frames with their own cameras, where the file holds several."""
+    from slopecli.io.cameras.frame_cameras import FrameCameras
+
+    cameras = FrameCameras(camera_choice(parameters))
+    if not cameras.several:
+        return source
+    talk.say("info: of the cameras of the file, every frame has that of its name, as the first would show it")
+    return replace(source, rest=cameras.of(source.rest))
 
 
 def _runner(

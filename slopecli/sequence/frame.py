@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Literal, NamedTuple
 
 from slopecli.sequence.frame_gates import Skipped
-from slopecli.types import FloatArray, Image, Motion, Report, Verdict
+from slopecli.types import Camera, FloatArray, Image, Motion, Report, Verdict
 
 if TYPE_CHECKING:
     from slopecli.ground.slope_map import SlopeMap
@@ -16,6 +16,7 @@ class Frame(NamedTuple):
     """One frame: its name, image, and time in s, None where that is not known; problem: why there is no image.
 
     position_m : of the camera, in axes that are the same for all frames, m; None where it is not known.
+    camera : None for that of the sequence; of another the frame is resampled, see `look.resampling`.
     """
 
     name: str
@@ -23,6 +24,7 @@ class Frame(NamedTuple):
     time_s: float | None = None
     problem: str = ""
     position_m: tuple[float, float, float] | None = None
+    camera: Camera | None = None
 
 
 @dataclass(frozen=True, eq=False)

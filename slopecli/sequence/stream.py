@@ -16,6 +16,7 @@ from slopecli.geometry.solver.resection import Motion as Placed
 from slopecli.ground.slope_map import SlopeMap
 from slopecli.look.dense_depth import DEPTH, DenseDepth
 from slopecli.look.features import FeatureMemory, Grey
+from slopecli.look.resampling import resampled
 from slopecli.look.threads import single_threaded
 from slopecli.options import Options
 from slopecli.patches.windows.window_finder import wanted_windows
@@ -215,6 +216,8 @@ class Sequence:
 
     def take(self, frame: Frame) -> FrameState:
         """Take in a frame with its name and time; one that could not be read is skipped."""
+        if frame.image is not None and frame.camera not in (None, self._camera.given):
+            frame = frame._replace(image=resampled(frame.image, frame.camera, self._camera.given))
         self.current = frame.image
         if frame.image is None:
             why = Skipped("unread", frame.problem)
