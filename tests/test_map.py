@@ -285,6 +285,12 @@ def test_sites_are_as_many_and_as_large_as_asked_for(half: Path) -> None:
     assert "no landing site: the largest disc of safe ground" in done.stderr
 
 
+def test_without_a_scale_it_is_said_that_the_lander_counts_in_baselines(half: Path) -> None:
+    done = run(half, "--lander", "4,0.5", "--max-height", "0.2")
+    assert "--lander and --max-height count in baselines" in done.stderr
+    assert "count in baselines" not in run(half, "--lander", "4,0.5", "--baseline", str(BASELINE_M)).stderr
+
+
 def test_a_lander_sets_the_footprint_and_how_it_stands_is_told(half: Path) -> None:
     scale = ("--baseline", str(BASELINE_M))
     result = answered(half, "--lander", "4,1.2,0.3", *scale)

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any
 
 from slopecli.cli.report_table import say_notes
 from slopecli.cli.table import Table, print_table
@@ -44,6 +45,16 @@ def say_ground(answer: SlopeMap, talk: Talk) -> None:
     talk.say(ground_line(answer))
     if answer.no_site:
         talk.say(f"no landing site: {answer.no_site}")
+
+
+def say_lengths(answer: SlopeMap, given: Mapping[str, Any], talk: Talk) -> None:
+    """Say what lengths of the command line count in, if there is no scale. given : parameters by name."""
+    named = [f"--{name.replace('_', '-')}" for name in ("lander", "max_height") if given.get(name) is not None]
+    if named and answer.report.scale.unit != "m":
+        talk.say(
+            f"info: {' and '.join(named)} count in baselines, distances between the two cameras, as there is no scale; "
+            "give --baseline, --altitude or --pose for metres"
+        )
 
 
 def sites_table(answer: SlopeMap) -> Table:

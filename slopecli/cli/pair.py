@@ -22,7 +22,7 @@ from slopecli.cli.checks import (
     options_from,
     refuse,
 )
-from slopecli.cli.map_table import print_map
+from slopecli.cli.map_table import print_map, say_lengths
 from slopecli.cli.metadata_choices import take_metadata
 from slopecli.cli.parameter_types import PATH
 from slopecli.cli.report_table import print_report, say_place
@@ -121,6 +121,7 @@ def slope_map(ctx: click.Context, image1: str, image2: str, **parameters: Any) -
     answer = pipeline.slope_map(*images, *cameras, options, map_options_from(parameters), on_stage=talk.stage)
     written = _written(partial(write_map, answer), MAP_PRODUCTS, images, parameters, talk)
     say_place(answer.report, talk)
+    say_lengths(answer, parameters, talk)
     print_map(answer, written, talk, as_json=parameters["as_json"])
 
 

@@ -16,9 +16,10 @@ from slopecli.ground.near_miss import nearest_miss
 from slopecli.ground.safety import least_limit
 from slopecli.ground.sites import Ground, find_sites
 from slopecli.ground.slope_map import CellArrays, SlopeMap
-from slopecli.ground.tilt_uncertainty import Root
+from slopecli.ground.tilt_uncertainty import Root, wholly_shown
 from slopecli.look.dense_depth import DenseDepth
 from slopecli.look.scene import Scene
+from slopecli.look.warp import covered
 from slopecli.options import MapOptions, Options
 from slopecli.types import FloatArray, Report
 
@@ -104,10 +105,14 @@ def build_map(depth: DenseDepth, cells: CellGrid, task: MapTask) -> SlopeMap:
         max_height=task.wanted.max_height,
     )
     camera = task.scene.camera1
-    measured = map_cells(depth, cells.over(camera.width, camera.height, depth.grid), task.roots, demand)
+    places = cells.over(camera.width, camera.height, depth.grid)
+    measured = map_cells(depth, places, task.roots, demand)
     if task.forbidden:
         measured = replace(measured, p_safe=np.minimum(measured.p_safe, WITHHELD))
-    ground = _ground(depth, cells, measured, demand, task)
+    # no site reaches onto ground that image 2 does not show, nor up to it: nobody knows what is there
+    shown = wholly_shown(covered(depth.uv2, task.scene.shape2, 1.0) | depth.known, places)
+    sure = replace(measured, p_safe=np.where(shown, measured.p_safe, np.minimum(measured.p_safe, WITHHELD)))
+    ground = _ground(depth, cells, sure, demand, task)
     radius_px = _site_radius(task)
     sites = find_sites(ground, task.wanted, radius_px)
     return SlopeMap(

@@ -7,6 +7,7 @@ from statistics import NormalDist
 
 import numpy as np
 
+from slopecli.ground.cell_map import WITHHELD
 from slopecli.ground.sites import Ground, Places, safe_radii, set_down
 from slopecli.options import Lander, MapOptions
 
@@ -52,6 +53,8 @@ def _lack(ground: Ground, row: int, column: int) -> str:
         where = f"stands {above:.3g} {ground.unit} above" if above >= below else f"lies {below:.3g} {ground.unit} below"
         return f"something {where} its plane, more than {ground.max_height:g}"
     gentle = NormalDist().cdf((tolerance - slope) / max(sigma, 1e-9))
+    if gentle >= ground.confidence and ground.p_safe[row, column] <= WITHHELD:
+        return "ground that was not matched, or is not in both images, lies beside it"
     if ground.max_height is None or gentle < ground.confidence:
         return f"its slope is not known well enough to be below {tolerance:g} deg"
     return (

@@ -277,3 +277,13 @@ def beside_bare(depth: DenseDepth, planes: FootprintPlanes) -> BoolArray:
     wider = replace(planes.cells, radius_px=planes.cells.radius_px + 4.0 * DEPTH.window_px)
     pixels = disc_sums((depth.bare,), wider)[0]
     return np.asarray(pixels > TILT.step_length * 2 * planes.cells.radius_px)
+
+
+def wholly_shown(shown: BoolArray, cells: Cells) -> BoolArray:
+    """(rows, columns) whether image 2 shows all of a footprint, and the pixels around it that a border would mislead.
+
+    shown : (h, w).  Beyond image 1 nothing is shown.
+    """
+    wider = replace(cells, radius_px=cells.radius_px + DEPTH.beside_px)
+    missing = disc_area(wider.radius_px) - disc_sums((shown,), wider)[0]
+    return np.asarray(missing <= TILT.step_length * 2 * cells.radius_px)

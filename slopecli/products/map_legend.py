@@ -102,8 +102,24 @@ def slope_caption(slope_map: SlopeMap) -> str:
         f"{UP_WORDS[slope_map.report.up.source]}. Safe, unsafe: with probability {slope_map.confidence:g} or more the "
         f"disc is, or is not, at most {unit.limit(slope_map.tolerance_deg)} steep and free of what is too high; "
         "undecided: neither. Percentages are of the picture. Hatched ground was not measured: nobody knows whether it "
-        "is safe."
+        f"is safe.{_about_sites(slope_map)}"
     )
+
+
+def _about_sites(slope_map: SlopeMap) -> str:
+    """What the circles mean, in sentences; that they hold other than safe cells is said only where they do."""
+    if not slope_map.sites:
+        return ""
+    best = " The best site is the largest, of equally large ones the safest."
+    rows, columns = np.indices(slope_map.p_safe.shape)
+    u, v = ((n + 0.5) * slope_map.spacing_px - 0.5 for n in (columns, rows))
+    unsafe = slope_map.verdicts != "safe"
+    mixed = any(
+        unsafe[np.hypot(u - site.centre_px[0], v - site.centre_px[1]) <= site.radius_px].any()
+        for site in slope_map.sites
+    )
+    rim = " Cells in a circle that are not safe stand for discs that reach beyond it; those wholly in it are safe."
+    return best + rim if mixed else best
 
 
 def sigma_caption(slope_map: SlopeMap) -> str:
