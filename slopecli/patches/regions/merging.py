@@ -11,7 +11,7 @@ import cv2
 import numpy as np
 
 from slopecli.geometry.epipolar import normal_angle
-from slopecli.geometry.statistics import CHI2
+from slopecli.geometry.statistics import CHI2, median
 from slopecli.patches.labelling.depth_planes import solve_regular
 from slopecli.patches.regions.cell_lattice import CellLattice
 from slopecli.patches.regions.plane_pieces import Piece, weighted_system
@@ -71,7 +71,7 @@ def _joined(lattice: CellLattice, one: _Member, other: _Member, limit: float) ->
     own = small.piece.cells & lattice.known
     between = lattice.rows[own] @ (large.piece.plane - small.piece.plane)
     lost = sum(_quadratic(member.system, member.piece.plane - plane) for member in (one, other))
-    same, step = lost / (CHI2[3, 0.999] * lattice.sharing + REGION.alike * small.count), np.median(np.abs(between))
+    same, step = lost / (CHI2[3, 0.999] * lattice.sharing + REGION.alike * small.count), median(np.abs(between))
     if same < 1.0 and step <= limit:
         return same, Piece(plane, _tolerance(lattice, plane, cells), cells)
     if apart > 2.0 or step > max(REGION.tolerances) * limit:

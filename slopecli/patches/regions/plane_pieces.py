@@ -87,13 +87,16 @@ def _folded(lattice: CellLattice, piece: Piece) -> list[tuple[FloatArray, BoolAr
         planes: list[FloatArray] = []
         for _ in range(5):  # settles in three or four
             if min(np.count_nonzero(first), np.count_nonzero(~first)) < MIN_ON_PLANE:
+                planes = []
                 break
             planes = [solve_regular(rows[k].T @ rows[k], rows[k].T @ target[k]) for k in (first, ~first)]
             off = [np.abs(rows @ plane - target) for plane in planes]
             nearer = np.zeros(lattice.shape, np.float32)
             nearer[own] = np.clip(off[0] - off[1], -GATE_SIGMAS, GATE_SIGMAS)
-            first = cv2.blur(nearer, (3, 3))[own] < 0  # neighbours are on one side
-        else:
+            last, first = first, cv2.blur(nearer, (3, 3))[own] < 0  # neighbours are on one side
+            if np.array_equal(first, last):
+                break
+        if planes:
             cost = float(lattice.cost(np.where(first, *off), 1.0).sum())
             if cost < best:
                 best, found = cost, (planes, first)
