@@ -44,12 +44,9 @@ class CameraTestTunables:
     least_wrong: float = 0.035  # share by which it must be off: photographs of right cameras ask for up to 3 %
     unlikely: float = 2.58  # sigmas that 1 in 100 exceeds: enough where the matches are clearly nearer with another one
     systematic: float = 0.015  # 1-sigma of the focal length that photographs of right cameras ask for, beyond their own
-    # of what is called wrong: step of the score that is looked into where lines see nothing; wrong ones reach 1
-    nearly: float = 0.9
+    nearly: float = 0.9  # of what is called wrong: step of the score that is looked into; wrong ones reach 1
     faint: float = 0.5  # of the noise: change of residuals by a parameter below which a large sigma is no fault of it
-    far: float = (
-        4.0  # times as far from epipolar lines as of the matches, for the farthest tenth of the cells of the overview
-    )
+    far: float = 4.0  # times as far from epipolar lines as the matches, for the farthest tenth of the overview's cells
     floor_px: float = 0.01  # systematic residual that f could explain; lens models and interpolation leave 0.02
     centre_share: float = 0.03  # of the focal length: step of the principal point from which on it is freed
     # ratio of noises from which on another principal point is believed; right cameras reach 1.09
@@ -118,19 +115,27 @@ def examine_cameras(
     test = CameraTest(score=score, sightings=sightings, centre=centre, alone=alone)
     every = every_sighting(joined, cameras, solution.noise_gain, scene)
     contradicted = _overview_contradicts(joined, every, start)
-    lines = focal_by_lines(every, start.noise) if not free and not contradicted and _may_be_wrong(score) else None
-    if not free and not contradicted and not (lines and lines.elsewhere):
-        if not _asks_for_more(score):
-            return replace(test, step=float(score.step[0]), sigma=_sigma(score))
-        near = free_focal_nearby(sightings, start)
-        if near is not None and not _comes_near(near.value, near.score):
-            return replace(test, step=near.value, sigma=_sigma(near.score))
+    lines = None
+    if not free and not contradicted:
+        lines = focal_by_lines(every, start.noise) if _may_be_wrong(score) else None
+        if not (lines and lines.elsewhere) and (enough := _told_nearby(test, score, sightings, start)):
+            return enough
     freed = free_focal(every, start, None if free else _is_far, lines)
     if freed is None:
         return replace(test, suspect=contradicted and _sigma(score) < TEST.telling)
     wrong = _is_wrong(freed, contradicted)
     sigma = float(freed.score.sigma[0]) if wrong else _sigma(freed.score)
     return replace(test, step=freed.value, sigma=sigma, suspect=wrong, start=freed.settled)
+
+
+def _told_nearby(test: CameraTest, score: CameraScore, sightings: Sightings, start: Settled) -> CameraTest | None:
+    """The test with the step of the score, or a focal length freed nearby; None where both come near to a wrong one."""
+    if not _asks_for_more(score):
+        return replace(test, step=float(score.step[0]), sigma=_sigma(score))
+    near = free_focal_nearby(sightings, start)
+    if near is None or _comes_near(near.value, near.score):
+        return None
+    return replace(test, step=near.value, sigma=_sigma(near.score))
 
 
 def _may_be_wrong(score: CameraScore) -> bool:
@@ -261,14 +266,14 @@ def suspicion(
     if found is None:
         return [*known, finding("suspect-camera", UNTOLD, test.focal_factor, CHECK_FILE)]
     others = [one for one in known if one.code != "suspect-distortion"]
-    lens = [one for one in known if one.code == "suspect-distortion"]
-    if lens and found.name in ("", "k1"):
+    if len(others) < len(known) and found.name in ("", "k1"):
         return known
     cameras = test.sightings.cameras
     if found.name == "k1" and (lens := _lens(found, joined, cameras[0])):
         return [*others, *lens]
     name = found.told
-    off = _slopes_off(found.freed[name or "f"], name or "f", joined, solution, cameras, options, again)
+    freed = name or "f"
+    off = _slopes_off(found.freed[freed], freed, joined, solution, cameras, options, again)
     message, remedy = _words(name, found, cameras, off, can_free)
     return [*others, finding("suspect-camera", message, test.focal_factor, remedy)]
 
@@ -290,9 +295,7 @@ def _explained(test: CameraTest) -> _Explained | None:
         return None
     best, *others = sorted(freed, key=lambda name: freed[name].score.noise_px)
     noise, before = freed[best].score.noise_px, test.score.noise_px
-    clear = (
-        all(freed[other].score.noise_px > TEST.clearly * noise for other in others) and TEST.clearly * noise < before
-    )
+    clear = TEST.clearly * noise < min([before, *(freed[other].score.noise_px for other in others)])
     focal = freed.get("f")
     if focal is not None and test.start is not None:
         sigmas = np.append(test.sigma, focal.score.sigma[1:])
