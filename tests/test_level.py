@@ -229,3 +229,25 @@ def test_kinds_and_the_overlay_say_that_level_is_in_doubt() -> None:
 def test_the_probability_never_overflows() -> None:
     for log_odds in (-1e4, 0.0, 1e4):
         assert 0.0 <= LevelOdds(log_odds, 0.0, -DOWN, ()).probability <= 1.0
+
+
+@pytest.mark.parametrize(
+    ("pitch_deg", "given_deg", "slope_deg", "said"),
+    [
+        (-50.0, 50.0, 0.0, True),
+        (-25.0, 25.0, 8.0, True),
+        (-50.0, -50.0, 0.0, False),
+        (-50.0, -50.0, 30.0, False),
+        (0.0, 0.0, 80.0, False),
+        (-10.0, 10.0, 85.0, False),  # of walls, it cannot be told
+    ],
+)
+def test_a_wrong_sign_of_the_pitch_is_told(pitch_deg: float, given_deg: float, slope_deg: float, said: bool) -> None:
+    """Planes of a slope that face aside, seen under a pitch; another one is given."""
+    true, given = (turned_about_x(-pitch) @ [0.0, -1.0, 0.0] for pitch in (pitch_deg, given_deg))
+    aside = np.array([1.0, 0.0, 0.0])
+    normal = np.cos(np.radians(slope_deg)) * true + np.sin(np.radians(slope_deg)) * aside
+    normal *= -1.0 if normal[2] > 0.0 else 1.0
+    solution = make_solution([10.0, 10.0], scaled_normals=np.array([-normal, -normal]) / 5.0)
+    report = make_report_of(solution, Options(up=(float(given[0]), float(given[1]), float(given[2]))))
+    assert ("pitch-sign" in {one.code for one in report.diagnostics}) == said

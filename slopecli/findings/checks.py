@@ -21,6 +21,7 @@ PAIR_CHECKS = (
 ANSWER_CHECKS = (
     metadata_checks.contradicted,
     level_checks.level_assumed,
+    level_checks.pitch_mirrored,
     plane_checks.on_no_plane,
     plane_checks.changed_areas,
     solution_checks.one_plane,

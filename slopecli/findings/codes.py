@@ -257,6 +257,12 @@ _ROWS: dict[Severity, dict[str, tuple[Any, ...]]] = {
             "",
             "how many",
         ),
+        "pitch-sign": (
+            "The up that was given makes all that is seen steep, and with the opposite sign of `--pitch` (of the third "
+            "number of `--up`) most of it would be far nearer to level. It is used as given: hillsides are so, too.",
+            "check the sign: --pitch -90 looks straight down, and up is 0,0,-1 then",
+            "the median slope then, degrees",
+        ),
         "metadata": (
             "What was taken from the [metadata of the images](drone.md), or was asked for and is not stated there.",
         ),
