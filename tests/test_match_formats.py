@@ -6,6 +6,7 @@ import builtins
 import json
 import sqlite3
 from collections.abc import Callable
+from contextlib import closing
 from pathlib import Path
 from typing import Any
 
@@ -164,6 +165,21 @@ def test_the_pairs_of_a_file_are_listed(tmp_path: Path, ask: Ask) -> None:
         status, _, err = ask(path, *files, "--pair", A, "none.jpg")
         assert status == 1
         assert f"has no matches of '{A}' and 'none.jpg': {A} {B} (" in err
+
+
+@pytest.mark.filterwarnings("error")
+def test_signalling_nan_in_a_database_is_refused_in_one_line(tmp_path: Path, ask: Ask) -> None:
+    points, pairs = points_and_pairs()
+    broken = damaged(colmap_database(tmp_path / "d.db", points, pairs))
+    with closing(sqlite3.connect(broken)) as database:
+        (data,) = database.execute("SELECT data FROM keypoints WHERE image_id = 1").fetchone()
+        signalling = bytes.fromhex("0100a07f") * 2
+        database.execute("UPDATE keypoints SET data = ? WHERE image_id = 1", (signalling * (len(data) // 8),))
+        database.commit()
+    status, _, err = ask(broken, "--pair", A, B, "--json")
+    assert status == 1
+    assert "needed finite numbers" in err
+    assert err.count("\n") <= 2
 
 
 def test_points_of_a_database_are_never_taken_for_rays(tmp_path: Path, ask: Ask) -> None:

@@ -143,7 +143,8 @@ def _keypoints(source: MatchSource, database: sqlite3.Connection, image_id: int)
     """(n, 2) px with centres at integers. Four more columns, or two, are scale and shape."""
     row = database.execute("SELECT rows, cols, data FROM keypoints WHERE image_id = ?", (image_id,)).fetchone()
     points = _array(source, row, np.dtype("<f4"), (2, 4, 6))
-    return points[:, :2].astype(np.float64) - COLMAP.centre_px
+    with np.errstate(invalid="ignore"):  # NaN of a damaged file is refused where correspondences are checked
+        return points[:, :2].astype(np.float64) - COLMAP.centre_px
 
 
 def _array(source: MatchSource, row: Any, dtype: np.dtype[Any], widths: tuple[int, ...]) -> np.ndarray[Any, Any]:
