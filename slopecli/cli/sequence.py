@@ -196,7 +196,7 @@ def _runner(
         ctx.ensure_object(Talk).say(f"info: {note}")
     if metadata is None:
         return Sequence(camera, options, keep_depth=True), None
-    read = read_metadata if of_files else partial(Metadata, size=(first.width, first.height))
+    read = read_metadata if of_files else partial(Metadata, size=(first.width, first.height), orientation=1)
     running, at_end = options_of_frames(read, metadata, options, choice)
     running(first.path, first.path)  # refuses what the first frame has to state
     return Sequence(camera, options, keep_depth=True, options_of=running), at_end
