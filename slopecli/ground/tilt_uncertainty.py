@@ -260,12 +260,15 @@ def across_step(depth: DenseDepth, planes: FootprintPlanes, jump: FloatArray) ->
     diameter = 2 * planes.cells.radius_px
     off_px = min(TILT.step_off_px, TILT.step_off_share * diameter)
     wider = replace(planes.cells, radius_px=planes.cells.radius_px + off_px)
-    logarithm = np.where(depth.step, np.log(depth.w), np.float32(0.0))
-    near, sums = disc_sums((depth.step, logarithm), wider, COARSE)
+    height = TILT.step_share * diameter / depth.focal_px
+    # where depth makes little displacement a step makes little of it, too: its height tells, over squares of `side_px`
+    high = (depth.span > height) & depth.known
+    step = np.maximum(depth.step, high.astype(np.float32) / DEPTH.side_px)
+    near, sums = disc_sums((depth.step, depth.step * np.log(depth.w)), wider, COARSE)
     above = -np.log(planes.middle[..., 2]) * near > sums
-    pixels = np.where(above, near, disc_sums((depth.step,), planes.cells, COARSE)[0])
-    high = jump > TILT.step_share * diameter / depth.focal_px
-    return np.asarray(high & (pixels > TILT.step_length * diameter))
+    inside = disc_sums((step,), planes.cells, COARSE)[0]
+    pixels = np.where(above, np.maximum(near, inside), inside)
+    return np.asarray((jump > height) & (pixels > TILT.step_length * diameter))
 
 
 def beside_bare(depth: DenseDepth, planes: FootprintPlanes) -> BoolArray:
