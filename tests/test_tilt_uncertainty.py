@@ -29,6 +29,7 @@ from slopecli.ground import (
     largest_jump,
     normal_covariance,
     normals_under,
+    wholly_shown,
 )
 from slopecli.look import DenseDepth, measure_depth
 from slopecli.types import Camera, FloatArray
@@ -212,3 +213,25 @@ def test_a_step_is_told_from_a_slope_and_from_level_ground_whatever_its_directio
         inside = (CELLS.v > 80) & (CELLS.v < 190)  # image 2 shows it
         assert found[np.ix_(inside, on_edge)].mean() == pytest.approx(1.0 if steps else 0.0, abs=0.1)
         assert not found[np.ix_(inside, np.abs(CELLS.u - 199.5) > 22)].any()
+
+
+def test_a_step_that_makes_little_displacement_is_told_by_its_height() -> None:
+    level, drop = tilted(0, 0, 6.0), Surface(tilted(0, 0, 7.0), (200, 0, 120, 240))
+    pair = render(turn(), unit(0, 1, 0), [level, drop])
+    depth = true_depth(measure_depth(scene_of(pair)), pair)
+    assert not depth.step.any()  # as if the cameras had hardly moved
+    planes = planes_of(depth)
+    found = across_step(depth, planes, largest_jump(depth, planes))
+    assert found[:, np.abs(CELLS.u - 199.5) < 10].all()
+    assert not found[:, np.abs(CELLS.u - 199.5) > 22].any()
+
+
+def test_ground_is_wholly_shown_if_no_footprint_reaches_to_what_is_not() -> None:
+    shown = np.ones((240, 320), bool)
+    shown[:, 200:] = False
+    told = wholly_shown(shown, CELLS)
+    reach = CELLS.radius_px + 4  # as far as a border misleads matching
+    inside = (CELLS.u > reach) & (CELLS.u < 199 - reach)
+    rows = (CELLS.v > reach) & (CELLS.v < 239 - reach)
+    assert told[np.ix_(rows, inside)].all()
+    assert not told[:, CELLS.u > 199 - 0.7 * CELLS.radius_px].any()
