@@ -120,7 +120,8 @@ def report_of(
     if camera.focal_sigma:
         solution = with_focal_uncertainty(solution, joined, camera.both, camera.focal_sigma, options)
     if depth is not None:
-        joined, solution = with_planes_of_depth(depth, joined, solution, camera.both, camera.focal_sigma)
+        # sigmas of the points hold what ground between them adds, so the surer plane is taken
+        joined, solution = with_planes_of_depth(depth, joined, solution, camera.both, camera.focal_sigma, 1.0)
     if options.baseline_m is not None:
         options = replace(options, baseline_m=options.baseline_m * length)
     diagnostics = [*camera.notes(options), *diagnostics]

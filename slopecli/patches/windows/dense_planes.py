@@ -48,7 +48,7 @@ def with_dense_planes(joined: Joined, solution: Solution, scene: Scene, focal_si
     windows = [joined.patches[k].footprint.bounds for k in index]
     with single_threaded():
         depth = measure_depth(replace(scene, R=solution.R, T=solution.T), windows, FINE.max_pixels)
-    return with_planes_of_depth(depth, joined, solution, (scene.camera1, scene.camera2), focal_sigma)
+    return with_planes_of_depth(depth, joined, solution, (scene.camera1, scene.camera2), focal_sigma, DENSE.as_sure)
 
 
 def rough_windows(joined: Joined, solution: Solution, camera: Camera) -> IntArray:
@@ -58,16 +58,24 @@ def rough_windows(joined: Joined, solution: Solution, camera: Camera) -> IntArra
 
 
 def with_planes_of_depth(
-    depth: DenseDepth, joined: Joined, solution: Solution, cameras: tuple[Camera, Camera], focal_sigma: float
+    depth: DenseDepth,
+    joined: Joined,
+    solution: Solution,
+    cameras: tuple[Camera, Camera],
+    focal_sigma: float,
+    as_sure: float,
 ) -> tuple[Joined, Solution]:
-    """As `with_dense_planes`, by a depth of image 1 that is known, in the baselines of the solution."""
+    """As `with_dense_planes`, by a depth of image 1 that is known, in the baselines of the solution.
+
+    as_sure : times the variance of the plane through the matches, the most that of the one through all pixels may be.
+    """
     index = rough_windows(joined, solution, cameras[0])
     if not len(index):
         return joined, solution
     root = Root.of(solution, focal_sigma, cameras)
     with single_threaded():
         dense = fit_windows(depth, [joined.patches[k].footprint.bounds for k in index], root)
-    better = _better(dense, solution, joined, index)
+    better = _better(dense, solution, joined, index, as_sure)
     if not better.any():
         return joined, solution
     index, patches = index[better], list(joined.patches)
@@ -84,7 +92,7 @@ def with_planes_of_depth(
     return replace(joined, patches=tuple(patches)), _replaced(solution, index, dense, better, root)
 
 
-def _better(dense: WindowPlanes, solution: Solution, joined: Joined, index: IntArray) -> BoolArray:
+def _better(dense: WindowPlanes, solution: Solution, joined: Joined, index: IntArray, as_sure: float) -> BoolArray:
     """(n,) whether a plane through all pixels is of the same ground as that of the matches, agrees, and is as sure."""
     normals = solution.scaled_normals[index]
     sparse, own = (
@@ -99,7 +107,7 @@ def _better(dense: WindowPlanes, solution: Solution, joined: Joined, index: IntA
         & (dense.planes.sure[0] >= DENSE.least_sure)
         & (dense.relief < DENSE.same_ground * solution.relief[index])
     )
-    return np.asarray(same & (own < DENSE.as_sure * sparse) & (apart**2 < CHI2[2, 0.99] * (own + sparse)))
+    return np.asarray(same & (own < as_sure * sparse) & (apart**2 < CHI2[2, 0.99] * (own + sparse)))
 
 
 def _tilt_variance(normals: FloatArray, covariance: FloatArray) -> FloatArray:
