@@ -7,6 +7,7 @@ import numpy as np
 from slopecli.findings.facts import AnswerFacts
 from slopecli.findings.plane_checks import WALL_DEG
 from slopecli.findings.wording import finding
+from slopecli.geometry.epipolar import checked_direction
 from slopecli.geometry.statistics import median
 from slopecli.types import Diagnostic
 
@@ -35,7 +36,7 @@ def pitch_mirrored(facts: AnswerFacts) -> list[Diagnostic]:
     known = [plane for plane in facts.planes if plane.slope_known and plane.status == "ok"]
     if isinstance(up, str) or (stated is not None and stated.up) or not known:
         return []
-    x, y, z = np.array(up) / np.linalg.norm(up)
+    x, y, z = checked_direction("up", up)
     mirrored = np.array([plane.normal_cam1 for plane in known]) @ [x, y, -z]
     steep = median(np.array([plane.slope_deg for plane in known]))
     gentle = median(np.degrees(np.arccos(np.clip(mirrored, -1.0, 1.0))))

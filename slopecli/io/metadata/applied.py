@@ -9,6 +9,7 @@ import numpy as np
 
 from slopecli.errors import InputError
 from slopecli.geometry.attitude import about_line_of_sight, forward_angles_deg, ned_displacement
+from slopecli.geometry.epipolar import checked_direction
 from slopecli.io.metadata.attitudes import SIGMAS, shown_turn_deg
 from slopecli.io.metadata.image_metadata import Attitude, Metadata
 from slopecli.io.metadata.positions import FIX
@@ -73,7 +74,7 @@ def apply_metadata(
 def _off(image1: Metadata, options: Options, stated: Stated) -> Stated:
     """With how much the up and the position that were given are off those that image 1 states, where it states them."""
     if image1.attitude is not None and isinstance(options.up, tuple) and not stated.up:
-        up = np.array(options.up) / np.linalg.norm(options.up)
+        up = checked_direction("up", options.up)
         # who knows that a program turned the pixels by quarters gives the angles of what there is
         turned = (about_line_of_sight(90.0 * quarters) @ np.array(image1.attitude.up_cam) for quarters in range(4))
         apart = math.degrees(math.acos(max(-1.0, min(1.0, max(float(up @ one) for one in turned)))))
