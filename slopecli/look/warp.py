@@ -203,7 +203,7 @@ def block_sum(layer: FloatImage, cell: int) -> FloatArray:
     return np.asarray(lines.reshape(rows, columns, cell).sum(2))
 
 
-def sample_grey(grey: Grey, uv: FloatArray) -> FloatArray:
+def sample_grey(grey: Grey | FloatImage, uv: FloatArray) -> FloatArray:
     """(n,) grey values of an image at pixels (n, 2), bilinear."""
     if len(uv) == 0:
         return np.empty(0)

@@ -7,6 +7,7 @@ pixels are assigned to all planes at once, by their depth and by how well each p
 
 from __future__ import annotations
 
+from collections.abc import Sized
 from dataclasses import dataclass
 
 import numpy as np
@@ -27,12 +28,13 @@ from slopecli.look.threads import single_threaded
 from slopecli.look.transfer_error import Comparison
 from slopecli.options import Options
 from slopecli.patches.patch import Found, Patch, region_footprints
+from slopecli.patches.regions.blank_planes import BlankPlane, blank_planes
 from slopecli.patches.regions.block_labels import BorderCost, enlarged, label_cells
 from slopecli.patches.regions.borders import sharpened
 from slopecli.patches.regions.cell_lattice import CellLattice, lattice_of
 from slopecli.patches.regions.merging import merged
 from slopecli.patches.regions.plane_pieces import Piece, fewest_pieces, grown_pieces
-from slopecli.patches.regions.region_match import match_labelled, match_regions
+from slopecli.patches.regions.region_match import match_labelled, match_regions, on_known_orientation
 from slopecli.patches.regions.region_tunables import REGION
 from slopecli.types import Segmentation
 
@@ -82,29 +84,45 @@ def region_stages(scene: Scene, options: Options) -> RegionStages:
         borders = BorderCost.along_edges(gradient, threshold)
         comparison = Comparison(scene.view(grid), (scene.camera1.focal_px, scene.camera2.focal_px))
         cells = _label_cells(comparison, lattice, pieces, borders, components)
-        labels, kept = _label_pixels(cells, comparison, pieces, options)
+        least = options.min_region_percent / 100 * gradient.size
+        blank = blank_planes(cells, components, pieces, lattice, scene.view(grid), scene, least)
+        for number, plane in enumerate(blank, len(pieces) + 1):
+            cells[plane.piece.cells] = number
+        labels, kept = _label_pixels(cells, comparison, [*pieces, *(plane.piece for plane in blank)], options)
         matches = match_labelled(labels, [piece.plane for piece in kept], scene)
     patches = [Patch(k, "region", footprint) for k, footprint in enumerate(region_footprints(labels, scene.shape1), 1)]
-    patches = match_regions(labels, matches, patches, scene)
-    account = _account(lattice, (proposed, chosen, pieces, kept), cells, options)
+    patches = _with_blank(match_regions(labels, matches, patches, scene), kept, blank, scene)
+    account = _account(lattice, (proposed, chosen, pieces, blank, kept), cells, options)
     segmentation = Segmentation(gradient, threshold, components, labels, account)
     return RegionStages(lattice, proposed, chosen, pieces, labels, patches, segmentation)
 
 
-def _account(lattice: CellLattice, stages: tuple[list[Piece], ...], cells: Labels, options: Options) -> tuple[str, ...]:
+def _account(lattice: CellLattice, stages: tuple[Sized, ...], cells: Labels, options: Options) -> tuple[str, ...]:
     """Return sentences on what was proposed, labelled and given up, and why.
 
-    stages : pieces proposed, chosen, merged and kept.  cells : the labels by the number of the merged piece.
+    stages : pieces proposed, chosen, merged, of blank components, and kept.  cells : the labels by number of the merged
+    piece, then of the blank component.
     """
-    proposed, chosen, merging, kept = (len(pieces) for pieces in stages)
-    held = np.count_nonzero(np.bincount(cells.ravel(), minlength=merging + 1)[1:])
+    proposed, chosen, merging, blank, kept = (len(pieces) for pieces in stages)
+    held = np.count_nonzero(np.bincount(cells.ravel(), minlength=merging + blank + 1)[1:])
     return (
         f"{100 * lattice.known.mean():.0f} % of the cells of image 1 have a match, 1-sigma {lattice.sigma_px:.2f} px; "
         f"{lattice.sharing:.0f} cells share an error",
-        f"{proposed} planes proposed, {chosen} explain the matches, {merging} after merging, {kept} labelled",
+        f"{proposed} planes proposed, {chosen} explain the matches, {merging} after merging, {blank} more of blank "
+        f"surfaces have an orientation known elsewhere, {kept} labelled",
         f"given up: {proposed - chosen} planes save too little beside the others, {chosen - merging} are one with "
-        f"another, {merging - held} hold no pixel, {held - kept} less than {options.min_region_percent:g} % of image 1",
+        f"another, {merging + blank - held} hold no pixel, {held - kept} less than {options.min_region_percent:g} % of "
+        "image 1",
     )
+
+
+def _with_blank(patches: list[Patch], kept: list[Piece], blank: list[BlankPlane], scene: Scene) -> list[Patch]:
+    """Return the regions, of pieces (k) kept, those of blank components on the planes of these."""
+    sigma = {id(plane.piece): plane.sigma_rad for plane in blank}
+    return [
+        on_known_orientation(patch, piece.plane, sigma[id(piece)], scene) if id(piece) in sigma else patch
+        for patch, piece in zip(patches, kept, strict=True)
+    ]
 
 
 def _label_cells(

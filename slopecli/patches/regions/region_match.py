@@ -11,12 +11,13 @@ from slopecli.geometry.motion import inverse_depth
 from slopecli.look.dense import Cells, dense_cells
 from slopecli.look.depth_transfer import DepthTransfer
 from slopecli.look.gradient_components import Labels, grown
-from slopecli.look.matches import Matches
+from slopecli.look.matches import LEAST_MATCHES, Matches, pair_rays
+from slopecli.look.noise import OVERVIEW_CELL_PX
 from slopecli.look.scene import Scene, whole_grid
 from slopecli.look.scene_from_images import FINE
 from slopecli.look.warp import FloatImage, Grid
 from slopecli.patches.labelling.depth_planes import solve_regular
-from slopecli.patches.patch import Patch
+from slopecli.patches.patch import Patch, weight_of
 from slopecli.patches.regions.region_tunables import REGION
 from slopecli.patches.windows.tunables import TUNE
 from slopecli.patches.windows.window_finder import with_cells
@@ -44,6 +45,31 @@ def match_regions(labels: Labels, cells: Cells, patches: list[Patch], scene: Sce
     """
     number = _own_label(labels, REGION.cell_px)[tuple(cells.index.T)]
     return [_matched(patch, cells.take(number == patch.id), scene) for patch in patches]
+
+
+def on_known_orientation(patch: Patch, plane: FloatArray, sigma_rad: float, scene: Scene) -> Patch:
+    """Return a region without matches with points of a plane (3,) of known orientation in place of them.
+
+    sigma_rad : of the tilt of that plane.
+    """
+    inside = np.argwhere(patch.footprint.mask)[:, ::-1] + np.array(patch.footprint.corner)
+    step = max(1, len(inside) // (4 * LEAST_MATCHES))  # few, as they must not determine the motion
+    uv1 = inside[step // 2 :: step].astype(float)
+    view = scene.view(whole_grid(scene, FINE.max_pixels))
+    uv2 = view.transfer(view.bundle(uv1), plane)
+    x1, x2, seen = pair_rays(scene.camera1, scene.camera2, uv1, uv2)
+    matches = Matches(uv1, uv2, x1, x2).take(seen)
+    if not len(matches) or not _spread(matches.x1):
+        return patch.unmatched("too little texture: few of its pixels can be matched")
+    spacing = np.sqrt(step)
+    return replace(
+        patch.unmatched("too little texture inside: orientation from elsewhere, depth by its grey values as a whole"),
+        matches=matches,
+        weight=weight_of(np.full(len(matches), OVERVIEW_CELL_PX**2)),
+        cell=np.round(matches.uv1[:, ::-1] / spacing).astype(np.int64),
+        origin="borrowed",
+        tilt_sigma_rad=sigma_rad,
+    )
 
 
 def _mapping(grid: Grid, labels: Labels, planes: list[FloatArray], scene: Scene) -> FloatImage:

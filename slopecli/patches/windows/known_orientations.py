@@ -241,7 +241,7 @@ def _settled(patch: Patch, known: list[KnownPlane], exposure: Exposure, scene: S
     elif _is_around(patch, found.normals[best], scene):
         return patch
     near = depths[np.abs(depths - found.depth[best]) < 6.0 * (depths[1] - depths[0])]
-    found = found.joined(_compared(view, _tilted(found.normals[best]), near, exposure, KNOWN.unknown))
+    found = found.joined(_compared(view, tilted_aside(found.normals[best]), near, exposure, KNOWN.unknown))
     spread = np.sqrt(found.chance(variance) @ angles(found.normals)[best] ** 2)
     return from_elsewhere(patch, scene, known[best].matches, float(spread), known[best].name)
 
@@ -298,7 +298,7 @@ def _swept(view: View, scene: Scene) -> FloatArray:
     return scene.evidence.sweep_depths(1.5 * view.grid.mean_scale, 12, 100)
 
 
-def _tilted(normal: FloatArray) -> FloatArray:
+def tilted_aside(normal: FloatArray) -> FloatArray:
     """(8, 3) normals tilted from this one by what shading may not tell, and by twice as much, to four sides."""
     unit = normal / np.linalg.norm(normal)
     sides = tangent_basis(unit).T
