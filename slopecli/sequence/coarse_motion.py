@@ -88,17 +88,21 @@ class CoarseMotion:
             p, x = homogeneous(rays[fine]).T, x[fine].T
             depth = self._depth_near(uv1[fine], normals, u, alive)
             start = _by_consensus(p, x, depth, 4.0 / self.camera.focal_px)
-            found = self._resected(p, x, depth, start)
+            # places of features are as fine as the grid that they were found on
+            found = self._resected(p, x, depth, start, max(np.sqrt(frame.size / effort.max_pixels), 1.0))
             if found is not None:
                 return found
         return None
 
-    def _resected(self, p: FloatArray, x: FloatArray, u: FloatArray, starts: list[Motion]) -> Resection | None:
+    def _resected(
+        self, p: FloatArray, x: FloatArray, u: FloatArray, starts: list[Motion], grid_px: float = 1.0
+    ) -> Resection | None:
+        """The motion that points agree with to a pixel of a grid of that spacing; None where too few do."""
         if p.shape[1] < 12:
             return None
         found = resect(p, x, u, starts, FLOOR_PX / self.camera.focal_px)
         # a wrong motion agrees with many points if its tolerance is wide
-        sure = found.share >= TRACKING.least_agreement and found.sigma * self.camera.focal_px < ON_PLANE_PX
+        sure = found.share >= TRACKING.least_agreement and found.sigma * self.camera.focal_px < ON_PLANE_PX * grid_px
         return found if sure and np.count_nonzero(found.fits) >= 12 else None
 
     def _pixels(self, p: FloatArray, u: FloatArray, motion: Motion) -> tuple[FloatArray, FloatArray]:
