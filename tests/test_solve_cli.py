@@ -82,6 +82,33 @@ def test_slopes_of_a_simulated_scene_are_exact(tmp_path: Path, ask: Ask) -> None
     assert "grid" not in result["options"]
 
 
+SINGULAR = """\
+0.1577448695898056,-3.0,-1.3896218538284302,3.0,1
+1000000000.0,0.31749287247657776,0.0,0.0,1
+179.25747680664062,1.5292483568191528,-1.0,0.32037726044654846,2
+1e-12,1000000000.0,0.0,-0.0,1
+511.5,933.3795166015625,0.0,-1.0,1
+129.9193878173828,0.0,-1.9536142349243164,129.9193878173828,-1
+0.0,0.0,549.5769653320312,58.47373580932617,1
+-3.0,1.577950119972229,-1.0,0.0,1
+-1.5857146978378296,14.272550582885742,964.450439453125,9.999999747378752e-06,2
+1.0,0.0,-0.0,1.401298464324817e-45,1
+0.539842963218689,511.5,1.0,-3.0,1
+1000000000.0,3.0,0.0,0.0,-1
+254.15664672851562,1.0,-3.0,0.0,3
+959.890625,1e-12,-2.0,1.577950119972229,-1
+0.5,0.0,-3.0,-3.0,2
+0.5,1.0,1000000000.0,-1.0,-1
+"""
+
+
+def test_rows_that_make_a_system_exactly_singular_are_said_to_determine_nothing(tmp_path: Path, ask: Ask) -> None:
+    (tmp_path / "m.csv").write_text(f"x1,y1,x2,y2,patch\n{SINGULAR}", "utf-8")
+    status, _, err = ask(tmp_path / "m.csv", "--noise", "0.3", "--json")
+    assert status == 3
+    assert "do not determine" in err
+
+
 def test_rays_need_no_camera_and_have_residuals_in_milliradians(tmp_path: Path, ask: Ask) -> None:
     scene = scene_of(noise_px=0.3)
     status, out, _ = ask(write_rows(tmp_path / "m.csv", scene, rays=True), "--json")

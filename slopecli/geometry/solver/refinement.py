@@ -121,12 +121,11 @@ def _free_part(R: FloatArray, T: FloatArray, AE: FloatArray, gE: FloatArray, cen
 
 
 def _solve_blocks(V: FloatArray, X: FloatArray) -> FloatArray:
-    """V^-1 X for every plane; the diagonal is lifted if a block is exactly singular (a patch at the epipole)."""
+    """V^-1 X for every plane; the least-squares solution if a block is exactly singular (a patch at the epipole)."""
     try:
         return np.asarray(np.linalg.solve(V, X), dtype=np.float64)
     except np.linalg.LinAlgError:
-        lift = 1e-12 * np.trace(V, axis1=-2, axis2=-1).max() + np.finfo(float).tiny
-        return np.asarray(np.linalg.solve(V + lift * np.eye(3), X), dtype=np.float64)
+        return np.asarray(np.linalg.pinv(V, hermitian=True) @ X, dtype=np.float64)
 
 
 def optimal_normals(R: FloatArray, T: FloatArray, form: QuadraticForm) -> tuple[State, FloatArray]:
