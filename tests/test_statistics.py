@@ -32,6 +32,8 @@ def test_the_median_of_what_is_not_known_is_not_a_number(values: list[float]) ->
 def test_quantiles_are_those_of_the_distributions() -> None:
     quartile = NormalDist().inv_cdf(0.75)
     assert pytest.approx(1.0 / quartile, abs=1e-4) == MAD_FACTOR
+    assert pytest.approx(quartile**2, abs=1e-4) == CHI2[1, 0.5]
+    assert pytest.approx(2.0 * np.log(2.0), abs=1e-4) == CHI2[2, 0.5]
     assert {key: float(chi2.ppf(key[1], key[0])) for key in CHI2} == pytest.approx(CHI2, rel=3e-3)
 
 

@@ -50,7 +50,7 @@ class Nodes:
 
     @classmethod
     def of(cls, windows: list[Window], camera: Camera) -> Nodes:
-        """Nodes every `map_step_px`, placed as `cv2.resize` enlarges them."""
+        """Nodes every `NODE_STEP` px, placed as `cv2.resize` enlarges them."""
         step = NODE_STEP
         rows, columns = -(-camera.height // step), -(-camera.width // step)
         v = (np.arange(rows) + 0.5) * camera.height / rows - 0.5

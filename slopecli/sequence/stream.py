@@ -163,10 +163,9 @@ class Sequence:
         if isinstance(found, Skipped):
             return found
         motion, camera = current.in_first(found), self._camera
-        at_leisure = (
-            self._next is None and not current.is_left
-        )  # a new reference takes the time of two frames by itself
-        if current is self._first and at_leisure and camera.asks(float(np.linalg.norm(motion[1]))):
+        # not while a new reference is taken: that needs the time of two frames by itself
+        same_reference = current is self._first and self._next is None and not current.is_left
+        if same_reference and camera.asks(float(np.linalg.norm(motion[1]))):
             camera = tested_by_last_view(camera, current.estimator, self.windows, self.options)
         if self._next is not None:
             begun = self._next.begun(frame, motion, self.camera)

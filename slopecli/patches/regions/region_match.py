@@ -15,7 +15,7 @@ from slopecli.look.matches import LEAST_MATCHES, Matches, pair_rays
 from slopecli.look.noise import OVERVIEW_CELL_PX
 from slopecli.look.scene import Scene, whole_grid
 from slopecli.look.scene_from_images import FINE
-from slopecli.look.warp import FloatImage, Grid
+from slopecli.look.warp import FloatImage, Grid, covered
 from slopecli.patches.labelling.depth_planes import solve_regular
 from slopecli.patches.patch import Patch, weight_of
 from slopecli.patches.regions.region_tunables import REGION
@@ -58,7 +58,8 @@ def on_known_orientation(patch: Patch, plane: FloatArray, sigma_rad: float, scen
     view = scene.view(whole_grid(scene, FINE.max_pixels))
     uv2 = view.transfer(view.bundle(uv1), plane)
     x1, x2, seen = pair_rays(scene.camera1, scene.camera2, uv1, uv2)
-    matches = Matches(uv1, uv2, x1, x2).take(seen)
+    # beyond a horizon inside the region the plane is in no place of image 2
+    matches = Matches(uv1, uv2, x1, x2).take(seen & covered(uv2, scene.shape2, 0.0))
     if not len(matches) or not _spread(matches.x1):
         return patch.unmatched("too little texture: few of its pixels can be matched")
     spacing = np.sqrt(step)
