@@ -20,7 +20,15 @@ from slopecli.look import (
     whole_grid,
 )
 from slopecli.patches import Patch, region_footprints
-from slopecli.patches.regions import REGION, Piece, lattice_of, match_labelled, match_regions, sharpened
+from slopecli.patches.regions import (
+    REGION,
+    Piece,
+    lattice_of,
+    match_labelled,
+    match_regions,
+    on_known_orientation,
+    sharpened,
+)
 from slopecli.types import FloatArray
 
 CELL = REGION.cell_px
@@ -117,3 +125,13 @@ def test_borders_by_cells_move_to_an_edge_of_the_image_if_the_plane_explains_it(
     found = sharpened(by_cells, grey, Alike(), [Piece(plane, 1.0, true > 0) for plane in PLANES])  # type: ignore[arg-type]
     assert np.array_equal(found == by_cells, found == found) != explained
     assert np.mean(found != true) <= (0.4 if explained else 1.0) * np.mean(by_cells != true)
+
+
+def test_points_of_a_plane_that_ends_at_a_horizon_lie_in_image_2() -> None:
+    _, scene, labels = seen()
+    patch = Patch(1, "region", region_footprints(labels, scene.shape1)[0])
+    found = on_known_orientation(patch, np.array([0.0, 0.1, 0.0025]), 0.1, scene)
+    assert (found.origin, found.tilt_sigma_rad) == ("borrowed", 0.1)
+    assert found.reason
+    assert (found.matches.uv2 >= 0.0).all()
+    assert (found.matches.uv2 < [480.0, 360.0]).all()

@@ -156,7 +156,7 @@ class _Evidence:
         return tried[at], misfit[at]
 
 
-def blank_planes(
+def find_blank_planes(
     cells: Labels,
     components: Labels,
     pieces: Sequence[Piece],

@@ -28,7 +28,7 @@ from slopecli.look.threads import single_threaded
 from slopecli.look.transfer_error import Comparison
 from slopecli.options import Options
 from slopecli.patches.patch import Found, Patch, region_footprints
-from slopecli.patches.regions.blank_planes import BlankPlane, blank_planes
+from slopecli.patches.regions.blank_planes import BlankPlane, find_blank_planes
 from slopecli.patches.regions.block_labels import BorderCost, enlarged, label_cells
 from slopecli.patches.regions.borders import sharpened
 from slopecli.patches.regions.cell_lattice import CellLattice, lattice_of
@@ -44,7 +44,7 @@ class RegionStages:
     """What each stage of the finder made of a scene.
 
     lattice : cells with their depth.  proposed : pieces grown from proposed planes.  chosen : those that explain the
-    cells.  merged : those left after merging.  kept : planes of the labels 1, 2, ... of the pixels (h, w).
+    cells.  merged : those left after merging.  labels : 1, 2, ... of the pixels (h, w), 0 for none.
     patches : the regions of these labels with their matches.
     """
 
@@ -85,7 +85,7 @@ def region_stages(scene: Scene, options: Options) -> RegionStages:
         comparison = Comparison(scene.view(grid), (scene.camera1.focal_px, scene.camera2.focal_px))
         cells = _label_cells(comparison, lattice, pieces, borders, components)
         least = options.min_region_percent / 100 * gradient.size
-        blank = blank_planes(cells, components, pieces, lattice, scene.view(grid), scene, least)
+        blank = find_blank_planes(cells, components, pieces, lattice, scene.view(grid), scene, least)
         for number, plane in enumerate(blank, len(pieces) + 1):
             cells[plane.piece.cells] = number
         labels, kept = _label_pixels(cells, comparison, [*pieces, *(plane.piece for plane in blank)], options)
