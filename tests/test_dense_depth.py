@@ -104,7 +104,7 @@ def test_camera_2_may_be_another_camera() -> None:
     check(render(R, T, [GROUND], camera2=make_camera(400, 300, fx=260.0, fy=255.0)))
 
 
-@pytest.mark.parametrize(("gain", "offset"), [(0.6, 30.0), (1.3, -40.0)])
+@pytest.mark.parametrize(("gain", "offset"), [(0.6, 30.0), (1.3, -40.0), (0.2, 4.0)])
 def test_a_change_of_exposure_makes_no_difference(gain: float, offset: float) -> None:
     check(render(R, T, [GROUND], gain=gain, offset=offset))
 

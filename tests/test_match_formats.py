@@ -413,6 +413,21 @@ def test_planes_found_among_rows(rows: Path, tmp_path: Path, ask: Ask) -> None:
     assert len(rays["planes"]) == pytest.approx(len(result["planes"]), abs=2)
 
 
+def test_mismatches_on_none_of_the_planes_found_do_not_spoil_the_motion(tmp_path: Path, ask: Ask) -> None:
+    on = SCENE.patch >= 0
+    table = np.hstack([SCENE.uv1[on], SCENE.uv2[on]])
+    np.savetxt(tmp_path / "m.txt", table, fmt="%.9g")
+    mismatches = np.random.default_rng(3).uniform(100.0, 900.0, (5, 4))
+    np.savetxt(tmp_path / "w.txt", np.vstack([table, mismatches]), fmt="%.9g")
+    arguments = ("--planes", "found", "--json", "--noise", "0.2")
+    plain, wrong = (json.loads(ask(tmp_path / name, *camera(), *arguments)[1]) for name in ("m.txt", "w.txt"))
+    assert len(wrong["planes"]) == pytest.approx(len(plain["planes"]), abs=1)
+    for plane in wrong["planes"]:
+        assert min(abs(plane["slope_deg"] - slope) for slope in np.degrees(SCENE.slopes)) < 4 * plane["slope_sigma_deg"]
+        assert plane["slope_sigma_deg"] < 2.0
+    assert "on none of the planes found" in ask(tmp_path / "w.txt", *camera(), *arguments)[2]
+
+
 def test_no_plane_found_is_no_answer(tmp_path: Path, ask: Ask) -> None:
     np.savetxt(tmp_path / "m.txt", np.random.default_rng(0).uniform(-0.4, 0.4, (40, 4)))
     status, out, err = ask(tmp_path / "m.txt", "--planes", "found")

@@ -87,11 +87,11 @@ def solve(ctx: click.Context, matches: str, **parameters: Any) -> None:
     of_camera = given(ctx, "free_focal", "focal_sigma_percent") and cameras is None
     refuse(ctx, (of_camera, "--free-focal and --focal-sigma are of a camera; give --camera, --intrinsics or --fov."))
     options = options_from({name: value for name, value in parameters.items() if name not in WAYS})
+    with talk.timed("planes"):
+        correspondences = _on_planes(ctx, correspondences, cameras, parameters)
     notes = [correspondences.note, *(f"camera: {camera.note}" for camera in cameras or () if camera.note)]
     for note in dict.fromkeys(filter(None, notes)):
         talk.note(note)
-    with talk.timed("planes"):
-        correspondences = _on_planes(ctx, correspondences, cameras, parameters)
     with talk.timed("solve"):
         report = solve_given(correspondences, cameras, options, parameters["noise"])
     print_report(report, _write(report, parameters, talk), talk, as_json=parameters["as_json"])

@@ -88,7 +88,7 @@ def match_exposure(pulled: FloatImage, grey: Grey, valid: NDArray[np.bool_]) -> 
     if valid.sum() < 16:
         return np.clip(pulled, 0, 255).astype(np.uint8)
     first, second = grey[valid], pulled[valid]
-    gain = float(np.clip(first.std() / max(float(second.std()), 1e-3), 0.5, 2.0))
+    gain = float(np.clip(first.std() / max(float(second.std()), 1e-3), 0.1, 10.0))
     return np.clip((pulled - float(second.mean())) * gain + float(first.mean()) + 0.5, 0, 255).astype(np.uint8)
 
 

@@ -280,7 +280,7 @@ def _in_one_piece(mask: NDArray[np.bool_], side_px: int) -> NDArray[np.bool_]:
 
 def _exposed_alike(pulled: FloatImage, grey: FloatImage, valid: NDArray[np.bool_]) -> FloatImage:
     """Image 2 with the contrast of image 1, and with its shading."""
-    gain = float(np.clip(grey[valid].std() / max(float(pulled[valid].std()), 1e-3), 0.5, 2.0)) if valid.any() else 1.0
+    gain = float(np.clip(grey[valid].std() / max(float(pulled[valid].std()), 1e-3), 0.1, 10.0)) if valid.any() else 1.0
     pulled = pulled * np.float32(gain)
     return pulled + local_mean(grey - pulled, DEPTH.shading_px)
 

@@ -21,7 +21,9 @@ def rows_on_one_plane(given: Given) -> Given:
 
 
 def rows_by_label_planes(given: Given, cameras: tuple[Camera, Camera] | None, seed: int) -> Given:
-    """Rows on the planes that `label_planes` finds among them, 1 the one with most rows; -1 for those on none.
+    """Rows on the planes that `label_planes` finds among them, 1 the one with most rows; those on none are left out.
+
+    Nothing tells points of no plane from mismatches, which would spoil the motion.
 
     cameras : of both images, whose lens distortion is removed first, as it bends planes; None for rays.
 
@@ -41,7 +43,12 @@ def rows_by_label_planes(given: Given, cameras: tuple[Camera, Camera] | None, se
             f"none of the {len(patch)} rows of {given.path} lie on a common plane",
             "give more rows, or say which lie on one plane: --planes one, a column patch, --window, --grid or --labels",
         )
-    return _with(given, patch, {"planes": "found", "seed": seed})
+    on = (patch >= 0) | ~seen
+    sigma = given.sigma[on] if given.sigma is not None else None
+    left_out = f"{np.count_nonzero(~on)} of {len(on)} rows lie on none of the planes found and are not used"
+    note = "; ".join(filter(None, [given.note, left_out if not on.all() else ""]))
+    kept = replace(given, xy1=given.xy1[on], xy2=given.xy2[on], sigma=sigma, note=note)
+    return _with(kept, patch[on], {"planes": "found", "seed": seed})
 
 
 def rows_in_windows(given: Given, windows: Sequence[Window], options: Mapping[str, object]) -> Given:

@@ -54,10 +54,10 @@ class KnownCamera:
         """After one more test, by the points that the last frame shows. baseline : of the pair, in first moves.
 
         A doubt stands until a pair that tells the focal length better has none: of many tests of a right camera one
-        errs more often than the best of them.
+        errs more often than the best of them. What no focal length explains is a doubt whatever was told before.
         """
         test = examine_cameras(joined, solution, self.both)
-        if test.sigma > self.test.sigma:
+        if test.sigma > self.test.sigma and not test.only_contradicted:
             return replace(self, tested=baseline)
         doubts = list[Diagnostic]()
         if contradicted(test, prior_sigma((self.given, self.given), options)):
