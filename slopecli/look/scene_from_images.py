@@ -1,9 +1,9 @@
 """First stage of the pipeline: from two images and their cameras to a scene and the motions that may explain it.
 
 A quick pass, on features of small images and a coarse overview, takes about half the time of the full one. Its scene
-is used only if matches and motion are clear. Where windows are large enough to have a first plane from it, the coarse
-overview is all they need; elsewhere it takes the place of the features of larger images, as a guide for the full
-overview: its matches are more, and lie wherever there is texture.
+is used only if matches and motion are clear. Where windows are large enough to determine the motion themselves, the
+coarse overview is all they need; elsewhere it takes the place of the features of larger images, as a guide for the
+full overview: its matches are more, and lie wherever there is texture.
 """
 
 from __future__ import annotations
@@ -68,7 +68,8 @@ def find_scene(
     images = Images(grey1, grey2, camera1, camera2)
     # planes that have yet to be found need features of every small surface as a guide
     if options.planes == "windows" and options.features == "sift":
-        found = _quick_scene(images, overview_effort(windows, grey1), options.seed, memory, on_lap)
+        effort = overview_effort(windows, grey1) if may_suffice(windows, grey1) else WHOLE
+        found = _quick_scene(images, effort, options.seed, memory, on_lap)
         if found is not None:
             return found
     sparse = find_motions(images, feature_matchers(options.features, memory), options.seed)
@@ -108,14 +109,8 @@ def may_suffice(windows: list[Window], grey1: Grey) -> bool:
 
 
 def overview_effort(windows: list[Window], grey1: Grey) -> OverviewEffort:
-    """The coarsest overview of the quick pass that still has enough cells in every window.
-
-    A few windows need half as many: they are matched by themselves afterwards, and the overview tells the motion.
-    """
-    coarse = _cells_along(windows, grey1, COARSE)
-    if may_suffice(windows, grey1):
-        return COARSE if coarse >= 2 * WINDOW_CELLS else FINE
-    return COARSE if coarse >= 0.5 * WINDOW_CELLS else WHOLE
+    """The coarsest overview of the quick pass that still has enough cells in every window."""
+    return COARSE if _cells_along(windows, grey1, COARSE) >= 2 * WINDOW_CELLS else FINE
 
 
 def _cells_along(windows: list[Window], grey1: Grey, effort: OverviewEffort) -> float:
