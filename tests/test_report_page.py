@@ -174,7 +174,7 @@ def test_image_2_looks_like_image_1_under_the_true_plane_and_not_under_another()
 SAMPLE = Path(__file__).parent.parent / "sample_data" / "descent"
 
 
-@pytest.mark.parametrize("command", ["estimate", "map"])
+@pytest.mark.parametrize("command", ["estimate", pytest.param("map", marks=pytest.mark.slow)])
 def test_the_command_writes_a_page_on_request_the_same_each_time(tmp_path: Path, command: str) -> None:
     pair = []
     for name in ("image1.png", "image2.png"):

@@ -60,6 +60,7 @@ def test_a_wrong_camera_is_said_with_the_right_one_and_nothing_is_safe() -> None
     assert not steps(0.65)[-1].settled
 
 
+@pytest.mark.slow
 def test_no_run_stops_on_a_wrong_camera() -> None:
     """Nor on what was settled before the camera was doubted."""
     right, wrong = last(1.0), last(0.65)

@@ -131,6 +131,7 @@ def test_the_slopes_of_the_demo_are_those_of_the_depth_it_carries(demo: tuple[Do
         assert [float(row[at]) for row in told] == pytest.approx([one[name] for one in found["planes"]], abs=0.2)
 
 
+@pytest.mark.slow
 def test_demo_of_a_town_has_roofs_walls_and_a_page(tmp_path: Path) -> None:
     done = slopemap("demo", "--town", cwd=tmp_path)
     assert done.returncode == 0, done.stderr
