@@ -61,7 +61,8 @@ def test_opencv_fisheye(tmp_path: Path) -> None:
 
 def test_opencv_stereo_file_needs_a_choice(tmp_path: Path) -> None:
     path = write(tmp_path, OPENCV_STEREO)
-    assert "holds 2 cameras (1, 2); pick one, for example camera#1" in refusal(path, size=(1024, 768))
+    said = "holds 2 cameras (1, 2); pick one: add its name to that of the file, for example camera#1"
+    assert said in refusal(path, size=(1024, 768))
     check_is_the_sample(load_camera(f"{path}#1", size=(1024, 768)))
     assert load_camera(path, name="2", size=(1024, 768)) == Camera(1024, 768, 900, 900, 500, 380, source="OpenCV")
     assert "no camera '3'" in refusal(f"{path}#3", size=(1024, 768))

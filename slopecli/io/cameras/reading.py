@@ -305,4 +305,7 @@ def _alike(form: CameraFormat, cameras: Mapping[str, Any], file: str, size: Size
     with suppress(InputError):
         if len({form.module.read(camera, size) for camera in cameras.values()}) == 1:
             return first
-    raise InputError(f"holds {len(cameras)} cameras ({listed(cameras)}); pick one, for example {file}#{first}")
+    raise InputError(
+        f"holds {len(cameras)} cameras ({listed(cameras)}); pick one: add its name to that of the file, for example "
+        f"{file}#{first}"
+    )
