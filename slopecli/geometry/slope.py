@@ -69,7 +69,7 @@ def measure_slopes(
     sigma = _root_mean_square_error(slope, covariance)
     aspect = aspects(normals, up, north_direction(up, north))
     defined = (slope >= ASPECT_SIGMAS * sigma) & (np.sin(slope) > 0.0)
-    slopes = Slopes(slope, sigma, np.where(defined, aspect, np.nan), aspect, covariance)
+    slopes = Slopes(slope, sigma, np.where(defined, aspect, np.nan), np.full_like(slope, np.nan), covariance)
     return replace(slopes, aspect_sigma_rad=aspect_sigmas(slopes, normals, up, up_sigma_rad, north, north_sigma_rad))
 
 
@@ -90,11 +90,8 @@ def aspect_sigmas(
     slopes : their covariance has `up_sigma_rad` in both directions.  normals : (m, 3) unit.  up : (3,) unit.
     """
     found = np.isfinite(slopes.aspect_rad)
-    slope, covariance, sine = (
-        slopes.slope_rad[found],
-        slopes.tilt_covariance[found].copy(),
-        np.sin(slopes.slope_rad[found]),
-    )
+    slope, covariance = slopes.slope_rad[found], slopes.tilt_covariance[found].copy()
+    sine = np.sin(slope)
     if up_sigma_rad > 0.0:
         turned = _aspects_by_up(normals[found], up, north) * sine[:, None]
         covariance[:, 1, 1] += up_sigma_rad**2 * ((turned**2).sum(axis=1) - 1.0)

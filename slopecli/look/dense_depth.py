@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from slopecli.geometry.statistics import GATE_SIGMAS, robust_sigma
-from slopecli.look.dense import Cells, dense_cells, flow, match_exposure, spread
+from slopecli.look.dense import Cells, contrast_ratio, dense_cells, flow, match_exposure, spread
 from slopecli.look.depth_transfer import DepthTransfer
 from slopecli.look.matches import ON_PLANE_PX
 from slopecli.look.noise import APART, LEAST_MATCH_PX, NOISE_GREY, OVERVIEW_CELL_PX, SAME_GROUND
@@ -280,7 +280,7 @@ def _in_one_piece(mask: NDArray[np.bool_], side_px: int) -> NDArray[np.bool_]:
 
 def _exposed_alike(pulled: FloatImage, grey: FloatImage, valid: NDArray[np.bool_]) -> FloatImage:
     """Image 2 with the contrast of image 1, and with its shading."""
-    gain = float(np.clip(grey[valid].std() / max(float(pulled[valid].std()), 1e-3), 0.1, 10.0)) if valid.any() else 1.0
+    gain = contrast_ratio(grey[valid], pulled[valid]) if valid.any() else 1.0
     pulled = pulled * np.float32(gain)
     return pulled + local_mean(grey - pulled, DEPTH.shading_px)
 

@@ -84,9 +84,8 @@ def acceleration_of(note: object) -> tuple[float, float, float] | None:
     try:
         (count,) = struct.unpack_from(f"{order}H", note, 14) if order else (0,)
         for k in range(count):
-            tag, kind, length, place = struct.unpack_from(
-                f"{order}HHII", note, 16 + 12 * k
-            )  # after header, order, count
+            entry = 16 + 12 * k  # after header, version, order of bytes and the number of entries
+            tag, kind, length, place = struct.unpack_from(f"{order}HHII", note, entry)
             if (tag, kind, length) == (8, 10, 3):  # AccelerationVector: three signed fractions
                 parts = struct.unpack_from(f"{order}6i", note, place)
                 x, y, z = (above / below for above, below in zip(parts[::2], parts[1::2], strict=True))
