@@ -198,7 +198,7 @@ def _known(pieces: Sequence[Piece], lattice: CellLattice) -> tuple[FloatArray, F
     found.sort(key=lambda one: one[0])
     distinct = list[tuple[float, FloatArray]]()
     for sigma, normal in found:
-        apart = min((float(normal_angle(normal, other)) for _, other in distinct), default=np.pi)
+        apart = normal_angle(normal, np.array([other for _, other in distinct])).min() if distinct else np.pi
         if sigma < KNOWN.sure_rad and apart > 0.5 * KNOWN.sure_rad + 3.0 * sigma and len(distinct) < KNOWN.most_known:
             distinct.append((sigma, normal))
     return np.array([normal for _, normal in distinct]).reshape(-1, 3), np.array([sigma for sigma, _ in distinct])
@@ -213,7 +213,10 @@ def _best(
     if not len(normals) or evidence.fine_grey < ROUNDING_GREY:
         return None
     units = normals / facing[:, None]
-    coarse, _ = evidence.swept(units, np.broadcast_to(depths, (len(units), len(depths))), many=False)
+    coarse, misfit = evidence.swept(units, np.broadcast_to(depths, (len(units), len(depths))), many=False)
+    # if more of them fit alike, the orientation is open: these show it as well as all
+    start = np.argsort(evidence.unlikely(coarse, misfit), kind="stable")[: KNOWN.starts]
+    units, sigmas, coarse = units[start], sigmas[start], coarse[start]
     around = np.linspace(-1.0, 1.0, 9) * (depths[1] - depths[0])
     planes, misfit = evidence.swept(units, (coarse @ evidence.middle)[:, None] + around, many=True)
     if not misfit.min() < min(REGION.unexplained, evidence.contrast + 1.0):
@@ -232,7 +235,7 @@ def _best(
     share = (1.0 - KNOWN.unknown) / len(planes), KNOWN.unknown / len(tilted)
     chance = np.repeat(share, (len(planes), len(tilted))) * np.exp(unlikely.min() - unlikely)
     chance /= chance.sum()
-    apart = np.array([float(normal_angle(planes[best], other)) for other in every])
+    apart = normal_angle(planes[best], every)
     near_by = apart < 2.5 * KNOWN.parallel_rad
     sigma = float(np.sqrt(chance[near_by] @ apart[near_by] ** 2 + sigmas[best] ** 2))
     sure = chance[near_by].sum() > BLANK.sure and sigma < KNOWN.parallel_rad
