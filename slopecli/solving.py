@@ -76,10 +76,11 @@ def _with_focal(answer: Answer, given: Cameras, options: Options, again: Again) 
     if cameras[1] is RAYS:
         return answer
     known = prior_sigma(given, options)
-    use = focal_to_use(test, known, options.free_focal)
     freed = options.free_focal and test.focal_factor is not None
+    doubted = contradicted(test, np.inf if freed else known)
+    use = focal_to_use(test, known, options.free_focal, doubted)
     notes = answer.diagnostics
-    if contradicted(test, np.inf if freed else known):
+    if doubted:
         notes = suspicion(test, joined, solution, options, again, notes)
     notes = with_aspect(notes, given[0])
     if use.step:
@@ -88,7 +89,8 @@ def _with_focal(answer: Answer, given: Cameras, options: Options, again: Again) 
         solution = again(joined, cameras, test.start or Settled.of(solution))
     if use.sigma:
         solution = with_focal_uncertainty(solution, joined, cameras, use.sigma, options)
-    notes = [*notes, *focal_note(given, cameras, use.sigma, options)]
+    preferred_px = answer.cameras[0].focal_px * float(np.exp(test.step)) if doubted else None
+    notes = [*notes, *focal_note(given, cameras, use.sigma, options, preferred_px)]
     step = test.step + float(np.log(answer.cameras[0].focal_px / given[0].focal_px))
     return Answer(joined, solution, cameras, notes, replace(test, step=step), use.sigma)
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
@@ -11,6 +12,7 @@ import pytest
 from campaign import seeds
 
 from slopecli import load_camera, load_image
+from slopecli.cli import result_table
 from slopecli.findings import CameraTest, focal_to_use
 from slopecli.geometry import rays_from_pixels, rotation_angle, rotation_from_vector, solve_planes
 from slopecli.geometry.solver import (
@@ -26,6 +28,7 @@ from slopecli.geometry.solver import (
 from slopecli.options import Options
 from slopecli.patches import Given
 from slopecli.pipeline import estimate, solve
+from slopecli.products import report_to_csv
 from slopecli.study import Scene, field_of_view_camera, make_scene
 from slopecli.types import Camera, Report, Solution
 
@@ -242,6 +245,13 @@ def test_the_sample_with_a_focal_length_of_400_px_is_suspect() -> None:
     assert not any("check fx and fy first" in (d.remedy or "") for d in report.diagnostics)
     assert 400.0 * (report.fit.focal_factor or 0.0) == pytest.approx(692.8, rel=0.05)
     assert all(plane.verdict != "safe" for plane in report.planes)
+    # nowhere a probability or an "ok" alone that reads as confidence
+    table = result_table(report)
+    chance, note = (table.header.index(title) for title in ("P(safe)", "note"))
+    for row, plane in zip(table.rows, report.planes, strict=True):
+        assert row[chance] == ("0.000" if plane.verdict == "unsafe" else "-")
+        assert row[note].endswith("suspect-camera")
+    assert all(line.endswith("suspect-camera") for line in report_to_csv(report).splitlines()[1:])
 
 
 # ---- a free focal length, and an uncertain one ----
@@ -278,6 +288,22 @@ def test_a_field_of_view_is_known_to_three_percent() -> None:
     told = [p.slope_sigma_deg for p in report_of(scene, rounded, focal_sigma_percent=0.0).planes]
     assert told == sigmas[0]
     assert (np.array(sigmas[1]) > np.array(sigmas[0])).all()
+
+
+def test_where_images_contradict_an_uncertain_focal_length_the_sigma_spans_both_and_all_three_are_named() -> None:
+    report = report_of(scene_of(6), changed(PINHOLE, "f", np.log(0.75)), focal_sigma_percent=3.0)
+    (warning,) = (d for d in report.diagnostics if d.code == "suspect-camera")
+    (note,) = (d for d in report.diagnostics if d.code == "focal-length")
+    preferred = re.search(r"fit a focal length of ([\d.]+) ", warning.message)
+    said = re.search(
+        r"of ([\d.]+) ± ([\d.]+) px, the mean, .* of the ([\d.]+) px that .* the ([\d.]+) px given", note.message
+    )
+    assert preferred is not None
+    assert said is not None
+    used, sigma, same, given = map(float, said.groups())
+    assert float(preferred[1]) == same == pytest.approx(PINHOLE.fx, rel=0.01)
+    assert given == pytest.approx(0.75 * PINHOLE.fx, rel=1e-4)
+    assert abs(used - PINHOLE.fx) < 2.0 * sigma
 
 
 def test_one_plane_carries_all_of_an_uncertain_focal_length() -> None:

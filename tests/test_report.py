@@ -243,7 +243,11 @@ def test_nothing_is_safe_in_either_root_while_a_diagnostic_forbids_it() -> None:
         assert doubted is not None
         withheld = ["undecided" if plane.verdict == "safe" else plane.verdict for plane in one.planes]
         assert [plane.verdict for plane in doubted.planes] == withheld
-        assert [plane.p_safe for plane in one.planes] == [plane.p_safe for plane in doubted.planes]
+        # a probability that rests on a doubted camera is none; what is steep with it stays unsafe
+        stated = [plane.p_safe if plane.verdict == "unsafe" else None for plane in one.planes]
+        assert [plane.p_safe for plane in doubted.planes] == stated
+    assert [plane.reason for plane in report.planes] == ["suspect-distortion"] * 3
+    assert [plane.status for plane in report.planes] == ["ok"] * 3
     assert verdicts(plain) == ["safe", "undecided", "unsafe"]
     assert report.diagnostics[0].message == "the lens is another one; no verdict is safe"
 

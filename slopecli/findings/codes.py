@@ -100,8 +100,8 @@ _ROWS: dict[Severity, dict[str, tuple[Any, ...]]] = {
         "level-assumed": (
             "What slopes are measured against was assumed, by `--up camera` or `--up dominant-plane`, and the images "
             "speak against it, or too little in them speaks for it ([how it is judged](conventions.md#what-is-level)). "
-            "A facade before an upright camera looks like ground from above. `p_safe` is the smaller of those against "
-            "both directions, and a verdict is unsafe only where it is so against both. `--up X,Y,Z` is never doubted.",
+            "A facade before an upright camera looks like ground from above. A verdict is unsafe only where it is so "
+            "against both directions. `--up X,Y,Z` is never doubted.",
             "give the direction against gravity with --up",
             "probability that what was assumed is level",
             True,

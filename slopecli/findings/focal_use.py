@@ -32,11 +32,13 @@ def prior_sigma(cameras: Cameras, options: Options) -> float:
     return FIELD_OF_VIEW_PERCENT / 100.0 if any(camera.source.startswith(FIELD_OF_VIEW) for camera in cameras) else 0.0
 
 
-def focal_to_use(test: CameraTest, prior: float, free: bool) -> FocalUse:
+def focal_to_use(test: CameraTest, prior: float, free: bool, contradicted: bool = False) -> FocalUse:
     """The focal length to use.
 
     prior : 1-sigma of the one given.  free : whether the images alone decide, where they tell it. Where they do not, a
     focal length that was to be free is known no better than they say, or than that it is one of those tried.
+    contradicted : whether the images contradict the one given, so that one of the two sigmas does not hold: that of the
+    mean is larger by as many times as they differ by their sigmas (Birge, 1932).
     """
     told = test.focal_factor is not None and test.score is not None
     floor = TEST.floor_px / max(float(test.score.px[0]), 1e-9) if test.score is not None else np.inf
@@ -50,7 +52,8 @@ def focal_to_use(test: CameraTest, prior: float, free: bool) -> FocalUse:
     both = 1.0 / np.sqrt(1.0 / prior**2 + 1.0 / own**2)
     if both >= TEST.systematic:  # the images do not know it better than the prior
         return FocalUse(0.0, prior)
-    return FocalUse(test.step * (both / own) ** 2, float(both))
+    apart = abs(test.step) / float(np.hypot(prior, own)) if contradicted else 1.0
+    return FocalUse(test.step * (both / own) ** 2, float(both) * max(apart, 1.0))
 
 
 def refocused(cameras: Cameras, step: float) -> Cameras:
@@ -66,8 +69,13 @@ def _freed(camera: Camera) -> Camera:
     return camera if camera.source.endswith(note) else replace(camera, source=camera.source + note)
 
 
-def focal_note(given: Cameras, used: Cameras, sigma: float, options: Options) -> list[Diagnostic]:
-    """Say which focal length was used, if it is not the one given, or was to be freed and could not be."""
+def focal_note(
+    given: Cameras, used: Cameras, sigma: float, options: Options, preferred_px: float | None = None
+) -> list[Diagnostic]:
+    """Say which focal length was used, if it is not the one given, or was to be freed and could not be.
+
+    preferred_px : the one that the images prefer, where they contradict the one given.
+    """
     if used[0] is given[0]:
         if not options.free_focal:
             return []
@@ -76,6 +84,10 @@ def focal_note(given: Cameras, used: Cameras, sigma: float, options: Options) ->
         return [finding("focal-length", message, 1.0, "if you know it better, say so by --focal-sigma")]
     before, after = given[0].focal_px, used[0].focal_px
     why = "that the images prefer (--free-focal)" if options.free_focal else "that images and --focal-sigma agree on"
+    if preferred_px is not None and not options.free_focal:
+        why = (
+            f"the mean, weighted by their sigmas, of the {preferred_px:.4g} px that the images prefer and the one given"
+        )
     message = (
         f"slopes were computed with a focal length of {after:.5g} ± {after * sigma:.2g} px, {why}: "
         f"{after / before:.4g} times the {before:.5g} px given; their sigmas include its own"

@@ -75,6 +75,7 @@ def _plane(plane: Plane, report: Report, place: Georeference) -> dict[str, Any] 
         "verdict": plane.verdict,
         "p_safe": plane.p_safe,
         "status": plane.status,
+        "reason": plane.reason,
     }
     return _feature(points, place, properties)
 

@@ -22,6 +22,7 @@ COLUMNS = (
     "longitude_deg",
     "latitude_deg",
     "position_sigma_m",
+    "reason",
 )
 
 
@@ -45,7 +46,9 @@ def report_to_csv(report: Report) -> str:
     for plane in report.planes:
         measures = measures_of(plane, report)
         numbers = [_cell(getattr(measures, name)) for name in _MEASURES]
-        writer.writerow([plane.id, *numbers, unit, plane.verdict or "", plane.status, *_place(plane, report, place)])
+        judged = [plane.verdict or "", plane.status]
+        reason = (plane.reason or "").replace("°", " deg")  # the table is ASCII, which every spreadsheet reads
+        writer.writerow([plane.id, *numbers, unit, *judged, *_place(plane, report, place), reason])
     return text.getvalue()
 
 

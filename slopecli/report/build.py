@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import asdict, replace
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,7 +13,7 @@ from slopecli.findings.camera_test import CameraTest
 from slopecli.findings.checks import check_answer
 from slopecli.findings.facts import AnswerFacts
 from slopecli.findings.level_evidence import level_odds
-from slopecli.findings.wording import forbid_safe
+from slopecli.findings.wording import forbidding
 from slopecli.geometry.slope import aspects, north_direction
 from slopecli.look.changes import Change
 from slopecli.measure import measure
@@ -24,10 +25,12 @@ from slopecli.report.answered_planes import divide, planes_of
 from slopecli.report.doubted_level import against_both, second_root_against_both
 from slopecli.report.second_root import ambiguity_report
 from slopecli.report.units import fit_of, in_unit, motion_of, scale_of
-from slopecli.types import Camera, Diagnostic, Image, ImageInfo, Plane, Report, Solution, Up
+from slopecli.types import AlternativePlane, Camera, Diagnostic, Image, ImageInfo, Plane, Report, Solution, Up
 
 # options of how images are matched and planes found
 OF_IMAGES = {"planes", "features", "ply_frame", "seed"}.union(*(finder.options for finder in FINDERS))
+
+_AnyPlane = TypeVar("_AnyPlane", Plane, AlternativePlane)
 
 
 def build_report(
@@ -59,7 +62,7 @@ def build_report(
     labels, length_m = _labels(joined, planes, images[0]), length if scale.unit == "m" else None
     roots = ambiguity_report(main, second, joined, planes, length, options)
     facts = AnswerFacts(planes, solution, joined, cameras, options, labels, length_m, changes, level)
-    return _without_safe(
+    return _in_doubt(
         Report(
             images=(_info(images[0]), _info(images[1])),
             cameras=cameras,
@@ -80,19 +83,30 @@ def build_report(
     )
 
 
-def _without_safe(report: Report) -> Report:
-    """Turn every verdict safe into undecided where a diagnostic forbids it, in the second root too.
+def _in_doubt(report: Report) -> Report:
+    """Withhold what a diagnostic forbids to rely on: a verdict safe becomes undecided, and P(safe) of what is
+    undecided is none, in the second root too; the reason of a plane names the diagnostics.
 
-    Slopes, sigmas and `p_safe` stay as they are.
+    Slopes and sigmas stay as they are, and so does a verdict unsafe with its P(safe).
     """
-    if not forbid_safe(report.diagnostics):
+    codes = list(dict.fromkeys(forbidding(report.diagnostics)))
+    if not codes:
         return report
-    planes = tuple(replace(one, verdict="undecided") if one.verdict == "safe" else one for one in report.planes)
+    planes = tuple(
+        plane
+        if plane.verdict is None
+        else replace(_undecided(plane), reason="; ".join(filter(None, [plane.reason, *codes])))
+        for plane in report.planes
+    )
     ambiguity = report.ambiguity
     if second := ambiguity.alternative:
-        others = tuple(replace(one, verdict="undecided") if one.verdict == "safe" else one for one in second.planes)
-        ambiguity = replace(ambiguity, alternative=replace(second, planes=others))
+        ambiguity = replace(ambiguity, alternative=replace(second, planes=tuple(map(_undecided, second.planes))))
     return replace(report, planes=planes, ambiguity=ambiguity)
+
+
+def _undecided(plane: _AnyPlane) -> _AnyPlane:
+    """A plane that nothing safe may be said of, unless it is unsafe, or taken as level."""
+    return plane if plane.verdict in ("unsafe", None) else replace(plane, verdict="undecided", p_safe=None)
 
 
 def _place(options: Options, up: Up) -> Place | None:
