@@ -133,6 +133,22 @@ def test_a_camera_over_a_town_is_taken_to_look_down(heading_deg: float, tilt_deg
     assert not odds_of_camera(np.array([0.0, 0.0, -1.0]), town(tilt_deg, heading_deg)[1]).doubted
 
 
+def test_both_sides_of_a_niche_before_an_upright_camera_are_not_two_sides_of_a_roof() -> None:
+    look = turned_about_x(-4.0)
+    up, along = look @ -DOWN, look @ [1.0, 0.0, 0.0]
+    sides = [look @ unit(side, 0.0, -1.0) for side in (1.0, -0.9)]
+    seen = scene([(side, 5.0, 1000.0) for side in sides], edges_along(up, along))
+    assert odds_of_camera(np.array([0.0, 0.0, -1.0]), seen).doubted
+
+
+def test_slabs_that_lean_every_way_with_edges_along_the_image_are_seen_from_above() -> None:
+    """None of them is upright, were the camera: to 10 deg some would be, of which 3 deg are left by the edges."""
+    slabs = [unit(0.45, 0.12, -0.88), unit(-0.36, 0.14, -0.92)]
+    edges = edges_along(np.array([0.0, 1.0, 0.0]), np.array([1.0, 0.0, 0.0]))
+    seen = scene([(slab, 5.0, 1000.0) for slab in slabs], edges)
+    assert not odds_of_camera(np.array([0.0, 0.0, -1.0]), seen).doubted
+
+
 def test_without_evidence_the_default_stands() -> None:
     normal = unit(0.1, 0.2, -1.0)
     assert not odds_of_camera(np.array([0.0, 0.0, -1.0]), scene([(normal, 10.0, 5000.0)])).doubted

@@ -111,7 +111,7 @@ def odds_of_plane(up: FloatArray, distance: float, seen: Seen) -> LevelOdds:
     """How probable it is that a plane is level.  up : its unit normal (3,).  distance : from camera 1."""
     edges, upright = _edges_on_plane(up, _upright(up), seen.segments)
     floor, upright_floor = _floor(upright, up, seen)
-    clues = [_attitude(up), _below(up, distance, seen), edges, floor, _faces(up, upright, seen, 15.0)]
+    clues = [_attitude(up), _below(up, distance, seen), edges, floor, _faces(up, upright, seen, 15.0, False)]
     return _sum(clues, 0.0, SUPPORTED, upright if upright_floor is None else upright_floor)
 
 
@@ -128,7 +128,7 @@ def odds_of_camera(up: FloatArray, seen: Seen) -> LevelOdds:
     if edges.log_ratio < 0.0 and len(seen.points) >= 400:
         seen = _planes_of_points(seen)
     floor, upright_floor = _floor(upright, up, seen)
-    clues = [edges, floor, _faces(up, upright, seen, 20.0)]  # hills slope by less
+    clues = [edges, floor, _faces(up, upright, seen, 20.0, edges.log_ratio < 0.0)]  # hills slope by less
     odds = _sum(clues, BY_DEFAULT, 0.0, upright if upright_floor is None else upright_floor)
     # one kind of evidence against the default is not enough: streets along the image, say
     return odds if len(odds.against) > 1 else odds._replace(log_odds=max(odds.log_odds, 0.0))
@@ -268,21 +268,23 @@ def _floor(upright: FloatArray, up: FloatArray, seen: Seen) -> tuple[_Clue, Floa
     return _Clue(0.0), None
 
 
-def _faces(up: FloatArray, upright: FloatArray, seen: Seen, least_deg: float) -> _Clue:
+def _faces(up: FloatArray, upright: FloatArray, seen: Seen, least_deg: float, by_edges: bool) -> _Clue:
     """Which way the other planes face: hardly anything faces down, seen from an upright camera; walls face sideways.
 
     Walls and roofs that are seen from above face every way, and rather towards the camera.  least_deg : from up, of
-    planes that count.
+    planes that count.  by_edges : whether `upright` is where edges converge; else it is known to 10 deg.
     """
     other = seen.normals @ up < math.cos(math.radians(least_deg))
     normals, area = seen.normals[other], seen.area[other]
     if not len(normals) or area.sum() < 0.005 * seen.area.sum():
         return _Clue(0.0)
     rise = normals @ upright
-    log_ratio = np.where(rise < -0.17, math.log(0.4 / 0.04), np.where(rise < 0.17, math.log(0.3 / 0.7), 0.14))
+    wall = np.abs(rise) < (0.05 if by_edges else 0.17)  # upright to 3 deg, or to 10
+    log_ratio = np.where(rise < -0.17, math.log(0.4 / 0.04), np.where(wall, math.log(0.3 / 0.7), 0.14))
     mean = float(area @ log_ratio / area.sum())
-    both_ways = 1.5 if _lean_both_ways(up, normals) else 0.0
-    words = "what is at right angles to it faces sideways, as walls round an upright camera do"
+    # the sides of a niche lean both ways as well, to a camera before it, but are upright
+    both_ways = 1.5 if _lean_both_ways(up, normals[~wall] if by_edges else normals) else 0.0
+    words = "what is not level by it faces sideways, as walls round an upright camera do"
     return _Clue(mean * min(_distinct(normals, area), 3) + both_ways, words)
 
 
