@@ -583,10 +583,11 @@ def directions(n: int = 100, widest: float = 0.45) -> np.ndarray:
     return np.random.default_rng(11).uniform(-widest, widest, (n, 2))
 
 
-def brown_image(x: np.ndarray, k1: float, k2: float, k3: float, p1: float, p2: float) -> tuple[np.ndarray, np.ndarray]:
-    """Distorted coordinates by the formula of Brown's model, written once more."""
+def brown_image(x: np.ndarray, *lens: float) -> tuple[np.ndarray, np.ndarray]:
+    """Distorted coordinates by the formula of Brown's model, written once more; lens: k1 k2 k3 p1 p2 k4 k5 k6."""
+    k1, k2, k3, p1, p2, k4, k5, k6 = (*lens, *(0.0,) * (8 - len(lens)))
     (u, v), r2 = x.T, (x**2).sum(axis=1)
-    g = 1 + k1 * r2 + k2 * r2**2 + k3 * r2**3
+    g = (1 + k1 * r2 + k2 * r2**2 + k3 * r2**3) / (1 + k4 * r2 + k5 * r2**2 + k6 * r2**3)
     return u * g + 2 * p1 * u * v + p2 * (r2 + 2 * u * u), v * g + p1 * (r2 + 2 * v * v) + 2 * p2 * u * v
 
 

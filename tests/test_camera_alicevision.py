@@ -52,6 +52,16 @@ def test_numbers_mean_what_the_version_says(tmp_path: Path, tree: dict, focal: t
     check_pixels(load_camera(write(tmp_path, tree)), x, focal[0] * across + 511.5, focal[1] * down + 383.5)
 
 
+def test_alicevision_brown_and_without_distortion(tmp_path: Path) -> None:
+    """Five coefficients: radial, then tangential ones; (w/2, h/2) is the middle, and pixel centres at integers."""
+    x = directions()
+    camera = load_camera(write(tmp_path, sfm("1.2.8", NEW, principalPoint=["3", "-2"])))
+    across, down = brown_image(x, -0.28, 0.074, 0, 0.0002, 1e-5)
+    check_pixels(camera, x, 800 * across + 512 + 3, 810 * down + 384 - 2)
+    plain = sfm("1.2.8", NEW, distortionType="none", distortionParams="")
+    check_pixels(load_camera(write(tmp_path, plain)), x, 800 * x[:, 0] + 511.5, 810 * x[:, 1] + 383.5)
+
+
 def test_alicevision_fisheye(tmp_path: Path) -> None:
     x = directions()
     across, down = fisheye_image(x, 0.01, -0.02, 0.003, 0.0)

@@ -3,7 +3,7 @@
 from pathlib import Path
 
 import pytest
-from camera_factory import AUTOWARE, brown_image, check_pixels, directions, refusal, write
+from camera_factory import AUTOWARE, brown_image, check_pixels, directions, fisheye_image, refusal, write
 
 from slopecli.io.cameras import load_camera
 
@@ -12,6 +12,11 @@ def test_autoware_pixels(tmp_path: Path) -> None:
     x = directions()
     across, down = brown_image(x, -0.28, 0.074, 0.0, 0.0002, 1e-5)
     check_pixels(load_camera(write(tmp_path, AUTOWARE)), x, 800 * across + 511.5, 810 * down + 383.5)
+    fisheye = (
+        AUTOWARE.replace("plumb_bob", "equidistant").replace("cols: 5", "cols: 4").replace("1e-05, 0. ]", "1e-05 ]")
+    )
+    across, down = fisheye_image(x, -0.28, 0.074, 0.0002, 1e-5)
+    check_pixels(load_camera(write(tmp_path, fisheye)), x, 800 * across + 511.5, 810 * down + 383.5)
 
 
 @pytest.mark.parametrize(

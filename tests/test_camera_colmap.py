@@ -11,6 +11,7 @@ import pytest
 from camera_factory import (
     BROWN,
     COLMAP_TEXT,
+    brown_image,
     check_is_the_sample,
     check_pixels,
     directions,
@@ -23,7 +24,7 @@ from slopecli.batch import find_pairs
 from slopecli.errors import InputError
 from slopecli.geometry import rays_from_pixels
 from slopecli.io import load_image
-from slopecli.io.cameras import camera_for, load_camera
+from slopecli.io.cameras import camera_for, colmap, load_camera
 from slopecli.options import CameraChoice
 from slopecli.types import Camera
 
@@ -53,20 +54,46 @@ def test_half_a_pixel_between_colmap_and_us(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("line", "model", "distortion"),
+    ("model", "numbers", "fy", "image_of", "lens"),
     [
-        ("1 PINHOLE 640 480 500 510 320 240", "pinhole", ()),
-        ("1 RADIAL 640 480 500 320 240 0.1 0.2", "brown", (0.1, 0.2, 0, 0, 0, 0, 0, 0)),
-        ("1 FULL_OPENCV 640 480 500 510 320 240 1 2 3 4 5 6 7 8", "brown", (1, 2, 3, 4, 5, 6, 7, 8)),
-        ("1 OPENCV_FISHEYE 640 480 500 510 320 240 1 2 3 4", "fisheye", (1, 2, 3, 4)),
-        ("1 SIMPLE_RADIAL_FISHEYE 640 480 500 320 240 0.1", "fisheye", (0.1, 0, 0, 0)),
-        ("1 RADIAL_FISHEYE 640 480 500 320 240 0.1 0.2", "fisheye", (0.1, 0.2, 0, 0)),
+        ("SIMPLE_PINHOLE", "500 512.5 384.25", 500, brown_image, ()),
+        ("PINHOLE", "500 510 512.5 384.25", 510, brown_image, ()),
+        ("SIMPLE_RADIAL", "500 512.5 384.25 -0.1", 500, brown_image, (-0.1,)),
+        ("RADIAL", "500 512.5 384.25 -0.1 0.02", 500, brown_image, (-0.1, 0.02)),
+        ("OPENCV", "500 510 512.5 384.25 -0.1 0.02 3e-4 -2e-4", 510, brown_image, (-0.1, 0.02, 0, 3e-4, -2e-4)),
+        (
+            "FULL_OPENCV",
+            "500 510 512.5 384.25 -0.1 0.02 3e-4 -2e-4 0.01 0.12 0.03 0.005",
+            510,
+            brown_image,
+            (-0.1, 0.02, 0.01, 3e-4, -2e-4, 0.12, 0.03, 0.005),
+        ),
+        (
+            "OPENCV_FISHEYE",
+            "500 510 512.5 384.25 0.01 -0.02 3e-3 -1e-3",
+            510,
+            fisheye_image,
+            (0.01, -0.02, 3e-3, -1e-3),
+        ),
+        ("SIMPLE_RADIAL_FISHEYE", "500 512.5 384.25 0.01", 500, fisheye_image, (0.01,)),
+        ("RADIAL_FISHEYE", "500 512.5 384.25 0.01 -0.02", 500, fisheye_image, (0.01, -0.02)),
     ],
 )
-def test_colmap_models(tmp_path: Path, line: str, model: str, distortion: tuple) -> None:
-    camera = load_camera(write(tmp_path, line + "\n"))
-    assert (camera.model, camera.distortion) == (model, distortion)
-    assert (camera.fx, camera.cx, camera.cy) == (500, 319.5, 239.5)
+def test_colmap_pixels_are_those_of_the_models_formula(
+    tmp_path: Path, model: str, numbers: str, fy: float, image_of: Callable[..., tuple], lens: tuple
+) -> None:
+    """Centres of COLMAP's pixels are at (0.5, 0.5)."""
+    x = directions()
+    across, down = image_of(x, *lens)
+    ours = "fisheye" if image_of is fisheye_image else "brown" if lens else "pinhole"
+    text = write(tmp_path, f"1 {model} 1024 768 {numbers}\n")
+    values = [float(word) for word in numbers.split()]
+    identity = list(colmap.MODELS).index(model)
+    record = struct.pack(f"<QIiQQ{len(values)}d", 1, 1, identity, 1024, 768, *values)
+    for path in (text, write(tmp_path, record, "cameras.bin")):
+        camera = load_camera(path)
+        assert camera.model == ours
+        check_pixels(camera, x, 500 * across + 512.5 - 0.5, fy * down + 384.25 - 0.5)
 
 
 def test_fisheye_models_of_colmap_4_and_their_ids(tmp_path: Path) -> None:

@@ -3,7 +3,17 @@
 from pathlib import Path
 
 import pytest
-from camera_factory import EUROC_SENSOR, KALIBR, check_is_the_sample, refusal, write
+from camera_factory import (
+    EUROC_SENSOR,
+    KALIBR,
+    brown_image,
+    check_is_the_sample,
+    check_pixels,
+    directions,
+    fisheye_image,
+    refusal,
+    write,
+)
 
 from slopecli.io.cameras import load_camera
 from slopecli.types import Camera
@@ -18,6 +28,17 @@ def test_kalibr_camchain(tmp_path: Path) -> None:
     )
     assert "camera_model 'omni' is not supported" in refusal(f"{path}#cam2")
     assert "holds 3 cameras (cam0, cam1, cam2)" in refusal(path)
+
+
+def test_kalibr_pixels(tmp_path: Path) -> None:
+    """radtan is k1 k2 p1 p2, equidistant the same polynomial as OpenCV's fisheye; EuRoC writes radtan in full."""
+    x, path = directions(), write(tmp_path, KALIBR)
+    across, down = brown_image(x, -0.28, 0.074, 0, 0.0002, 1e-5)
+    for camera in (load_camera(f"{path}#cam0"), load_camera(write(tmp_path, EUROC_SENSOR, "sensor"))):
+        check_pixels(camera, x, 800 * across + 511.5, 810 * down + 383.5)
+    x = directions(widest=1.0)
+    across, down = fisheye_image(x, -0.0016, 0.024, -0.036, 0.02)
+    check_pixels(load_camera(f"{path}#cam1"), x, 461.5 * across + 356.4, 460.1 * down + 231.2)
 
 
 @pytest.mark.parametrize(

@@ -33,6 +33,18 @@ def test_metashape_exported_calibrations(tmp_path: Path) -> None:
     assert camera == Camera(1000, 500, 900, 901, 502.5, 249.5, source="Metashape")
 
 
+def test_older_calibrations_have_their_principal_point_from_the_corner(tmp_path: Path) -> None:
+    """fx, fy and skew in place of f, b1 and b2; corners of pixels are at integers."""
+    (x, y), r2 = directions().T, (directions() ** 2).sum(axis=1)
+    text = (
+        "<calibration><projection>frame</projection><width>1000</width><height>500</height><fx>900</fx><fy>901</fy>"
+        "<cx>503</cx><cy>250</cy><skew>0.4</skew><k1>-0.1</k1><k2>0.02</k2><k3>0.01</k3></calibration>"
+    )
+    across, down = (side * (1 - 0.1 * r2 + 0.02 * r2**2 + 0.01 * r2**3) for side in (x, y))
+    u, v = 503 + 900 * across + 0.4 * down, 250 + 901 * down
+    check_pixels(load_camera(write(tmp_path, text)), directions(), u - 0.5, v - 0.5)
+
+
 FULL = """<calibration><projection>frame</projection><width>5280</width><height>3956</height><f>3705.4</f><cx>11.67</cx>
 <cy>-27.75</cy><b1>0.526</b1><b2>-0.306</b2><k1>-0.0919</k1><k2>-0.0763</k2><k3>0.1163</k3><k4>-0.0761</k4>
 <p1>-0.000313</p1><p2>0.000116</p2></calibration>"""

@@ -1,9 +1,21 @@
 """The native camera file."""
 
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
-from camera_factory import MATRIX, NATIVE, K, check_is_the_sample, refusal, write
+from camera_factory import (
+    MATRIX,
+    NATIVE,
+    K,
+    brown_image,
+    check_is_the_sample,
+    check_pixels,
+    directions,
+    fisheye_image,
+    refusal,
+    write,
+)
 
 from slopecli.io.cameras import load_camera
 from slopecli.types import Camera
@@ -27,6 +39,29 @@ def test_native_distortion_of_any_length_is_padded_with_zeros(tmp_path: Path, co
 def test_native_fisheye(tmp_path: Path) -> None:
     camera = load_camera(write(tmp_path, {**NATIVE, "model": "fisheye", "distortion": [0.1, 0.2]}))
     assert (camera.model, camera.distortion) == ("fisheye", (0.1, 0.2, 0.0, 0.0))
+
+
+@pytest.mark.parametrize(
+    ("model", "distortion", "image_of", "lens"),
+    [
+        (None, [], brown_image, ()),
+        ("brown", [-0.28, 0.074, 2e-4, 1e-5, 0.01], brown_image, (-0.28, 0.074, 0.01, 2e-4, 1e-5)),
+        (
+            "brown",
+            [-0.1, 0.02, 3e-4, -2e-4, 0.01, 0.12, 0.03, 0.005],
+            brown_image,
+            (-0.1, 0.02, 0.01, 3e-4, -2e-4, 0.12, 0.03, 0.005),
+        ),
+        ("fisheye", [0.01, -0.02, 3e-3, -1e-3], fisheye_image, (0.01, -0.02, 3e-3, -1e-3)),
+    ],
+)
+def test_native_pixels(
+    tmp_path: Path, model: str | None, distortion: list, image_of: Callable[..., tuple], lens: tuple
+) -> None:
+    x = directions()
+    across, down = image_of(x, *lens)
+    tree = {**NATIVE, "distortion": distortion, **({"model": model} if model else {})}
+    check_pixels(load_camera(write(tmp_path, tree)), x, 800 * across + 511.5, 810 * down + 383.5)
 
 
 def test_native_fisheye_without_coefficients_is_no_pinhole(tmp_path: Path) -> None:

@@ -4,7 +4,17 @@ import math
 from pathlib import Path
 
 import pytest
-from camera_factory import NERF, NERFSTUDIO, check_is_the_sample, check_pixels, directions, refusal, write
+from camera_factory import (
+    NERF,
+    NERFSTUDIO,
+    brown_image,
+    check_is_the_sample,
+    check_pixels,
+    directions,
+    fisheye_image,
+    refusal,
+    write,
+)
 
 from slopecli.io.cameras import load_camera
 
@@ -17,6 +27,23 @@ def test_nerfstudio_fisheye_and_per_frame_cameras(tmp_path: Path) -> None:
     path = write(tmp_path, {**shared, "frames": frames})
     check_is_the_sample(load_camera(f"{path}#a.jpg"))
     assert load_camera(f"{path}#b.jpg").fx == 900
+
+
+def test_nerfstudio_pixels(tmp_path: Path) -> None:
+    """Centres of its pixels are at (0.5, 0.5)."""
+    x = directions()
+    across, down = brown_image(x, -0.28, 0.074, 0.01, 0.0002, 1e-5)
+    camera = load_camera(write(tmp_path, {**NERFSTUDIO, "cx": 509.25, "k3": 0.01}))
+    check_pixels(camera, x, 800 * across + 509.25 - 0.5, 810 * down + 384 - 0.5)
+    lens = {"k1": 0.01, "k2": -0.02, "k3": 0.003, "k4": -0.001}
+    across, down = fisheye_image(x, *lens.values())
+    mark: dict
+    for mark in (
+        {"camera_model": "OPENCV_FISHEYE"},
+        {"camera_model": None, "is_fisheye": True},
+    ):  # the second: instant-ngp
+        camera = load_camera(write(tmp_path, {**NERFSTUDIO, **lens, "p1": 0, "p2": 0, **mark}))
+        check_pixels(camera, x, 800 * across + 512 - 0.5, 810 * down + 384 - 0.5)
 
 
 def test_nerfstudio_terms_we_lack_are_refused(tmp_path: Path) -> None:

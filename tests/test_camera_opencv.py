@@ -1,12 +1,26 @@
 """Cameras saved by OpenCV or NumPy."""
 
 import json
+from collections.abc import Callable
 from pathlib import Path
 
 import cv2
 import numpy as np
 import pytest
-from camera_factory import BROWN, MATRIX, OPENCV_STEREO, OPENCV_YAML, K, check_is_the_sample, refusal, write
+from camera_factory import (
+    BROWN,
+    MATRIX,
+    OPENCV_STEREO,
+    OPENCV_YAML,
+    K,
+    brown_image,
+    check_is_the_sample,
+    check_pixels,
+    directions,
+    fisheye_image,
+    refusal,
+    write,
+)
 
 from slopecli.errors import InputError
 from slopecli.io.cameras import load_camera
@@ -23,6 +37,36 @@ def test_what_opencv_writes_is_read(tmp_path: Path, suffix: str) -> None:
     storage.write("distortion_coefficients", np.array([*BROWN, 0.0]).reshape(5, 1))
     storage.release()
     check_is_the_sample(load_camera(path))
+
+
+@pytest.mark.parametrize(
+    ("mark", "coefficients", "image_of", "lens"),
+    [
+        (0, [-0.28, 0.074, 2e-4, 1e-5], brown_image, (-0.28, 0.074, 0, 2e-4, 1e-5)),
+        (0, [-0.28, 0.074, 2e-4, 1e-5, 0.01], brown_image, (-0.28, 0.074, 0.01, 2e-4, 1e-5)),
+        (
+            0,
+            [-0.1, 0.02, 3e-4, -2e-4, 0.01, 0.12, 0.03, 0.005, 0, 0, 0, 0],
+            brown_image,
+            (-0.1, 0.02, 0.01, 3e-4, -2e-4, 0.12, 0.03, 0.005),
+        ),
+        (1, [0.01, -0.02, 3e-3, -1e-3], fisheye_image, (0.01, -0.02, 3e-3, -1e-3)),
+    ],
+    ids=["4", "5", "12", "fisheye"],
+)
+def test_opencv_pixels(
+    tmp_path: Path, mark: int, coefficients: list[float], image_of: Callable[..., tuple], lens: tuple[float, ...]
+) -> None:
+    path, x = tmp_path / "camera.yml", directions()
+    storage = cv2.FileStorage(str(path), cv2.FILE_STORAGE_WRITE)
+    storage.write("image_width", 1024)
+    storage.write("image_height", 768)
+    storage.write("fisheye_model", mark)
+    storage.write("camera_matrix", np.array(MATRIX))
+    storage.write("distortion_coefficients", np.array([coefficients]))
+    storage.release()
+    across, down = image_of(x, *lens)
+    check_pixels(load_camera(path), x, 800 * across + 511.5, 810 * down + 383.5)
 
 
 @pytest.mark.parametrize(

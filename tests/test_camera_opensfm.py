@@ -1,10 +1,11 @@
 """OpenSfM cameras."""
 
 import json
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
-from camera_factory import OPENSFM, brown_image, check_pixels, directions, refusal, write
+from camera_factory import OPENSFM, brown_image, check_pixels, directions, fisheye_image, refusal, write
 
 from slopecli.io.cameras import load_camera
 
@@ -17,6 +18,40 @@ def test_opensfm_centre_and_simple_lenses(tmp_path: Path) -> None:
     brown = {**OPENSFM["v2 dji fc6310 1024 768 brown 0.78"], "c_x": 0.01, "c_y": -0.02}
     camera = load_camera(write(tmp_path, {"a": brown}))
     assert (camera.cx, camera.cy) == pytest.approx((511.5 + 10.24, 383.5 - 20.48))
+
+
+@pytest.mark.parametrize(("width", "height"), [(1000, 500), (500, 1000)])
+@pytest.mark.parametrize(
+    ("kind", "keys", "image_of", "lens"),
+    [
+        ("perspective", {"focal": 0.9, "k1": -0.1, "k2": 0.02}, brown_image, (-0.1, 0.02)),
+        ("simple_radial", {"focal_x": 0.9, "focal_y": 0.9, "k1": -0.1}, brown_image, (-0.1,)),
+        ("radial", {"focal_x": 0.9, "focal_y": 0.9, "k1": -0.1, "k2": 0.02}, brown_image, (-0.1, 0.02)),
+        ("fisheye", {"focal": 0.9, "k1": 0.01, "k2": -0.02}, fisheye_image, (0.01, -0.02)),
+        (
+            "fisheye_opencv",
+            {"focal_x": 0.9, "focal_y": 0.9, "k1": 0.01, "k2": -0.02, "k3": 0.003, "k4": -0.001},
+            fisheye_image,
+            (0.01, -0.02, 0.003, -0.001),
+        ),
+    ],
+)
+def test_opensfm_pixels(
+    tmp_path: Path, kind: str, keys: dict, image_of: Callable[..., tuple], lens: tuple, width: int, height: int
+) -> None:
+    """In units of the longer side from the middle: pixel = normalised * 1000 + (side - 1) / 2, portrait or not."""
+    x = directions()
+    across, down = image_of(x, *lens)
+    off = {"c_x": 0.01, "c_y": -0.02} if "focal_x" in keys else {"c_x": 0.0, "c_y": 0.0}
+    tree = {"a": {"projection_type": kind, "width": width, "height": height, **keys, **off}}
+    u, v = 0.9 * across + off["c_x"], 0.9 * down + off["c_y"]
+    check_pixels(load_camera(write(tmp_path, tree)), x, 1000 * u + (width - 1) / 2, 1000 * v + (height - 1) / 2)
+
+
+@pytest.mark.parametrize("kind", ["fisheye62", "fisheye624", "dual"])
+def test_other_lenses_of_opensfm_are_refused(tmp_path: Path, kind: str) -> None:
+    tree = {"a": {"projection_type": kind, "width": 1000, "height": 500, "focal_x": 0.9, "focal_y": 0.9, "k1": 0.1}}
+    assert f"'{kind}' is not supported" in refusal(write(tmp_path, tree))
 
 
 def test_opensfm_spherical_is_refused(tmp_path: Path) -> None:

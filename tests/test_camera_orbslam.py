@@ -6,6 +6,7 @@ import pytest
 from camera_factory import (
     ORBSLAM,
     ORBSLAM_STEREO,
+    brown_image,
     check_is_the_sample,
     check_pixels,
     directions,
@@ -42,6 +43,13 @@ LEFT.K: !!opencv-matrix
 """
 
 
+def test_orbslam_pinhole(tmp_path: Path) -> None:
+    x = directions()
+    camera = load_camera(write(tmp_path, ORBSLAM + "Camera.k3: 0.01\n"))
+    across, down = brown_image(x, -0.28, 0.074, 0.01, 0.0002, 1e-5)
+    check_pixels(camera, x, 800 * across + 511.5, 810 * down + 383.5)
+
+
 def test_orbslam_stereo_fisheye(tmp_path: Path) -> None:
     x = directions(widest=1.5)
     camera = load_camera(f"{write(tmp_path, ORBSLAM_STEREO)}#Camera2")
@@ -54,8 +62,9 @@ def test_cameras_of_rectified_and_of_recorded_images_need_a_choice(tmp_path: Pat
     path = write(tmp_path, RECTIFIED)
     assert "holds 2 cameras (Camera, LEFT)" in refusal(path)
     assert load_camera(f"{path}#Camera").model == "pinhole"
-    recorded = load_camera(f"{path}#LEFT")
-    assert (recorded.fx, recorded.model, recorded.distortion[0]) == (458.654, "brown", -0.28)
+    x = directions()
+    across, down = brown_image(x, -0.28, 0.074, 0, 0.0002, 1.76e-5)
+    check_pixels(load_camera(f"{path}#LEFT"), x, 458.654 * across + 367.215, 457.296 * down + 248.375)
 
 
 def test_stella_vslam_has_them_below_camera(tmp_path: Path) -> None:

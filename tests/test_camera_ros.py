@@ -1,22 +1,49 @@
 """ROS camera_info."""
 
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
-from camera_factory import ROS2_ECHO, ROS_FILE, check_is_the_sample, refusal, write
+from camera_factory import (
+    ROS2_ECHO,
+    ROS_FILE,
+    brown_image,
+    check_is_the_sample,
+    check_pixels,
+    directions,
+    fisheye_image,
+    refusal,
+    write,
+)
 
 from slopecli.io.cameras import load_camera
 
+PLUMB_BOB = "distortion_model: plumb_bob\nd: [-0.28, 0.074, 0.0002, 1.0e-05, 0.0]"
 
-def test_ros_models(tmp_path: Path) -> None:
-    rational = ROS2_ECHO.replace("plumb_bob", "rational_polynomial").replace(
-        "d: [-0.28, 0.074, 0.0002, 1.0e-05, 0.0]", "d: [5.3, 3.2, 0.0003, -0.0002, 0.2, 5.6, 4.8, 0.9]"
-    )
-    assert len(load_camera(write(tmp_path, rational)).distortion) == 8
-    fisheye = ROS2_ECHO.replace("plumb_bob", "equidistant").replace(", 1.0e-05, 0.0]", ", 1.0e-05]")
-    assert load_camera(write(tmp_path, fisheye)).model == "fisheye"
-    undistorted = ROS2_ECHO.replace("plumb_bob", "''").replace("[-0.28, 0.074, 0.0002, 1.0e-05, 0.0]", "[]")
-    assert load_camera(write(tmp_path, undistorted)).model == "pinhole"
+
+@pytest.mark.parametrize(
+    ("model", "d", "image_of", "lens"),
+    [
+        ("plumb_bob", "[-0.28, 0.074, 0.0002, 1e-05, 0.01]", brown_image, (-0.28, 0.074, 0.01, 0.0002, 1e-5)),
+        (
+            "rational_polynomial",
+            "[5.3, 3.2, 0.0003, -0.0002, 0.2, 5.6, 4.8, 0.9]",
+            brown_image,
+            (5.3, 3.2, 0.2, 0.0003, -0.0002, 5.6, 4.8, 0.9),
+        ),
+        ("equidistant", "[0.01, -0.02, 0.003, -0.001]", fisheye_image, (0.01, -0.02, 0.003, -0.001)),
+        ("''", "[]", brown_image, ()),
+    ],
+)
+def test_ros_pixels(
+    tmp_path: Path, model: str, d: str, image_of: Callable[..., tuple], lens: tuple[float, ...]
+) -> None:
+    """K and D of the raw image; P, that of the rectified one, would put them elsewhere."""
+    x = directions()
+    across, down = image_of(x, *lens)
+    text = ROS2_ECHO.replace(PLUMB_BOB, f"distortion_model: {model}\nd: {d}")
+    assert model in text
+    check_pixels(load_camera(write(tmp_path, text)), x, 800 * across + 511.5, 810 * down + 383.5)
 
 
 def test_ros_unknown_model_is_refused_by_name(tmp_path: Path) -> None:
@@ -47,8 +74,10 @@ def test_ros_binning_and_region_of_interest(tmp_path: Path) -> None:
     )
     camera = load_camera(write(tmp_path, text))
     assert (camera.width, camera.height) == (400, 300)
-    # the principal point is the middle of the sensor and of the region alike
-    assert (camera.fx, camera.fy, camera.cx, camera.cy) == pytest.approx((400, 405, 199.5, 149.5))
+    # two pixels become one, whose centre is between theirs
+    x = directions()
+    across, down = brown_image(x, -0.28, 0.074, 0, 0.0002, 1e-5)
+    check_pixels(camera, x, (800 * across + 511.5 - 112 - 0.5) / 2, (810 * down + 383.5 - 84 - 0.5) / 2)
 
 
 def test_uncalibrated_ros_camera(tmp_path: Path) -> None:

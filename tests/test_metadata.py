@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from camera_factory import brown_image, check_pixels, directions
 from metadata_factory import (
     DJI,
     FOCAL_35,
@@ -279,16 +280,28 @@ def test_displacements_are_those_of_the_ellipsoid() -> None:
 
 
 def test_calibration_of_the_maker() -> None:
+    """The camera matrix of DJI's guide: (fx, 0, middle + cx), (0, fy, middle + cy), and OpenCV's distortion."""
     lens = read(
         WHOLE, xmp=xmp_packet({"DewarpData": DEWARP, "DewarpFlag": "0", "CalibratedFocalLength": "3666.7"})
     ).lens
     assert lens is not None
-    camera = lens.camera()
-    assert (camera.fx, camera.fy) == (3680.5, 3681.5)
-    assert (camera.cx, camera.cy) == (5471 / 2 + 11.25, 3647 / 2 - 7.5)
-    assert camera.distortion[:5] == (-0.27, 0.11, 0.0002, -0.0003, -0.03)
+    camera, x = lens.camera(), directions()
+    across, down = brown_image(x, -0.27, 0.11, -0.03, 0.0002, -0.0003)
+    check_pixels(camera, x, 3680.5 * across + 5471 / 2 + 11.25, 3681.5 * down + 3647 / 2 - 7.5)
     assert camera.source.startswith("EXIF: DJI DewarpData")
     assert lens.sigma < 0.01
+
+
+def test_a_calibration_with_six_radial_terms_goes_before_that_with_three() -> None:
+    six = "2025-01-07;3680.5,3681.5,11.25,-7.5,-0.1,0.02,0.0002,-0.0003,0.01,0.12,0.03,0.005"
+    lens = read(WHOLE, xmp=xmp_packet({"DewarpData": DEWARP, "DewarpDataK6": six})).lens
+    assert lens is not None
+    x = directions()
+    across, down = brown_image(x, -0.1, 0.02, 0.01, 0.0002, -0.0003, 0.12, 0.03, 0.005)
+    check_pixels(lens.camera(), x, 3680.5 * across + 5471 / 2 + 11.25, 3681.5 * down + 3647 / 2 - 7.5)
+    cut = read(WHOLE, xmp=xmp_packet({"DewarpData": DEWARP, "DewarpDataK6": six.rpartition(",")[0]})).lens
+    assert cut is not None
+    assert (cut.source, cut.distortion[0]) == ("DJI DewarpData", -0.27)
 
 
 def test_calibration_of_an_image_made_smaller() -> None:

@@ -16,7 +16,8 @@ from slopecli.types import Camera, FloatArray
 class Lens:
     """Focal length and distortion, for an image of `size` (width, height) px.
 
-    centre_px : principal point from the middle of the image, px; distortion : k1 k2 p1 p2 k3, OpenCV's order.
+    centre_px : principal point from the middle of the image, px.
+    distortion : k1 k2 p1 p2 k3, or with k4 k5 k6 after them, OpenCV's order.
     sigma : relative 1-sigma of the focal length.  source : where it is from, with the numbers.
     """
 

@@ -56,20 +56,27 @@ def _calibrated_size(tags: ImageTags, taken: Size) -> Size:
     return round(2 * centre), max(round(2 * centre * height / width), 1)
 
 
+# DJI's calibrations, the better first: tag, and what its numbers are, after a date
+DEWARPS = {
+    "DewarpDataK6": "fx fy cx cy k1 k2 p1 p2 k3 k4 k5 k6",
+    "DewarpData": "fx fy cx cy k1 k2 p1 p2 k3",
+}
+
+
 def _dewarp(tags: ImageTags, taken: Size) -> Lens | None:
-    """DJI's calibration: "date;fx,fy,cx,cy,k1,k2,p1,p2,k3", px, principal point from the middle of the image."""
-    text = tags.xmp.get((DJI, "DewarpData"), "").rpartition(";")[2]
-    values = [number_of(part) for part in text.split(",")]
-    if len(values) != 9 or any(value is None for value in values):
-        return None
-    fx, fy, cx, cy, *distortion = (value for value in values if value is not None)
-    if not fx > 0 or not fy > 0:
-        return None
-    undistorted = tags.xmp.get((DJI, "DewarpFlag"), "0").strip() == "1"
-    how = ", distortion already taken out (DewarpFlag)" if undistorted else ""
-    lens = () if undistorted else tuple(distortion)
-    size = _calibrated_size(tags, taken)
-    return Lens(size, fx, fy, ERRORS.calibrated, f"DJI DewarpData{how}", (cx, cy), lens)
+    """DJI's calibration: lengths in px, the principal point from the middle of the image, OpenCV's distortion."""
+    for tag, names in DEWARPS.items():
+        parts = tags.xmp.get((DJI, tag), "").rpartition(";")[2].split(",")
+        values = [value for part in parts if (value := number_of(part)) is not None]
+        if not len(values) == len(parts) == len(names.split()):
+            continue
+        fx, fy, cx, cy, *distortion = values
+        if fx > 0 and fy > 0:
+            undistorted = tags.xmp.get((DJI, "DewarpFlag"), "0").strip() == "1"
+            how = ", distortion already taken out (DewarpFlag)" if undistorted else ""
+            lens = () if undistorted else tuple(distortion)
+            return Lens(_calibrated_size(tags, taken), fx, fy, ERRORS.calibrated, f"DJI {tag}{how}", (cx, cy), lens)
+    return None
 
 
 def _calibrated(tags: ImageTags, taken: Size) -> Lens | None:
@@ -126,7 +133,7 @@ class LensSource:
 
 # the best first; the first that is stated is used
 LENS_SOURCES = (
-    LensSource("calibration by DJI", "`DewarpData`, `DewarpFlag`", _dewarp),
+    LensSource("calibration by DJI", "`DewarpDataK6` or `DewarpData`, `DewarpFlag`", _dewarp),
     LensSource("focal length by DJI", "`CalibratedFocalLength`", _calibrated),
     LensSource("millimetres", "`FocalLength`, `FocalPlaneXResolution` with its unit", _focal_plane),
     LensSource("35 mm equivalent", "`FocalLengthIn35mmFilm`", _equivalent),
