@@ -34,6 +34,12 @@ class WrongArgument(InputError, TypeError):
     """An argument of a Python function is of a wrong type, missing, or unknown. The message says what is wanted."""
 
 
+def expect(name: str, value: object, kind: type, whence: str) -> None:
+    """Raise WrongArgument unless an argument is of its kind; `whence` says where one comes from."""
+    if not isinstance(value, kind):
+        raise WrongArgument(f"{name} is of type {type(value).__name__}, needed a {kind.__name__}, {whence}")
+
+
 class DiskFull(InputError):
     """There is no space left for what is to be written."""
 

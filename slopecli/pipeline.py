@@ -8,6 +8,7 @@ from collections.abc import Callable, Iterable, Iterator
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
+from slopecli.errors import expect
 from slopecli.findings.checks import check_pair
 from slopecli.findings.facts import PairFacts
 from slopecli.findings.pair_checks import refuse_identical, refuse_mirrored, refuse_unmatched
@@ -287,6 +288,7 @@ def solve(given: Given, cameras: tuple[Camera, Camera] | None, options: Options,
     InputError : no patch has three rows that are not on one line, or rows without cameras are no rays.
     DegenerateConfiguration, NoAnswer : too few rows, no parallax, a mirrored image, or no motion explains the rows.
     """
+    expect("given", given, Given, "as read_correspondences returns it")
     both, options = cameras or (RAYS, RAYS), replace(options, planes=str(given.options.get("planes", "one")))
     joined = join_rows(given, both)
     refuse_mirrored(joined.matches.x1, joined.matches.x2, joined.plane)

@@ -15,6 +15,7 @@ from report_factory import make_report
 
 import slopecli as sm
 from slopecli import pipeline
+from slopecli.sequence import Sequence
 
 FOLDER = Path(__file__).resolve().parent.parent / "sample_data" / "descent"
 FIRST, SECOND = FOLDER / "image1.png", FOLDER / "image2.png"
@@ -260,6 +261,28 @@ def test_what_is_no_path_is_told_what_is_wanted(read: Any) -> None:
     for given in (5, None, np.eye(3)):
         with pytest.raises(sm.WrongArgument, match=f"file is given as {type(given).__name__}, needed its path"):
             read(given)
+
+
+WRONG: Any = 3  # of no type that they take
+TEXT: Any = "a.png"
+NO_ANSWER_YET: dict[str, tuple[Any, str]] = {
+    "measure_slopes": (lambda: sm.measure_slopes(WRONG), "solution is of type int, needed a Solution"),
+    "solve": (lambda: sm.solve(WRONG, None, sm.Options()), "given is of type int, needed a Given"),
+    "write_outputs": (lambda: sm.write_outputs(WRONG, WRONG, "out"), "report is of type int, needed a Report"),
+    "write_map": (lambda: sm.write_map(WRONG, WRONG, "out"), "slope_map is of type int, needed a SlopeMap"),
+    "report_to_json": (lambda: sm.report_to_json(WRONG), "report is of type int, needed a Report"),
+    "camera_from_fov": (lambda: sm.camera_from_fov(TEXT, 8, 8), "needed a number of degrees"),
+    "camera_from_intrinsics": (lambda: sm.camera_from_intrinsics(WRONG, 8, 8), "needed fx, fy, cx and cy"),
+    "sequence": (lambda: Sequence(TEXT), "camera is of type str, needed a Camera"),
+    "add": (lambda: Sequence(sm.Camera(80, 60, 70, 70, 40, 30)).add(TEXT), "needed grey values"),
+    "read_correspondences": (lambda: sm.read_correspondences(WRONG), "needed its path"),
+}
+
+
+@pytest.mark.parametrize(("call", "said"), NO_ANSWER_YET.values(), ids=NO_ANSWER_YET)
+def test_what_comes_of_another_function_is_told_of_which(call: Any, said: str) -> None:
+    with pytest.raises(sm.WrongArgument, match=said):
+        call()
 
 
 def test_texts_are_no_points() -> None:

@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from slopecli.errors import InputError
+from slopecli.errors import InputError, expect
 from slopecli.geometry.epipolar import checked_direction, tangent_basis
 from slopecli.types import FloatArray, Slopes, Solution
 
@@ -54,6 +54,7 @@ def measure_slopes(
     ------
     InputError : up or north is zero, not finite, or north is vertical; neither or both of the ups are given.
     """
+    expect("solution", solution, Solution, "as solve_planes returns it")
     normals = surface_normals(solution)
     up = _up_direction(normals, up_cam1, up_plane)
     if not (np.isfinite(up_sigma_rad) and up_sigma_rad >= 0.0):

@@ -13,7 +13,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from slopecli import __version__
-from slopecli.errors import DiskFull, InputError
+from slopecli.errors import DiskFull, InputError, expect
+from slopecli.ground.slope_map import SlopeMap
 from slopecli.io.files import DISK_FULL, read_file, signals_held_back, sync_folder, write_through
 from slopecli.io.temporary import temporary_folder
 from slopecli.products import BY_DEFAULT, MAP_PRODUCTS, OUTPUT_NAMES, PRODUCTS, Product, encode_products
@@ -21,7 +22,6 @@ from slopecli.products.slopes_json import SCHEMA_VERSION, to_json
 from slopecli.types import Image, Report
 
 if TYPE_CHECKING:
-    from slopecli.ground.slope_map import SlopeMap
     from slopecli.plan.result import Plan
     from slopecli.products import Answer
     from slopecli.products.origin import Origin
@@ -45,6 +45,7 @@ def write_outputs(
     besides the answer. Returns the paths of the files
     written, slopes.json first; raises as `store_outputs`, and InputError if one of them would replace an image.
     """
+    expect("report", report, Report, "as estimate returns it")
     return _write(report, report, image, directory, keep, PRODUCTS, origin)
 
 
@@ -59,6 +60,7 @@ def write_map(
 
     `image` is image 1, `keep` the user's choices among those of `slopecli.products.MAP_PRODUCTS`.
     """
+    expect("slope_map", slope_map, SlopeMap, "as the function slope_map returns it")
     return _write(slope_map, slope_map.report, image, directory, keep, MAP_PRODUCTS, origin)
 
 

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from slopecli import __version__
+from slopecli.errors import expect
 from slopecli.ground.slope_map import MapInfo, SlopeMap
 from slopecli.products.map_tiff import BANDS, MAP_FILE
 from slopecli.types import Image, Report
@@ -64,6 +65,7 @@ def report_to_json(report: Report) -> str:
     ------
     TypeError : the options hold an object that has no JSON form.
     """
+    expect("report", report, Report, "as estimate returns it")
     return to_json(report_document(report))
 
 

@@ -4,15 +4,16 @@ from __future__ import annotations
 
 import math
 import os
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from dataclasses import replace
 from functools import cached_property
+from numbers import Real
 from os import PathLike
 from pathlib import Path
 from typing import Any, Literal
 
-from slopecli.errors import InputError
+from slopecli.errors import InputError, WrongArgument
 from slopecli.geometry.camera import scale_camera
 from slopecli.io.cameras.content import Beside, CameraFileContent, UnknownContent
 from slopecli.io.cameras.formats import CAMERA_FORMATS, CameraFormat
@@ -224,6 +225,8 @@ def _camera_from_file(image: Image, path: str, files: Mapping[str, bytes] | None
 
 def camera_from_intrinsics(intrinsics: tuple[float, float, float, float], width: int, height: int) -> Camera:
     """A pinhole camera from fx, fy, cx, cy, px."""
+    if not isinstance(intrinsics, Iterable):
+        raise WrongArgument(f"intrinsics is of type {type(intrinsics).__name__}, needed fx, fy, cx and cy in px")
     camera = make_camera("given", (width, height), intrinsics)
     return replace(camera, size_given=False)
 
@@ -235,6 +238,8 @@ def camera_from_fov(deg: float, width: int, height: int, which: Literal["h", "v"
     ----------
     deg : full angle, degrees, between the outer edges of the image: horizontal "h", vertical "v" or diagonal "d".
     """
+    if not isinstance(deg, Real):
+        raise WrongArgument(f"the field of view is of type {type(deg).__name__}, needed a number of degrees")
     if not 0 < deg < 180:
         raise InputError(f"the field of view is {deg:g} degrees, needed more than 0 and less than 180")
     if deg <= math.pi:

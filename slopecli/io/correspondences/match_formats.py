@@ -11,7 +11,7 @@ from pathlib import Path
 
 from slopecli.errors import InputError
 from slopecli.io.correspondences.match_source import MatchSource, Names
-from slopecli.io.files import MOST_BYTES, read_file, readable
+from slopecli.io.files import MOST_BYTES, checked_path, read_file, readable
 from slopecli.patches.given import Given
 
 
@@ -104,6 +104,7 @@ def read_correspondences(
     ------
     InputError : the file cannot be read, or has no such pair or no correspondences; the place is named.
     """
+    checked_path(path, "file of correspondences")
     start = b"" if str(path) == "-" else _start(path)
     form = next((row for row in MATCH_FORMATS if row.opens and start.startswith(row.starts)), None)
     data = None if form else _read(path)
