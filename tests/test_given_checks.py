@@ -52,12 +52,13 @@ def test_points_outside_the_image_are_counted_and_most_of_them_refused() -> None
     rows = np.loadtxt(Path(__file__).parents[1] / "sample_data" / "matches.csv", delimiter=",", skiprows=1)
     camera, patch = Camera(1024, 768, 800, 800, 511.5, 383.5), rows[:, 4].astype(np.int64)
     xy1, xy2 = rows[:, :2], rows[:, 2:4]
-    off = ((xy2 < -1) | (xy2 > [1024, 768])).any(axis=1)
-    report = solve(Given(xy1, xy2, patch), (camera, camera), Options(), None)
+    whole = solve(Given(xy1, xy2, patch), (camera, camera), Options(), None)
+    assert "outside-image" not in {one.code for one in whole.diagnostics}
+    narrow = replace(camera, width=820)
+    off = xy2[:, 0] > 820
+    report = solve(Given(xy1, xy2, patch), (camera, narrow), Options(), None)
     (said,) = [one for one in report.diagnostics if one.code == "outside-image"]
-    assert f"{off.sum()} of {len(rows)} rows lie outside image 2 of 1024x768 px" in said.message
-    inside = solve(Given(xy1[~off], xy2[~off], patch[~off]), (camera, camera), Options(), None)
-    assert "outside-image" not in {one.code for one in inside.diagnostics}
+    assert f"{off.sum()} of {len(rows)} rows lie outside image 2 of 820x768 px" in said.message
     # a camera without an image size cannot tell
     sizeless = Camera(0, 0, 800, 800, 511.5, 383.5)
     report = solve(Given(xy1, xy2, patch), (sizeless, sizeless), Options(), None)
@@ -65,7 +66,7 @@ def test_points_outside_the_image_are_counted_and_most_of_them_refused() -> None
 
     doubled, rays = (2.2 * xy1, 2.2 * xy2), ((xy1 - 500) / 800, (xy2 - 500) / 800)
     for one, two, words in (
-        (xy1[~off, ::-1], xy2[~off, ::-1], "x and y in each other's place"),
+        (xy1[:, ::-1], xy2[:, ::-1], "x and y in each other's place"),
         (*doubled, "of another size"),
         (*rays, "as rays do"),
     ):
@@ -86,8 +87,8 @@ def test_planes_found_are_not_told_to_be_found() -> None:
 
 
 def test_rows_of_two_planes_on_one_are_told_how_to_part_them() -> None:
-    """Two planes that one and a wrong motion nearly explain: residuals of 3 px are all that shows it."""
-    rows = np.loadtxt(Path(__file__).parents[1] / "sample_data" / "matches.csv", delimiter=",", skiprows=1)[:60]
+    """Two planes that one and a wrong motion nearly explain: residuals of 4 px are all that shows it."""
+    rows = np.loadtxt(Path(__file__).parents[1] / "sample_data" / "matches.csv", delimiter=",", skiprows=1)[90:150]
     camera = Camera(1024, 768, 800, 800, 511.5, 383.5)
     one = Given(rows[:, :2], rows[:, 2:4], np.zeros(len(rows), np.int64))
     report = solve(one, (camera, camera), Options(), None)
