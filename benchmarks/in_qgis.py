@@ -18,10 +18,10 @@ from qgis.core import (
     QgsMapSettings,
     QgsProject,
     QgsRasterLayer,
+    QgsRenderContext,
     QgsVectorLayer,
 )
 from qgis.PyQt.QtCore import QSize
-from qgis.PyQt.QtGui import QColor
 
 
 def check(ok: object, what: str) -> None:
@@ -48,8 +48,10 @@ def main(folder: Path, picture: Path) -> None:
     check(polygons.featureCount() > 0, f"{polygons.featureCount()} polygons: {', '.join(polygons.fields().names())}")
     over = QgsCoordinateTransform(polygons.crs(), crs, QgsProject.instance()).transformBoundingBox(polygons.extent())
     check(over.intersects(raster.extent()), "polygons lie on the raster")
-    polygons.renderer().symbol().setColor(QColor(0, 0, 0, 0))
-    polygons.renderer().symbol().symbolLayer(0).setStrokeColor(QColor(0, 0, 0))
+    outlines = polygons.renderer()
+    check(outlines.type() == "categorizedSymbol", "slopes.qml is taken by itself")
+    kinds = {layer.layerType() for symbol in outlines.symbols(QgsRenderContext()) for layer in symbol.symbolLayers()}
+    check(kinds == {"SimpleLine"}, "polygons are outlines, and hide nothing")
     settings = QgsMapSettings()
     settings.setLayers([polygons, raster])
     settings.setDestinationCrs(crs)

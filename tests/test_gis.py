@@ -35,6 +35,7 @@ from slopecli.products import (
     map_to_qml,
     measures_of,
     orthographic,
+    polygons_to_qml,
     report_to_csv,
 )
 from slopecli.products.drawing import slope_classes
@@ -337,6 +338,20 @@ def test_the_style_has_the_classes_and_colours_of_the_picture() -> None:
     ]
 
 
+def test_the_style_of_polygons_has_a_line_for_every_verdict_and_fills_none() -> None:
+    style = ElementTree.fromstring(polygons_to_qml())
+    symbols = {symbol.get("name"): symbol for symbol in style.findall(".//symbol")}
+    assert [one.get("value") for one in style.findall(".//category")] == ["safe", "undecided", "unsafe", ""]
+    colours = set()
+    for category in style.findall(".//category"):
+        layers = symbols[category.get("symbol")].findall("layer")
+        assert [layer.get("class") for layer in layers] == ["SimpleLine", "SimpleLine"]
+        colour = layers[1].find("Option/Option[@name='line_color']")
+        assert colour is not None
+        colours.add(colour.get("value"))
+    assert len(colours) == 4
+
+
 # ---- planes.csv ----
 
 
@@ -415,7 +430,7 @@ def test_a_placed_table_has_longitude_and_latitude() -> None:
 
 
 def test_without_a_place_or_metres_there_is_no_file_of_a_gis() -> None:
-    placed_names = {"slopes.geojson", "slope_map_geo.tif", "slope_map_geo.qml"}
+    placed_names = {"slopes.geojson", "slopes.qml", "slope_map_geo.tif", "slope_map_geo.qml"}
     for changes in ({"place": None}, {"place": Place(HERE)}, {"place": place(position=None)}, {"scale": Scale()}):
         report = placed(make_report(), **changes)
         slope_map = make_map(np.full((6, 8), 4.0), report=report)

@@ -91,6 +91,7 @@ _Page = partial(
 _Step = partial(Product, choice="debug_images", by_default=False, requires="segmentation")
 _Csv = partial(Product, "planes.csv", "the planes as a table: slope, dip, strike, area")
 _GeoJson = partial(Product, "slopes.geojson", "planes and sites on the earth, for a GIS", requires="place")
+_PolygonStyle = partial(Product, "slopes.qml", "their outlines in QGIS", "polygon_style:encode", requires="place")
 PRODUCTS = (
     _Step("step1_gradient.png", "the gradient of image 1", "steps:draw_gradient"),
     _Step("step2_components.png", "the connected regions below its threshold", "steps:draw_components"),
@@ -109,6 +110,7 @@ PRODUCTS = (
     Product("labels.png", "the id of the plane of every pixel", "drawing.canvas:encode_labels"),
     _Csv(encoder="planes_csv:encode"),
     _GeoJson(encoder="geojson:encode"),
+    _PolygonStyle(),
     Product(RESULT, "the answer, complete", "slopes_json:encode"),
 )
 MAP_PRODUCTS = (
@@ -126,6 +128,7 @@ MAP_PRODUCTS = (
     Product("slope_map_geo.qml", "its colours in QGIS", "map_style:encode", requires="place"),
     _Csv(encoder="planes_csv:encode_map"),
     _GeoJson(encoder="geojson:encode_map"),
+    _PolygonStyle(),
     Product(RESULT, "the answer, complete, but for the cells of the map", "slopes_json:encode_map"),
 )
 _OfMap = partial(Product, requires="map")
@@ -144,6 +147,7 @@ SEQUENCE_PRODUCTS = (
     Product("trajectory.txt", "where the camera was, in TUM format", "sequence_files:encode_trajectory"),
     _Csv(encoder="sequence_files:encode_planes"),
     _GeoJson(encoder="sequence_files:encode_places"),
+    _PolygonStyle(),
     Product(RESULT, "the last answer, with the motions of all frames", "sequence_files:encode_sequence"),
 )
 VIDEO = "sequence.mp4"  # of a sequence, if it is asked for
@@ -214,6 +218,7 @@ __getattr__, __dir__ = lazy_names(
         "map_tiff": "BANDS NODATA map_to_tiff",
         "origin": "Origin",
         "overlay": "draw_overlay",
+        "polygon_style": "polygons_to_qml",
         "ply": "planes_mesh report_to_ply",
         "sequence_files": "frame_line sequence_to_json",
         "region_mesh": "MOST_TRIANGLES region_grid region_surfaces",
