@@ -274,7 +274,6 @@ NO_ANSWER_YET: dict[str, tuple[Any, str]] = {
     "camera_from_fov": (lambda: sm.camera_from_fov(TEXT, 8, 8), "needed a number of degrees"),
     "camera_from_intrinsics": (lambda: sm.camera_from_intrinsics(WRONG, 8, 8), "needed fx, fy, cx and cy"),
     "sequence": (lambda: Sequence(TEXT), "camera is of type str, needed a Camera"),
-    "add": (lambda: Sequence(sm.Camera(80, 60, 70, 70, 40, 30)).add(TEXT), "needed grey values"),
     "read_correspondences": (lambda: sm.read_correspondences(WRONG), "needed its path"),
 }
 

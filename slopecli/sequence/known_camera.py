@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
 
+from slopecli.errors import expect
 from slopecli.findings.camera_checks import with_aspect
 from slopecli.findings.camera_test import Cameras, CameraTest, examine_cameras, suspicion
 from slopecli.findings.focal_use import focal_note, focal_to_use, prior_sigma, refocused
@@ -35,7 +36,9 @@ class KnownCamera:
 
     @classmethod
     def of(cls, camera: Camera, options: Options) -> KnownCamera:
-        """The camera given, before its first test."""
+        """The camera given, before its first test; raises WrongArgument where a user gave something else."""
+        expect("camera", camera, Camera, "as load_camera returns it")
+        expect("options", options, Options, "or none for the defaults")
         return cls(camera, camera, prior_sigma((camera, camera), options))
 
     @property

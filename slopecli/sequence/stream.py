@@ -8,7 +8,7 @@ from dataclasses import replace
 import cv2
 import numpy as np
 
-from slopecli.errors import InputError, NoAnswer, SlopemapError, WrongArgument, expect
+from slopecli.errors import InputError, NoAnswer, SlopemapError
 from slopecli.findings.metadata_checks import metadata_notes
 from slopecli.geometry.solver.many_views import ViewsSolution
 from slopecli.geometry.solver.one_thread import one_blas_thread
@@ -53,8 +53,6 @@ class Sequence:
         keep_depth: bool = False,
         options_of: Callable[[str, str], Options] | None = None,
     ) -> None:
-        expect("camera", camera, Camera, "as load_camera returns it")
-        expect("options", options or Options(), Options, "or none for the defaults")
         self.options, self.options_of = options or Options(), options_of
         self._camera = KnownCamera.of(camera, self.options)
         self.windows = wanted_windows(self.options, camera.width, camera.height)
@@ -87,8 +85,6 @@ class Sequence:
     def add(self, grey: Grey, image: str = "", time_s: float | None = None) -> FrameState:
         """Take in the next frame (h, w) uint8; never raises for what a frame shows: it is skipped, and why is said."""
         frame = np.ascontiguousarray(grey)
-        if frame.ndim != 2 or frame.dtype != np.uint8:
-            raise WrongArgument(f"the frame is {frame.dtype} of shape {frame.shape}, needed grey values (h, w) uint8")
         if self._strangers >= TRACKING.strangers:
             self._forget_reference()
         why = self._gates.check(frame)
