@@ -381,6 +381,15 @@ def test_text_of_other_encodings_is_read(tmp_path: Path, encoding: str) -> None:
     assert load_camera(write(tmp_path, text.encode(encoding))).fx == 800
 
 
+@pytest.mark.parametrize(("fx", "read"), [("692", 692.0), ("6.92e2", 692.0), ("0692", 692.0), ("0764", 764.0)])
+def test_numbers_of_yaml_are_decimal(tmp_path: Path, fx: str, read: float) -> None:
+    """Of old YAML a zero in front makes them octal, and a colon makes them minutes or hours."""
+    camera = "width: 1024\nheight: 768\nfy: 700\ncx: 511.5\ncy: 383.5\n"
+    assert load_camera(write(tmp_path, f"{camera}fx: {fx}\n")).fx == read
+    for clock in ("11:32", "11:32.5", "!!int 11:32"):
+        assert "11:32" in refusal(write(tmp_path, f"{camera}fx: {clock}\n"))
+
+
 BOMB = "".join(
     ["a0: &a0 [1, 1, 1, 1, 1, 1, 1, 1, 1, 1]\n"]
     + [f"a{k}: &a{k} [{', '.join([f'*a{k - 1}'] * 10)}]\n" for k in range(1, 10)]

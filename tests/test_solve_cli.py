@@ -371,6 +371,16 @@ def test_a_field_of_view_is_a_camera(tmp_path: Path, ask: Ask) -> None:
         assert ask(matches, *alone)[0] == 2
 
 
+def test_tables_of_spreadsheets_are_read_in_their_encodings(tmp_path: Path, ask: Ask) -> None:
+    plain = write_rows(tmp_path / "m.csv", scene_of())
+    wanted = ask(plain)[1]
+    for encoding, comment in (("utf-16", "# Köln"), ("utf-8-sig", ""), ("latin-1", "# Köln")):
+        (tmp_path / "other.csv").write_bytes(f"{comment}\n{plain.read_text()}".encode(encoding))
+        assert ask(tmp_path / "other.csv")[1] == wanted
+    (tmp_path / "other.csv").write_bytes(plain.read_text().encode("utf-16-le"))
+    assert "is UTF-16 without its mark" in ask(tmp_path / "other.csv")[2]
+
+
 def test_other_bad_inputs(tmp_path: Path, ask: Ask) -> None:
     scene = scene_of()
     assert "no such file of correspondences" in ask(tmp_path / "none.csv")[2]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import codecs
 import csv
 import errno
 import os
@@ -23,6 +24,7 @@ TEMPORARY = ".slopemap-"  # prefix of the names of unfinished files and folders
 NO_WAITING = getattr(os, "O_NONBLOCK", 0)
 MOST_BYTES = 500_000_000  # of a file of numbers: correspondences, or a list of images
 PIPE_PATIENCE_S = 5.0  # until the first byte of a pipe must come; more would look like a hang
+UTF16_MARKS = (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)
 DISK_FULL = (errno.ENOSPC, errno.EDQUOT)
 
 
@@ -105,11 +107,8 @@ def csv_rows(
     The delimiter is the first of `delimiters` that is in the first line. Raises InputError, which ends with what is
     `wanted`, if the file is no CSV text.
     """
-    line = 0
+    line, text = 0, _text(path, data, wanted)
     try:
-        text = data.decode("utf-8-sig")
-        if "\0" in text:
-            raise csv.Error("it has a zero byte")
         first = re.search(r"\S.*", text)
         delimiter = next((mark for mark in delimiters if first and mark in first[0]), delimiters[0])
         # spaces, and tabs beside spaces or other tabs: as many as there are, they are one delimiter
@@ -121,8 +120,37 @@ def csv_rows(
             line, cells = reader.line_num, [cell.strip() for cell in cells]
             if any(cells):
                 yield line, cells
-    except (UnicodeDecodeError, csv.Error) as error:
+    except csv.Error as error:
         raise InputError(f"{path}: is not CSV text ({error} after line {line}); {wanted}") from None
+
+
+def as_utf8(data: bytes) -> bytes:
+    """UTF-16 with its mark, as spreadsheets write it, as UTF-8; all else, and damaged UTF-16, as it is."""
+    if not data.startswith(UTF16_MARKS):
+        return data
+    with suppress(UnicodeDecodeError):
+        return data.decode("utf-16").encode()
+    return data
+
+
+def mostly_ascii(text: str) -> bool:
+    """Whether it is text of numbers and English: most characters are printable ASCII, the rest names and comments."""
+    plain = sum(character.isascii() and (character.isprintable() or character in "\t\r\n\f") for character in text)
+    return plain >= 0.7 * len(text)
+
+
+def _text(path: str | PathLike[str], data: bytes, wanted: str) -> str:
+    """Text of bytes: UTF-8, UTF-16 with its mark, or Latin-1, which is believed only of what is mostly ASCII."""
+    data = as_utf8(data)
+    try:
+        text = data.decode("utf-8-sig")
+    except UnicodeDecodeError:
+        text = data.decode("latin-1")
+        if not mostly_ascii(text):
+            raise InputError(f"{path}: is not CSV text (neither UTF-8 nor UTF-16); {wanted}") from None
+    if "\0" in text:
+        raise InputError(f"{path}: is not CSV text (it has a zero byte, or is UTF-16 without its mark); {wanted}")
+    return text
 
 
 @contextmanager

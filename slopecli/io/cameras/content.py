@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import codecs
 import json
 import re
 from collections.abc import Callable, Mapping
@@ -12,12 +11,12 @@ from typing import TYPE_CHECKING, Any
 from slopecli.errors import InputError
 from slopecli.io.cameras.values import Tree, refuse_twice
 from slopecli.io.cameras.yaml_documents import yaml_documents
+from slopecli.io.files import UTF16_MARKS, mostly_ascii
 
 if TYPE_CHECKING:
     from xml.etree.ElementTree import Element
 
 MATLAB_MARKS = (b"MATLAB 5.0 MAT-file", b"MATLAB 7.3 MAT-file")
-UTF16_MARKS = (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)
 
 
 Beside = Callable[[str], bytes | None]  # bytes of a file of this name beside the camera file, None if there is none
@@ -118,8 +117,7 @@ def _decode(data: bytes) -> str:
         text = data.decode("utf-16")
     except UnicodeDecodeError:
         text = data.decode("latin-1")
-    plain = sum(character.isascii() and (character.isprintable() or character in "\t\r\n\f") for character in text)
-    if plain < 0.7 * len(text):
+    if not mostly_ascii(text):
         raise UnknownContent("is neither text nor a COLMAP cameras.bin")
     return text
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from functools import partial
 from typing import Any
 
 from slopecli.errors import InputError
@@ -108,6 +109,14 @@ def _children(node: Any) -> list[Any]:
     return [part for pair in node.value for part in pair]
 
 
+def _number(kind: str, loader: Any, node: Any) -> Any:
+    """The number of a node; as text where YAML 1.1 has a number that no camera file means: 11:32 is 692 there, to the
+    base of 60, and 0764 is 500, to the base of 8. YAML 1.2 has neither."""
+    if isinstance(node.value, str) and re.match(r"[-+]?(0[0-7_]+$|[^:]*:)", node.value):
+        return node.value
+    return getattr(loader, f"construct_yaml_{kind}")(node)
+
+
 def _loader_class() -> Any:
     """A safe loader that also knows OpenCV's matrices and Python's tuples."""
     import yaml
@@ -120,4 +129,6 @@ def _loader_class() -> Any:
     loader.add_constructor(
         "tag:yaml.org,2002:python/tuple", lambda loader, node: loader.construct_sequence(node, deep=True)
     )
+    for kind in ("int", "float"):
+        loader.add_constructor(f"tag:yaml.org,2002:{kind}", partial(_number, kind))
     return loader

@@ -11,7 +11,7 @@ import numpy as np
 
 from slopecli.errors import InputError
 from slopecli.io.correspondences.match_source import LIMITS, MatchSource
-from slopecli.io.files import csv_rows
+from slopecli.io.files import as_utf8, csv_rows
 from slopecli.patches.given import Given
 
 COORDINATES = ("x1", "y1", "x2", "y2")
@@ -29,7 +29,7 @@ def read(source: MatchSource) -> Given:
     ------
     InputError : the file lacks a column, or has a row that is not numbers; the row is named.
     """
-    rows = csv_rows(source.path, _without_comments(source.data or b""), WANTED, ",;\t ")
+    rows = csv_rows(source.path, _without_comments(as_utf8(source.data or b"")), WANTED, ",;\t ")
     columns, rows = _layout(source.path, rows)
     values = [_values(source.path, f"row {n} (line {line})", cells, columns) for n, (line, cells) in enumerate(rows, 1)]
     if not values:
