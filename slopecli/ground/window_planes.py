@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from slopecli.ground.footprint_planes import AHEAD, FootprintPlanes, planes_of_sums
 from slopecli.ground.footprints import Cells
 from slopecli.ground.tilt_uncertainty import TILT, Root, error_densities, error_layers, normal_covariance, rise_of
-from slopecli.look.dense_depth import DenseDepth
+from slopecli.look.dense_depth import DEPTH, DenseDepth
 from slopecli.look.noise import SYSTEMATIC_PX
 from slopecli.types import BoolArray, FloatArray, IntArray
 from slopecli.windows import Window
@@ -121,10 +121,8 @@ def _matching(depth: DenseDepth, parts: IntArray, planes: FootprintPlanes) -> Fl
 def across_steps(depth: DenseDepth, windows: Sequence[Window], planes: FootprintPlanes) -> BoolArray:
     """(n,) whether a window lies across a step of depth, as `tilt_uncertainty.across_step` has it for footprints."""
     parts = parts_of(depth, windows)
-    side = np.sqrt(np.diff(parts, axis=-1)[..., 0].prod(1))
-    off_px = np.minimum(TILT.step_off_px, TILT.step_off_share * side).astype(np.int64)
-    wider = parts + off_px[:, None, None] * np.array([-1, 1])
-    wider = np.clip(wider, 0, np.array(depth.w.shape)[:, None])
+    side = _side(parts)
+    wider = _grown(depth, parts, np.minimum(TILT.step_off_px, TILT.step_off_share * side))
     stepped = box_sums(depth.step, wider) > TILT.step_length * side
     rise = rise_of(planes, depth)[0]
     for k in np.flatnonzero(stepped):
@@ -134,11 +132,22 @@ def across_steps(depth: DenseDepth, windows: Sequence[Window], planes: Footprint
 
 
 def onto_bare(depth: DenseDepth, windows: Sequence[Window]) -> BoolArray:
-    """(n,) whether a window reaches onto ground without texture of its own, which may be a drop: see
+    """(n,) whether a window reaches onto ground without texture of its own, which may be a drop, or nearly so: see
     `tilt_uncertainty.beside_bare`."""
     parts = parts_of(depth, windows)
-    side = np.sqrt(np.diff(parts, axis=-1)[..., 0].prod(1))
-    return np.asarray(box_sums(depth.bare, parts) > TILT.step_length * side)
+    wider = _grown(depth, parts, np.full(len(parts), 4.0 * DEPTH.window_px))
+    return np.asarray(box_sums(depth.bare, wider) > TILT.step_length * _side(parts))
+
+
+def _side(parts: IntArray) -> FloatArray:
+    """(n,) side of a square as large as a part, grid px."""
+    return np.sqrt(np.diff(parts, axis=-1)[..., 0].prod(1))
+
+
+def _grown(depth: DenseDepth, parts: IntArray, by_px: FloatArray) -> IntArray:
+    """(n, 2, 2) the parts with so many more grid px (n,) on every side, where the grid has them."""
+    grown = parts + by_px.astype(np.int64)[:, None, None] * np.array([-1, 1])
+    return np.clip(grown, 0, np.array(depth.w.shape)[:, None])
 
 
 def _gaps(depth: DenseDepth, first: IntArray, size_px: IntArray, relief: FloatArray) -> FloatArray:
