@@ -11,14 +11,18 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from slopecli.geometry.statistics import CHI2
+from slopecli.ground.footprint_planes import LEAST_SHARE
 from slopecli.ground.tilt_uncertainty import Root, focal_shift, motion_gain, normals_under
 from slopecli.ground.window_planes import WindowPlanes, fit_windows
 from slopecli.look.dense_depth import DenseDepth, measure_depth
 from slopecli.look.scene import Scene
 from slopecli.look.scene_from_images import FINE
 from slopecli.look.threads import single_threaded
+from slopecli.look.warp import covered
 from slopecli.patches.join import Joined
+from slopecli.patches.windows.unmatched_parts import imaged
 from slopecli.types import BoolArray, Camera, FloatArray, IntArray, Solution
+from slopecli.windows import Window
 
 
 @dataclass(frozen=True)
@@ -45,10 +49,23 @@ def with_dense_planes(joined: Joined, solution: Solution, scene: Scene, focal_si
     index = rough_windows(joined, solution, scene.camera1)
     if solution.solver != "mle" or solution.joint_normals is not None or not len(index):
         return joined, solution
-    windows = [joined.patches[k].footprint.bounds for k in index]
+    scene = replace(scene, R=solution.R, T=solution.T)
+    shown = [_share_shown(joined.patches[k].footprint.bounds, solution.scaled_normals[k], scene) for k in index]
+    # with less, the plane through all pixels is not told; by relief, up to 1 % more of a window can be matched
+    index = index[np.array(shown) >= LEAST_SHARE - 0.01]
+    if not len(index):
+        return joined, solution
     with single_threaded():
-        depth = measure_depth(replace(scene, R=solution.R, T=solution.T), windows, FINE.max_pixels)
-    return with_planes_of_depth(depth, joined, solution, (scene.camera1, scene.camera2), focal_sigma, DENSE.as_sure)
+        depth = measure_depth(scene, [joined.patches[k].footprint.bounds for k in index], FINE.max_pixels)
+    cameras = scene.camera1, scene.camera2
+    return with_planes_of_depth(depth, joined, solution, cameras, focal_sigma, DENSE.as_sure, index)
+
+
+def _share_shown(window: Window, normal: FloatArray, scene: Scene) -> float:
+    """Share of a window, px of image 1, that image 2 shows if its ground is on the plane of a scaled normal (3,)."""
+    along = (np.arange(32) + 0.5) / 32  # 1024 places: the share of a straight border to 0.5 %
+    places = np.stack(np.meshgrid(along, along), -1).reshape(-1, 2) * window[2:] + window[:2] - 0.5
+    return float(covered(imaged(places, normal, scene), scene.shape2, 1.0).mean())
 
 
 def rough_windows(joined: Joined, solution: Solution, camera: Camera) -> IntArray:
@@ -64,12 +81,15 @@ def with_planes_of_depth(
     cameras: tuple[Camera, Camera],
     focal_sigma: float,
     as_sure: float,
+    index: IntArray | None = None,
 ) -> tuple[Joined, Solution]:
     """As `with_dense_planes`, by a depth of image 1 that is known, in the baselines of the solution.
 
     as_sure : times the variance of the plane through the matches, the most that of the one through all pixels may be.
+    index : of the windows whose depth it is; None for all `rough_windows`.
     """
-    index = rough_windows(joined, solution, cameras[0])
+    if index is None:
+        index = rough_windows(joined, solution, cameras[0])
     if not len(index):
         return joined, solution
     root = Root.of(solution, focal_sigma, cameras)

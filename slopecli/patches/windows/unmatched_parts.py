@@ -251,17 +251,17 @@ def _correlations(
     uv1, side_px, normal : as in `contradict`.  drifts : displacements, in spacings of the points compared.
     """
     found = np.full((len(drifts), len(uv1)), np.nan)
-    asked = np.flatnonzero(covered(_imaged(uv1, normal, scene), scene.shape2))
+    asked = np.flatnonzero(covered(imaged(uv1, normal, scene), scene.shape2))
     if not len(asked):
         return found
     spacing = side_px / TUNE.samples
     steps = (np.arange(TUNE.samples) - 0.5 * (TUNE.samples - 1)) * spacing
     points = uv1[asked, None] + np.stack(np.meshgrid(steps, steps), axis=-1).reshape(-1, 2)
     ours = sample_layer(scene.pyramid1.at(spacing), points.astype(np.float32))
-    near = _imaged(points, normal, scene)
+    near = imaged(points, normal, scene)
     kept = covered(near, scene.shape2).all(1) & (ours.std(axis=1) > 2 * NOISE_GREY)
     if kept.any():
-        drifted = _imaged(points[kept], 0.99 * normal, scene)  # 1 % farther: any small step along the epipolar line
+        drifted = imaged(points[kept], 0.99 * normal, scene)  # 1 % farther: any small step along the epipolar line
         found[:, asked[kept]] = _compared(ours[kept], near[kept], drifted - near[kept], scene, drifts)
     return found
 
@@ -284,7 +284,7 @@ def _compared(
     return found
 
 
-def _imaged(uv1: FloatArray, normal: FloatArray, scene: Scene) -> FloatArray:
+def imaged(uv1: FloatArray, normal: FloatArray, scene: Scene) -> FloatArray:
     """Pixels (..., 2) of image 2 of points (..., 2) of image 1 on a plane; far outside it where there are none."""
     rays = homogeneous(scene.rays1(uv1.reshape(-1, 2)))
     return plane_transfer(rays @ scene.R.T, rays @ normal, scene.R @ scene.T, scene.pixels2).reshape(uv1.shape)
