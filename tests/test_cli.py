@@ -76,6 +76,7 @@ def test_help_is_in_groups_and_no_longer_than_a_person_reads(command: str) -> No
     assert {"Input:", "Output:", "Windows and planes:", "Frame and scale:"} & set(headings)
     longest = max(len(list(lines_of_option)) for is_option, lines_of_option in option_lines(lines) if is_option)
     assert longest <= 4
+    assert max(map(len, lines)) <= 80
     assert len(lines) <= (70 if command != "batch" else 90)
 
 

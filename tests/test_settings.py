@@ -94,6 +94,12 @@ def test_a_settings_file_that_is_not_there(tmp_path: Path) -> None:
     assert (done.returncode, len(done.stderr.splitlines())) == (1, 1)
 
 
+def test_options_before_the_command_are_told_to_follow_it() -> None:
+    done = slopemap("--config", "slopemap.toml", "plan")
+    assert (done.returncode, done.stdout) == (2, "")
+    assert "Options of a command follow it: slopemap COMMAND --config" in done.stderr
+
+
 @pytest.fixture(scope="module")
 def demo(tmp_path_factory: pytest.TempPathFactory) -> tuple[Done, Path]:
     """What the command said, and the folder it ran in."""

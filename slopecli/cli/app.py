@@ -78,6 +78,8 @@ def run(command: click.Command, arguments: Sequence[str]) -> int:
         error.show(usage)
         for line in usage.getvalue().rstrip("\n").split("\n"):
             tell(line)
+        if isinstance(error, click.NoSuchOption) and isinstance(getattr(error.ctx, "command", None), click.Group):
+            tell(f"Options of a command follow it: slopemap COMMAND {error.option_name} ...")
         return error.exit_code
     except SlopemapError as error:
         return _end(str(error), error.exit_code)

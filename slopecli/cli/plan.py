@@ -84,8 +84,8 @@ def plan(ctx: click.Context, **parameters: Any) -> None:
 
     \b
     Examples:
-      slopemap plan --fov 60 --size 1024x1024 --trajectory 45 --height 80 --baseline 16
-      slopemap plan --camera camera.json --direction 1,0,0 --height 80 --sigma 0.5
+      slopemap plan --fov 60 --size 800x800 --trajectory 90 --height 80 --sigma 1
+      slopemap plan --camera camera.json --trajectory 45 --height 80 --baseline 16
     """
     _check_usage(ctx)
     talk = ctx.ensure_object(Talk)
