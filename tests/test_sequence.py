@@ -165,6 +165,18 @@ def test_what_breaks_a_step_is_skipped(monkeypatch: pytest.MonkeyPatch) -> None:
     assert sequence.add(frame(4)).status == "used"
 
 
+def test_a_fault_of_the_program_is_no_foreign_frame(monkeypatch: pytest.MonkeyPatch) -> None:
+    """It is raised, and the answer of the frames before stays."""
+    sequence = run(frame(0), frame(1), frame(2))
+    before = sequence.solution().scaled_normals
+    with monkeypatch.context() as broken:
+        broken.setattr("slopecli.sequence.view_estimator.refine", lambda *_, **__: {}["no such key"])
+        with pytest.raises(KeyError):
+            sequence.add(frame(3))
+    np.testing.assert_array_equal(sequence.solution().scaled_normals, before)
+    assert sequence.add(frame(3)).status == "used"
+
+
 def plane_frames(*positions: FloatArray) -> list[FloatArray]:
     """Frames of one plane that rises by 15 degrees, from these positions, the first at the origin."""
     normal = np.array([np.sin(np.radians(15.0)), 0.0, np.cos(np.radians(15.0))]) / 12.0

@@ -151,6 +151,22 @@ def test_interrupted_it_keeps_what_it_has(descent: Path, tmp_path: Path, monkeyp
     assert len(json.loads((tmp_path / "slopes.json").read_text())["motions"]) == 3
 
 
+def test_a_fault_of_the_program_is_told_after_the_answer_so_far(
+    descent: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    taken = Sequence.take
+
+    def until_the_fourth(self: Sequence, one: object) -> object:
+        return taken(self, one) if len(self.frames) < 3 else {}["no such key"]  # type: ignore[arg-type]
+
+    monkeypatch.setattr(Sequence, "take", until_the_fourth)
+    done = slopemap(*arguments(descent, tmp_path))
+    assert done.returncode == 1
+    assert "KeyError" in done.stderr.splitlines()[-1]
+    assert "fault of slopemap" in done.stderr.splitlines()[-1]
+    assert len(json.loads((tmp_path / "slopes.json").read_text())["motions"]) == 3
+
+
 def test_frames_of_one_place_have_no_answer(tmp_path: Path) -> None:
     folder = tmp_path / "frames"
     write_frames(folder, 1)
@@ -252,3 +268,10 @@ def test_slopes_of_rough_ground_are_as_sure_as_they_say(tmp_path: Path) -> None:
     z = [abs(p["slope_deg"] - t["slope_deg"]) / p["slope_sigma_deg"] for p, t in zip(planes, truth, strict=True)]
     assert sum(one <= 2.0 for one in z) >= 8
     assert max(z) < 3.0
+    # why the table is not the last line again
+    note = next(line for line in done.stderr.splitlines() if "through all pixels" in line)
+    lines = read_lines(tmp_path / "out" / "sequence.jsonl")
+    before = {plane["id"]: plane["slope_deg"] for plane in lines[-1]["planes"]}
+    others = [str(plane["id"]) for plane in planes if plane["slope_deg"] != before[plane["id"]]]
+    assert others
+    assert f"windows {', '.join(others)}," in note

@@ -39,6 +39,7 @@ if TYPE_CHECKING:
     from slopecli.options import MetadataChoice
     from slopecli.sequence.frame import SequenceAnswer, SequenceStep
     from slopecli.sequence.stream import Sequence
+    from slopecli.types import Report
 
 LINES = "sequence.jsonl"
 STOPS = click.Choice(["settled"])
@@ -111,7 +112,7 @@ def sequence(ctx: click.Context, frames: tuple[str, ...], **parameters: Any) -> 
     runner.options_of = options_at_end
     answer = _answer(runner, parameters, talk)
     written = _written(answer, runner, parameters, talk)
-    _print(answer, written, talk, parameters["as_json"])
+    _print(answer, written, talk, parameters)
     if problem is not None:
         raise problem
     if interrupted:
@@ -207,7 +208,6 @@ def _run(
 ) -> tuple[bool, Exception | None]:
     """Take in the frames, a line for each; whether Ctrl-C ended it, and what kept a line from being written."""
     from slopecli import pipeline
-    from slopecli.errors import SlopemapError
     from slopecli.products.sequence_files import frame_line
 
     output = parameters["output"]
@@ -232,11 +232,12 @@ def _run(
                 if film is not None:
                     film.add(step, runner)
                 say(_line(step, len(runner.windows)))
+                parameters["last"] = step.report or parameters.get("last")
                 if talk.verbose:
                     talk.say(_pace(step.state.frame, time.monotonic() - began, source.total))
         except KeyboardInterrupt:
             return True, None
-        except (SlopemapError, OSError) as problem:
+        except Exception as problem:  # whatever it is, the answer so far is kept before it is told
             if not runner.started:
                 raise
             return False, problem
@@ -291,9 +292,10 @@ def _answer(runner: Sequence, parameters: dict[str, Any], talk: Talk) -> Sequenc
     return runner.answer(ground.report, ground)
 
 
-def _print(answer: SequenceAnswer, written: list[Path], talk: Talk, as_json: bool) -> None:
+def _print(answer: SequenceAnswer, written: list[Path], talk: Talk, parameters: dict[str, Any]) -> None:
     """The table, or slopes.json, and with a map its landing sites."""
-    if as_json:
+    _say_dense(answer.report, parameters.get("last"), talk)
+    if parameters["as_json"]:
         from slopecli.products.sequence_files import sequence_to_json
 
         print_result(sequence_to_json(answer))
@@ -303,6 +305,17 @@ def _print(answer: SequenceAnswer, written: list[Path], talk: Talk, as_json: boo
     if answer.map is not None:
         print_sites(answer.map, talk)
         say_ground(answer.map, talk)
+
+
+def _say_dense(report: Report, last: Report | None, talk: Talk) -> None:
+    """Say of which windows the answer at the end differs from the last line of a frame, and why."""
+    before = {plane.id: plane.slope_deg for plane in last.planes} if last is not None else {}
+    dense = [str(plane.id) for plane in report.planes if before.get(plane.id, plane.slope_deg) != plane.slope_deg]
+    if dense:
+        talk.say(
+            f"info: planes through all pixels, of window{'s' if len(dense) > 1 else ''} {', '.join(dense)}, have taken "
+            "the place of those through the points tracked, which the lines above are of"
+        )
 
 
 def _written(answer: SequenceAnswer, runner: Sequence, parameters: dict[str, Any], talk: Talk) -> list[Path]:

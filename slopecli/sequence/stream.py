@@ -33,6 +33,9 @@ from slopecli.sequence.tracks import choose_tracks
 from slopecli.sequence.used_frames import first_move_m, motions_of, skipped_notes
 from slopecli.types import Camera, Image, ImageInfo, Report
 
+# what a frame can break: a step of numbers, or one of OpenCV, or what is raised on purpose; all else is a fault of ours
+BROKEN_STEP = (ArithmeticError, np.linalg.LinAlgError, cv2.error, SlopemapError)
+
 
 class Sequence:
     """Slopes of windows of the first frame from all frames so far.
@@ -118,16 +121,21 @@ class Sequence:
         self._aligner, self._strangers = None, 0
 
     def _taken_or_skipped(self, frame: Grey) -> FrameState:
-        """Take in a frame; one whose numbers break a step is skipped, and the answer is as before."""
+        """Take in a frame; one whose numbers break a step is skipped, and the answer is as before.
+
+        So it is before a fault of the program is raised, too: a caller may keep what the frames before it told.
+        """
         current = self._later or self._first
         held = None if current is None else current.estimator.kept()
         try:
             return self._taken(frame)
-        except (ArithmeticError, ValueError, LookupError, cv2.error, SlopemapError) as problem:
+        except Exception as problem:
             if current is None or held is None:
                 self._first = None
             else:
                 current.estimator.restore(held)
+            if not isinstance(problem, BROKEN_STEP):
+                raise
             why = Skipped("foreign", f"cannot be followed: {' '.join(str(problem).split())}")
             return FrameState(len(self.frames) + 1, "skipped", why=why)
 
