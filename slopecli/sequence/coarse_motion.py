@@ -10,12 +10,14 @@ from slopecli.geometry.camera import pixels_from_rays, rays_from_pixels
 from slopecli.geometry.epipolar import homogeneous, rotation_from_vector, rotation_vector
 from slopecli.geometry.solver.resection import Motion, Resection, resect
 from slopecli.geometry.solver.views import predict_views
+from slopecli.geometry.statistics import median
 from slopecli.look.features import EFFORTS, QUICK, FeatureMemory, Grey, match_sift
 from slopecli.look.matches import ON_PLANE_PX
 from slopecli.sequence.tracking_tunables import TRACKING
 from slopecli.sequence.tracks import Tracks
 from slopecli.types import BoolArray, Camera, FloatArray
 
+COARSE_PX = 320  # width of the frames that points are tracked in to place the next
 FLOOR_PX = 0.3  # 1-sigma of the coarse tracks, px of the whole frame: they serve to place it only
 
 
@@ -23,19 +25,26 @@ class CoarseMotion:
     """Places frames one after the other against points of known inverse depths.
 
     last : the frame used before, its motion and the one before it, from which the next is extrapolated.
+    memory : of the features of the reference, where others need them, too.
     """
 
-    def __init__(self, camera: Camera, tracks: Tracks, reference: Grey) -> None:
+    def __init__(self, camera: Camera, tracks: Tracks, reference: Grey, memory: FeatureMemory | None = None) -> None:
         self.camera, self.tracks = camera, tracks
         self._reference = reference
-        self._memory = FeatureMemory(2)
+        self._memory = memory or FeatureMemory(2)
+        self._shrunk = max(round(camera.width / COARSE_PX), 1)
         self._last: Grey | None = None
         self._motions: list[Motion] = [(np.eye(3), np.zeros(3))]
 
     def accept(self, frame: Grey, motion: Motion) -> None:
         """Remember a frame that was used, with its motion."""
-        self._last = _half(frame)
+        self._last = self._small(frame)
         self._motions = [*self._motions[-1:], motion]
+
+    @property
+    def step(self) -> float:
+        """Distance between the last two frames used."""
+        return float(np.linalg.norm(self._motions[-1][1] - self._motions[0][1]))
 
     def predicted(self) -> Motion:
         """The motion if the camera goes on as it went between the last two frames used."""
@@ -52,11 +61,36 @@ class CoarseMotion:
         """
         if self._last is None:
             return None
-        small = _half(frame)
-        return self._near(small, self.predicted(), u, alive) or self._near(small, self._motions[-1], u, alive)
+        small = self._small(frame)
+        guesses = [self.predicted(), self._motions[-1]]
+        unlike = self._unlike(small, guesses, u, alive)
+        if unlike[0] > unlike[1]:
+            guesses.reverse()  # the camera has stopped, or turned back
+        return self._near(small, guesses[0], u, alive) or self._near(small, guesses[1], u, alive)
+
+    def _unlike(self, small: Grey, guesses: list[Motion], u: FloatArray, alive: BoolArray) -> list[float]:
+        """Median differences of grey values of a shrunken frame, where guesses have the points, to the last frame."""
+        index = self._sample(alive & (u > 0.0))[::4]  # a hundred tell which is nearer
+        p, depth = self.tracks.p[:, index], u[index]
+        places = [self._pixels(p, depth, motion) for motion in (self._motions[-1], *guesses)]
+        both = np.logical_and.reduce([_inside(uv, self.camera) & (ahead > 0.0) for uv, ahead in places])
+        if self._last is None or np.count_nonzero(both) < 12:
+            return [0.0] * len(guesses)
+        last, new = (np.asarray(cv2.blur(grey, (7, 7)), np.uint8) for grey in (self._last, small))
+        then, *now = (
+            _values(grey, uv[both] / self._shrunk)
+            for grey, (uv, _) in zip([last, *[new] * len(guesses)], places, strict=True)
+        )
+        return [median(np.abs(one - then - median(one - then))) for one in now]
+
+    def _small(self, grey: Grey) -> Grey:
+        """The frame shrunken to about `COARSE_PX`."""
+        h, w = grey.shape
+        size = max(w // self._shrunk, 1), max(h // self._shrunk, 1)
+        return np.asarray(cv2.resize(grey, size, interpolation=cv2.INTER_AREA), np.uint8)
 
     def _near(self, small: Grey, guessed: Motion, u: FloatArray, alive: BoolArray) -> Resection | None:
-        """The motion of a frame, halved, near a guess; None where too few points agree with one."""
+        """The motion of a frame, shrunken, near a guess; None where too few points agree with one."""
         if self._last is None:
             return None
         index = self._sample(alive & (u > 0.0))
@@ -70,7 +104,7 @@ class CoarseMotion:
         if np.count_nonzero(inside) < 12:
             return None
         index, p, depth = index[inside], p[:, inside], depth[inside]
-        moved, status = _tracked(self._last, small, before[inside], guess[inside])
+        moved, status = _tracked(self._last, small, before[inside], guess[inside], self._shrunk)
         x = rays_from_pixels(self.camera, moved)
         good = status & np.isfinite(x).all(axis=1) & _inside(moved, self.camera, 1.0)
         if np.count_nonzero(good) < 12:
@@ -139,9 +173,11 @@ def _by_consensus(p: FloatArray, x: FloatArray, u: FloatArray, threshold: float)
     return [(R, -R.T @ np.asarray(t, float).ravel())]
 
 
-def _tracked(last: Grey, frame: Grey, before: FloatArray, guess: FloatArray) -> tuple[FloatArray, BoolArray]:
-    """Points (n, 2) of the whole last frame in the new one, both images halved; status (n,)."""
-    start, end = ((0.5 * (uv + 0.5) - 0.5).astype(np.float32) for uv in (before, guess))
+def _tracked(
+    last: Grey, frame: Grey, before: FloatArray, guess: FloatArray, shrunk: int
+) -> tuple[FloatArray, BoolArray]:
+    """Points (n, 2) of the whole last frame in the new one, both images shrunken so many times; status (n,)."""
+    start, end = (((uv + 0.5) / shrunk - 0.5).astype(np.float32) for uv in (before, guess))
     moved, status, _ = cv2.calcOpticalFlowPyrLK(
         last,
         frame,
@@ -152,13 +188,14 @@ def _tracked(last: Grey, frame: Grey, before: FloatArray, guess: FloatArray) -> 
         criteria=(cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_COUNT, 15, 0.03),
         flags=cv2.OPTFLOW_USE_INITIAL_FLOW,
     )
-    return 2.0 * (np.asarray(moved, float) + 0.5) - 0.5, np.asarray(status.ravel() > 0)
+    return shrunk * (np.asarray(moved, float) + 0.5) - 0.5, np.asarray(status.ravel() > 0)
 
 
-def _half(grey: Grey) -> Grey:
+def _values(grey: Grey, uv: FloatArray) -> FloatArray:
+    """Grey values (n,) at the pixels nearest to places (n, 2)."""
     h, w = grey.shape
-    small = cv2.resize(grey, (w // 2, h // 2), interpolation=cv2.INTER_AREA)
-    return np.asarray(small, np.uint8)
+    u, v = np.clip(uv.astype(np.int64), 0, [w - 1, h - 1]).T
+    return grey[v, u].astype(float)
 
 
 def _inside(uv: FloatArray, camera: Camera, margin: float = 4.0) -> BoolArray:

@@ -71,7 +71,7 @@ def _solved(frame: Grey, sparse: Sparse, camera: Camera, aligner: Aligner) -> Fi
     found = aligner.find(frame, (near.R, near.T), normals, depth, known, levels=1)
     if _shown(aligner, found) == 0:
         return Skipped("foreign", "shows no window of the first frame")
-    solution = _pair(aligner, found, [near, *sparse.roots()])
+    solution = _pair(aligner, found, [near, *sparse.roots()[1:]])
     if solution.noise * focal_px > WORST_MATCH_PX or not solution.converged:
         return Skipped("foreign", f"fits no motion: its points are {solution.noise * focal_px:.1f} px off")
     return FirstMove(found, solution)
@@ -104,7 +104,9 @@ def _first_depths(sparse: Sparse, best: MotionEstimate, aligner: Aligner) -> tup
     off = w[fine] - homogeneous(matches.x1[fine]) @ plane
     limit = 3.0 * MAD_FACTOR * median(np.abs(off))
     # the mean of a few features around: their relief is that of the point, their noise is averaged
-    apart = ((tracks.p[:2].T[:, None] - matches.x1[fine][None]) ** 2).sum(axis=2)
+    # |a - b|^2 without |a|^2, which is the same for all b
+    places = matches.x1[fine].T.astype(np.float32)
+    apart = (places**2).sum(axis=0) - (2.0 * tracks.p[:2].T).astype(np.float32) @ places
     nearest = np.argpartition(apart, min(5, apart.shape[1] - 1), axis=1)[:, :5]
     u = plane @ tracks.p + np.median(np.clip(off, -limit, limit)[nearest], axis=1)
     return np.repeat(plane[None], len(tracks.cells), axis=0), np.asarray(u)

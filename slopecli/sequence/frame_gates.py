@@ -42,7 +42,7 @@ class FrameGates:
         if self._last is not None:
             self._own = sharpness(frame)
             share = self._own / max(self._sharpness, 1e-9)
-            if share < TRACKING.sharpness and self._blurred < TRACKING.most_blurred:
+            if share < TRACKING.sharpness and self._blurred < TRACKING.in_turn:
                 self._blurred += 1
                 return Skipped("blurred", f"is blurred: {100 * share:.0f} % of the sharpness of the one before")
         return None

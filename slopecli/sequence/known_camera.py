@@ -4,14 +4,15 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
 
-from slopecli.errors import expect
+from slopecli.errors import DegenerateConfiguration, expect
 from slopecli.findings.camera_checks import with_aspect
 from slopecli.findings.camera_test import Cameras, CameraTest, examine_cameras, suspicion
 from slopecli.findings.focal_use import focal_note, focal_to_use, prior_sigma, refocused
-from slopecli.geometry.solver.intrinsics import Settled
+from slopecli.geometry.solver.intrinsics import Settled, score_camera, with_planes
 from slopecli.geometry.solver.solve import solve_planes
 from slopecli.options import Options
 from slopecli.patches.join import Joined
+from slopecli.patches.sightings import sightings_of
 from slopecli.sequence.tracking_tunables import TRACKING
 from slopecli.solving import contradicted
 from slopecli.types import Camera, Diagnostic, Solution
@@ -59,6 +60,8 @@ class KnownCamera:
         A doubt stands until a pair that tells the focal length better has none: of many tests of a right camera one
         errs more often than the best of them. What no focal length explains is a doubt whatever was told before.
         """
+        if self._tells_less(joined, solution):
+            return replace(self, tested=baseline)
         test = examine_cameras(joined, solution, self.both)
         if test.sigma > self.test.sigma and not test.only_contradicted:
             return replace(self, tested=baseline)
@@ -66,6 +69,17 @@ class KnownCamera:
         if contradicted(test, prior_sigma((self.given, self.given), options)):
             doubts = suspicion(test, joined, solution, options, _solved_again, [], can_free=False)
         return replace(self, test=test, doubts=tuple(with_aspect(doubts, self.given)), tested=baseline)
+
+    def _tells_less(self, joined: Joined, solution: Solution) -> bool:
+        """Whether the score of a pair tells clearly less of the focal length than that of the best test: a search,
+        which changes its sigma by a quarter, would find nothing that counts."""
+        if self.test.score is None or not len(joined.patches):
+            return False
+        try:
+            score = score_camera(*with_planes(sightings_of(joined, solution, self.both), Settled.of(solution)))
+        except DegenerateConfiguration:
+            return False
+        return float(score.sigma[0]) > 1.3 * float(self.test.score.sigma[0])
 
     def refocused(self, options: Options) -> KnownCamera:
         """With the focal length that the first pair and the one given agree on, before anything is computed with it."""

@@ -77,6 +77,11 @@ class Follower:
         return self.shown < TRACKING.new_reference or self.zoom > TRACKING.most_zoom
 
     @property
+    def strides(self) -> bool:
+        """Whether the last two frames are so far apart that one could be the reference of the other."""
+        return _tells_depth(self.coarse.step, self.estimator.inverse_depth, self.aligner.camera)
+
+    @property
     def shown(self) -> float:
         """Share of its points that the last frame showed."""
         return float((self.estimator.best.points.weight[-1] > 0.0).mean())
@@ -102,16 +107,64 @@ class Follower:
         return y[:, ahead] / y[2, ahead], u[ahead] / y[2, ahead] / self.unit
 
 
+@dataclass(frozen=True, eq=False)
+class ReferenceCandidate:
+    """A frame that is to be the next reference: what is kept of the moment when it was the last one.
+
+    number : of the frame.  held : state of the estimator that it was followed by.  known : normals of all windows, and
+    the frame as the last view.  asked : windows that may be carried over.  rays (3, k), u (k,) : points in its axes,
+    inverse depths in the unit of the first move.  R, T : of the frame, against the first.
+    """
+
+    number: int
+    grey: Grey
+    held: Held
+    known: ViewsSolution
+    asked: IntArray
+    rays: FloatArray
+    u: FloatArray
+    R: FloatArray
+    T: FloatArray
+
+    @classmethod
+    def of(cls, number: int, frame: Grey, before: Follower, motion: Motion) -> ReferenceCandidate | None:
+        """The last frame; None where it shows too few points. motion : of the frame, against the first."""
+        rays, u = before.points_in_last()
+        some = slice(None, None, max(len(u) // TRACKING.coarse_points, 1))
+        rays, u = rays[:, some], u[some]
+        if len(u) < 12:
+            return None
+        held = before.estimator.kept()
+        return cls(number, frame, held, before.known(), before.windows, rays, u, *motion)
+
+    def prepared(self, camera: Camera, windows: list[Window]) -> LaterReference | None:
+        """The frame with points all over it; None where it has no texture. This takes the time of a frame or two."""
+        chosen = later_tracks(self.grey, camera, windows, self.asked, self.known)
+        if chosen is None:
+            return None
+        tracks, rays = chosen.tracks, self.rays
+        plane = np.linalg.lstsq(rays.T, self.u, rcond=None)[0]
+        # |a - b|^2 without |a|^2, which is the same for all b
+        nearest = ((rays[:2] ** 2).sum(axis=0) - 2.0 * tracks.p[:2].T @ rays[:2]).argmin(axis=1)
+        near = np.hypot(*(tracks.p[:2] - rays[:2, nearest])) < 0.1 * camera.width / camera.focal_px
+        depth = np.where(near, self.u[nearest], plane @ tracks.p)
+        normals = np.repeat(plane[None], len(chosen.parts), axis=0)
+        aligner = Aligner(self.grey, camera, chosen.parts, tracks)
+        carried = CarriedWindows(self.known, chosen.planes, windows)
+        depth = np.maximum(depth, 1e-3 * median(self.u))
+        return LaterReference(self.number, self.held, aligner, depth, normals, self.R, self.T, carried)
+
+
 @dataclass(eq=False)
 class LaterReference:
     """A frame that is to be the next reference, until another has moved far enough from it.
 
-    frame : its number.  held : state of the estimator that it was followed by, as of this frame.
+    number : of the frame.  held : state of the estimator that it was followed by, as of this frame.
     aligner : with points all over the frame; u (n,) their inverse depths, normals (m, 3) of its parts, both in the unit
     of the first move; R, T : of the frame.  carried : windows of the first reference that it shows.
     """
 
-    frame: int
+    number: int
     held: Held
     aligner: Aligner
     u: FloatArray
@@ -119,30 +172,6 @@ class LaterReference:
     R: FloatArray
     T: FloatArray
     carried: CarriedWindows
-
-    @classmethod
-    def of(
-        cls, number: int, frame: Grey, camera: Camera, before: Follower, motion: Motion, windows: list[Window]
-    ) -> LaterReference | None:
-        """The last frame as a reference; None where it has no texture. motion : of the frame, against the first."""
-        known = before.known()
-        chosen = later_tracks(frame, camera, windows, before.windows, known)
-        rays, u = before.points_in_last()
-        some = slice(None, None, max(len(u) // TRACKING.coarse_points, 1))
-        rays, u = rays[:, some], u[some]
-        if len(u) < 12 or chosen is None:
-            return None
-        tracks = chosen.tracks
-        plane = np.linalg.lstsq(rays.T, u, rcond=None)[0]
-        # |a - b|^2 without |a|^2, which is the same for all b
-        nearest = ((rays[:2] ** 2).sum(axis=0) - 2.0 * tracks.p[:2].T @ rays[:2]).argmin(axis=1)
-        near = np.hypot(*(tracks.p[:2] - rays[:2, nearest])) < 0.1 * camera.width / camera.focal_px
-        depth = np.where(near, u[nearest], plane @ tracks.p)
-        normals = np.repeat(plane[None], len(chosen.parts), axis=0)
-        aligner = Aligner(frame, camera, chosen.parts, tracks)
-        carried = CarriedWindows(known, chosen.planes, windows)
-        depth = np.maximum(depth, 1e-3 * median(u))
-        return cls(number, before.estimator.kept(), aligner, depth, normals, *motion, carried)
 
     def begun(self, frame: Grey, motion: Motion, camera: Camera) -> Follower | None:
         """What follows this reference from a frame on; None while that has not moved far enough from it.
@@ -152,7 +181,7 @@ class LaterReference:
         R = motion[0] @ self.R.T
         T = self.R @ (motion[1] - self.T)
         length = float(np.linalg.norm(T))
-        if length * median(self.u) * camera.focal_px < 2.0 * LOW_PARALLAX_PX:
+        if not _tells_depth(length, self.u, camera):
             return None
         known = np.ones(len(self.u), bool)
         found = self.aligner.find(frame, (R, T), self.normals, self.u, known, levels=1)
@@ -165,3 +194,8 @@ class LaterReference:
         coarse = CoarseMotion(camera, self.aligner.tracks, self.aligner.grey)
         coarse.accept(frame, estimator.motion)
         return Follower(self.aligner, estimator, coarse, self.R, self.T, length, self.carried, 1.0)
+
+
+def _tells_depth(baseline: float, u: FloatArray, camera: Camera) -> bool:
+    """Whether a baseline gives points of inverse depths u (n,) twice the least parallax that a first move needs."""
+    return baseline * median(u) * camera.focal_px >= 2.0 * LOW_PARALLAX_PX

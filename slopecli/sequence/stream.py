@@ -15,22 +15,22 @@ from slopecli.geometry.solver.one_thread import one_blas_thread
 from slopecli.geometry.solver.resection import Motion as Placed
 from slopecli.ground.slope_map import SlopeMap
 from slopecli.look.dense_depth import DEPTH, DenseDepth
-from slopecli.look.features import FeatureMemory, Grey
+from slopecli.look.features import QUICK, FeatureMemory, Grey
 from slopecli.look.resampling import resampled
 from slopecli.look.threads import single_threaded
 from slopecli.options import Options
 from slopecli.patches.windows.window_finder import wanted_windows
+from slopecli.sequence import used_frames
 from slopecli.sequence.depth_frames import DepthFrames, FusedScene
 from slopecli.sequence.first_answer import first_answer
 from slopecli.sequence.frame import Frame, FrameMotion, FrameState, SequenceAnswer
 from slopecli.sequence.frame_alignment import Aligner
 from slopecli.sequence.frame_gates import FrameGates, Skipped
 from slopecli.sequence.known_camera import KnownCamera
-from slopecli.sequence.later_reference import Follower, LaterReference
+from slopecli.sequence.later_reference import Follower, LaterReference, ReferenceCandidate
 from slopecli.sequence.sequence_report import Reported, report_of, tested_by_last_view
 from slopecli.sequence.tracking_tunables import TRACKING
 from slopecli.sequence.tracks import choose_tracks
-from slopecli.sequence.used_frames import first_move_m, motions_of, skipped_notes
 from slopecli.types import Camera, Image, ImageInfo, Report
 
 # what a frame can break: a step of numbers, or one of OpenCV, or what is raised on purpose; all else is a fault of ours
@@ -61,12 +61,12 @@ class Sequence:
         self.windows = wanted_windows(self.options, camera.width, camera.height)
         self.frames: list[FrameState] = []
         self._gates = FrameGates((camera.height, camera.width))
-        self._memory = FeatureMemory(1)
+        self._memory = FeatureMemory()
         self._aligner: Aligner | None = None
         self._strangers = 0  # frames that do not go with the first one, before there is an answer
         self._first: Follower | None = None  # what follows the reference; it has the answer
         self._later: Follower | None = None  # what follows a later reference, which took its place
-        self._next: LaterReference | None = None
+        self._next: ReferenceCandidate | LaterReference | None = None
         self._depth = DepthFrames() if keep_depth else None
         self._depth_then: DepthFrames | None = None  # as of the frame that is to be the next reference
         self.current: Image | None = None
@@ -88,7 +88,7 @@ class Sequence:
     def add(self, grey: Grey, image: str = "", time_s: float | None = None) -> FrameState:
         """Take in the next frame (h, w) uint8; never raises for what a frame shows: it is skipped, and why is said."""
         frame = np.ascontiguousarray(grey)
-        if self._strangers >= TRACKING.strangers:
+        if self._strangers >= TRACKING.in_turn:
             self._forget_reference()
         why = self._gates.check(frame)
         state = FrameState(len(self.frames) + 1, "skipped", why=why) if why else self._taken_or_skipped(frame)
@@ -96,15 +96,10 @@ class Sequence:
             self._gates.accept(frame)
         elif self._first is None and state.why is not None and state.why.code in ("foreign", "blurred"):
             self._strangers += 1
-        if (
-            state.status == "used"
-            and not state.later
-            and self._depth is not None
-            and state.R is not None
-            and state.T is not None
-        ):
+        used = state.status == "used" and not state.later
+        if used and self._depth is not None and state.R is not None and state.T is not None:
             self._depth.add(frame, state.R, state.T)
-            if self._next is not None and self._next.frame == state.frame:
+            if self._next is not None and self._next.number == state.frame:
                 self._depth_then = self._depth.kept()
         state = replace(state, image=image, time_s=time_s)
         self.frames.append(state)
@@ -113,10 +108,7 @@ class Sequence:
     def _forget_reference(self) -> None:
         """Begin anew with the next frame: those after the first one do not show its ground, or it was no good."""
         why = Skipped("foreign", "shows other ground than the frames after it")
-        self.frames = [
-            replace(state, status="skipped", why=why, R=None, T=None) if state.status == "reference" else state
-            for state in self.frames
-        ]
+        self.frames = used_frames.without_reference(self.frames, why)
         self._gates = FrameGates((self.camera.height, self.camera.width))
         self._aligner, self._strangers = None, 0
 
@@ -146,6 +138,7 @@ class Sequence:
             if not len(tracks) or (tracks.patch < 0).all():
                 return FrameState(number, "skipped", why=Skipped("dark", "has no texture in any window"))
             self._aligner = Aligner(frame, self.camera, self.windows, tracks)
+            self._memory.detect(frame, QUICK)  # for the first pair, whose frame then has less to do
             return FrameState(number, "reference", R=np.eye(3), T=np.zeros(3))
         found = self._started(frame) if self._first is None else self._followed(frame)
         if isinstance(found, Skipped):
@@ -175,23 +168,30 @@ class Sequence:
         same_reference = current is self._first and self._next is None and not current.is_left
         if same_reference and camera.asks(float(np.linalg.norm(motion[1]))):
             camera = tested_by_last_view(camera, current.estimator, self.windows, self.options)
-        if self._next is not None:
+        self._towards_next(frame, motion, current)
+        self._camera = camera
+        return motion
+
+    def _towards_next(self, frame: Grey, motion: Placed, current: Follower) -> None:
+        """Choose a later reference, prepare it, begin with it: a step a frame, as each takes the time of a frame.
+
+        Where frames are far apart it is prepared at once: the next may show all it needs, and the one after not.
+        """
+        if isinstance(self._next, ReferenceCandidate):
+            self._next = self._next.prepared(self.camera, self.windows)
+        elif self._next is not None:
             begun = self._next.begun(frame, motion, self.camera)
             if begun is not None:
                 self._change_reference(current, self._next, begun)
         elif current.is_left and not current.estimator.is_open:
-            number = len(self.frames) + 1
-            self._next = LaterReference.of(number, frame, self.camera, current, motion, self.windows)
-        self._camera = camera
-        return motion
+            self._next = ReferenceCandidate.of(len(self.frames) + 1, frame, current, motion)
+            if self._next is not None and current.strides:
+                self._next = self._next.prepared(self.camera, self.windows)
 
     def _change_reference(self, current: Follower, reference: LaterReference, begun: Follower) -> None:
         """Go on from a later reference: the earlier one's views end with it, so that none counts twice."""
         current.estimator.restore(reference.held)
-        self.frames = [
-            replace(state, later=True) if state.status == "used" and state.frame > reference.frame else state
-            for state in self.frames
-        ]
+        self.frames = used_frames.later_from(self.frames, reference.number)
         self._later, self._next, self._depth = begun, None, self._depth_then or self._depth
 
     def _reference(self) -> Aligner:
@@ -252,14 +252,7 @@ class Sequence:
         if self._first is not None:
             report = report or self.report(self.images)
             return SequenceAnswer(report, tuple(self.motions(report)), slope_map)
-        why = [state.why for state in self.frames if state.why is not None]
-        last = f": the last of them {why[-1].message}" if why else ""
-        parallax = bool(why) and why[-1].code == "parallax"
-        raise NoAnswer(
-            "low-parallax" if parallax else "no-overlap",
-            f"none of {len(self.frames)} frames gives an answer with the first{last}",
-            "take frames farther apart" if parallax else "give frames of the same ground",
-        )
+        raise used_frames.why_no_answer(self.frames)
 
     def report_or_none(self) -> Report | None:
         """The answer so far; None while no slope is known."""
@@ -328,14 +321,14 @@ class Sequence:
             ImageInfo(used[0].image, *size, ""),
             ImageInfo([one for one in used if not one.later][-1].image, *size, ""),
         )
-        length, options = first_move_m(used), self.options_now
+        length, options = used_frames.first_move_m(used), self.options_now
         views, shown = self._answered()
         estimator, baseline = self._first.estimator, float(np.linalg.norm(views.T[shown]))
         if length is not None:
             options = replace(options, baseline_m=length)
         elif self.options_of is not None and options.stated and options.stated.scale and options.baseline_m:
             options = replace(options, baseline_m=options.baseline_m / baseline)
-        pair, notes = views.pair(shown), [*metadata_notes(options), *skipped_notes(self.frames)]
+        pair, notes = views.pair(shown), [*metadata_notes(options), *used_frames.skipped_notes(self.frames)]
         found = report_of(estimator, pair, self.windows, named, self._camera, options, notes, baseline, depth)
         if length is None:
             return found
@@ -349,7 +342,7 @@ class Sequence:
 
     def motions(self, report: Report) -> list[FrameMotion]:
         """Motions of all frames used, in the unit of the report, each as it was when its frame came in."""
-        return motions_of(self.frames, report)
+        return used_frames.motions_of(self.frames, report)
 
 
 def _named(image: Image | ImageInfo) -> ImageInfo:

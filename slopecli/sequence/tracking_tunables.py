@@ -26,8 +26,9 @@ class TrackingTunables:
     misses: int = 2  # frames in turn whose track contradicts the rest, after which it is given up
     same_grey: float = 0.2  # mean difference of two frames, grey levels, below which one repeats the other
     sharpness: float = 0.6  # of the frame used before: with less a frame is blurred
-    strangers: int = 4  # frames that do not go with the first one, after which the next is the first
-    most_blurred: int = 5  # blurred frames in turn; the next is taken, as the ground itself may be smoother
+    # frames in turn that are blurred, after which the next is taken, as the ground itself may be smoother; or that do
+    # not go with the first one, after which the next is the first
+    in_turn: int = 4
     least_sampling: float = 0.2  # of the variance that independent points would have; see `halves_ratio`
     shared_cells: int = 3  # cells along the side of a square whose points err alike; a window has 15 along its own
     rough: float = 0.02  # relief that ground is taken to have until it is measured
