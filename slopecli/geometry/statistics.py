@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from slopecli.types import FloatArray
 
@@ -29,7 +30,7 @@ def median(values: ArrayLike) -> float:
     return math.nan if math.isnan(largest) else 0.5 * (lower + upper)
 
 
-def robust_sigma(residual: FloatArray, least: float = 0.0, most: float = math.inf) -> float:
+def robust_sigma(residual: NDArray[np.floating[Any]], least: float = 0.0, most: float = math.inf) -> float:
     """Sigma of residuals with mean 0 and outliers among them: 1.4826 median(|residual|), within [least, most]."""
     return min(max(MAD_FACTOR * median(np.abs(residual)), least), most)
 

@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from slopecli.ground.footprint_planes import AHEAD, FootprintPlanes, planes_of_sums
+from slopecli.ground.footprint_planes import FootprintPlanes, middle_of, planes_of_sums
 from slopecli.ground.footprints import Cells
 from slopecli.ground.tilt_uncertainty import TILT, Root, error_densities, error_layers, normal_covariance, rise_of
 from slopecli.look.dense_depth import DEPTH, DenseDepth
@@ -88,7 +88,7 @@ def parts_of(depth: DenseDepth, windows: Sequence[Window]) -> IntArray:
 def _nearest_planes(depth: DenseDepth, parts: IntArray) -> FootprintPlanes:
     """The plane of every part nearest to its ground, in one row; from sums over rectangles."""
     known, area = depth.known, np.diff(parts, axis=-1)[..., 0].prod(1)
-    centre = depth.points[known].mean(0, dtype=np.float64) if known.any() else AHEAD
+    centre = middle_of(depth.points, known)
     x, y, z = (np.where(known, depth.points[..., k] - np.float32(centre[k]), np.float32(0.0)) for k in range(3))
     layers = (known, depth.sure, x, y, z, x * x, x * y, x * z, y * y, y * z, z * z)
     n, certain, *sums = (box_sums(layer, parts) for layer in layers)

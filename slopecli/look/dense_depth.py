@@ -110,7 +110,7 @@ class DenseDepth:
     def span(self) -> FloatImage:
         """(h, w) range of ln w over a square of `DEPTH.side_px`, beyond what its noise has."""
         logarithm, kernel = np.log(self.w), np.ones((DEPTH.side_px, DEPTH.side_px), np.uint8)
-        noise = robust_sigma(self.across_px[self.known].astype(float)) / self.shift_px if self.known.any() else 0.0
+        noise = robust_sigma(self.across_px[self.known]) / self.shift_px if self.known.any() else 0.0
         span = cv2.dilate(logarithm, kernel) - cv2.erode(logarithm, kernel)
         return np.asarray(np.maximum(span - GATE_SIGMAS * noise, 0.0))
 
@@ -305,7 +305,7 @@ def _without_grain(values: FloatImage) -> FloatImage:
 def _steps(w: FloatImage, shifts: FloatImage) -> NDArray[np.bool_]:
     """(h, w) whether the displacement changes by `DEPTH.step_gradient` px or more from one pixel to the next."""
     gx, gy = image_gradient(np.log(w))
-    return np.asarray(np.hypot(gx, gy) * np.sqrt(_length2(shifts)) > DEPTH.step_gradient)
+    return np.asarray((gx**2 + gy**2) * _length2(shifts) > DEPTH.step_gradient**2)
 
 
 def _hidden(w: FloatImage, uv2: FloatImage, known: NDArray[np.bool_], scene: Scene) -> NDArray[np.bool_]:
@@ -313,8 +313,10 @@ def _hidden(w: FloatImage, uv2: FloatImage, known: NDArray[np.bool_], scene: Sce
     step = 2.0 * max(1.0, float(np.sqrt(np.prod(scene.shape2) / w.size)))
     height, width = (int(np.ceil(n / step)) for n in scene.shape2)
     # not np.clip, which keeps the NaN of pixels that have no place in image 2; these are not known
-    at = (np.fmin(np.fmax(uv2, 0), [scene.shape2[1] - 1, scene.shape2[0] - 1]) / step).astype(np.int64)
-    place = at[..., 1] * width + at[..., 0]
+    row, column = (
+        (np.fmin(np.fmax(uv2[..., 1 - k], 0), scene.shape2[k] - 1) / np.float32(step)).astype(np.int64) for k in (0, 1)
+    )
+    place = row * width + column
     nearest, logarithm = np.full(height * width, -np.inf, np.float32), np.log(w)
     np.maximum.at(nearest, place[known], logarithm[known])
     return np.asarray(nearest[place] - logarithm > APART)
