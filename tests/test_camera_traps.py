@@ -436,6 +436,13 @@ def test_a_large_array_in_an_archive_is_not_read(tmp_path: Path) -> None:
         ("#polynomial coefficients for the DIRECT mapping function (ocam_model.ss)\n5 -1e2 0 1e-3\n", "OCamCalib"),
         ('{"value0": {"intrinsics": [{"camera_type": "ds", "intrinsics": {"fx": 349}}]}}', "Basalt"),
         ("# Bundle file v0.3\n1 0\n800 0 0\n", "Bundler"),
+        (
+            "fileName imageWidth imageHeight\ncamera matrix K [3x3]\n\na.JPG 5472 3648\n3647 0 2736\n",
+            "camera_parameters.cam",
+        ),
+        ("<BlocksExchange><Block><FocalLength>8.8</FocalLength></Block></BlocksExchange>", "ContextCapture"),
+        ('<x:x xmlns:x="a" xmlns:xcr="b"><x:d xcr:FocalLength35mm="24"/></x:x>', "RealityCapture"),
+        ("<ExportAPERO><CalibrationInternConique><F>3650</F></CalibrationInternConique></ExportAPERO>", "MicMac"),
         ("Model = CAHVOR = perspective, distortion\nDimensions = 1024 1024\n", ".cahvor file"),
         ('{"graph": {"CameraInit_1": {"nodeType": "CameraInit"}}}', "Meshroom graph"),
         (b"\x89PNG\r\n\x1a\n\0\0\0\rIHDR", "PNG image; --camera exif takes"),

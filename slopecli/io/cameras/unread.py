@@ -28,7 +28,11 @@ TEXT = {
     "a target of Kalibr": r"^target_type:",
     "a cube of ISIS": r"\AObject = IsisCube",
     "a .cahvor file of JPL, not a label": r"^[ \t]*Model[ \t]*=[ \t]*CAHV",
-    "a Pix4D file of another kind": r"^#Focal Length mm|^OffsetXX",
+    "a Pix4D file of another kind than calibrated_internal_camera_parameters.cam": r"^#Focal Length mm|^OffsetXX|"
+    r"^fileName imageWidth imageHeight",
+    "a BlocksExchange file of ContextCapture": r"<BlocksExchange\b",
+    "metadata of RealityCapture": r"\bxcr:FocalLength35mm",
+    "a calibration of MicMac": r"<CalibrationInternConique\b",
     "COLMAP's images.txt, not its cameras.txt": r"IMAGE_ID, QW",
     "a slopes.json or another result of slopemap": r"\"slopemap_version\"",
     "a web page": r"\A\s*<(!DOCTYPE html|html)",
