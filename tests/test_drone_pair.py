@@ -12,6 +12,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 from command import slopemap
+from metadata_factory import FOCAL_35, exif_block
+from PIL import Image as PilImage
 
 ROOT = Path(__file__).parents[1]
 TRUTH = json.loads((ROOT / "sample_data" / "descent" / "truth.json").read_text(encoding="utf-8"))
@@ -50,6 +52,22 @@ def test_slopes_are_against_gravity_aspects_from_north_and_lengths_in_metres(fli
     length = np.linalg.norm(TRUTH["T"])
     assert np.linalg.norm(document["motion"]["baseline_cam1"]) == pytest.approx(length, rel=0.002)
     assert (flight.parent / "slopes" / "slopes.geojson").exists()
+
+
+@pytest.mark.slow
+def test_photographs_of_ones_own_have_pitches_and_a_model(tmp_path: Path) -> None:
+    """The commands of docs/segment.md on the town as a telephone would have taken it: 50 degrees wide, 37 mm."""
+    for number in (1, 2):
+        with PilImage.open(ROOT / "slopecli" / "sample" / "town" / f"image{number}.jpg") as picture:
+            exif = exif_block({FOCAL_35: 37})
+            picture.save(tmp_path / f"photo{number}.jpg", exif=exif, quality=97)
+    show, segment = commands("segment.md", "photo1.jpg")
+    assert "35 mm equivalent 37 mm" in slopemap(*show, cwd=tmp_path).stdout
+    done = slopemap(*segment, cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    roofs = [line for line in done.stdout.splitlines() if line.split()[1:2] == ["roof"]]
+    assert sum("in 12" in line for line in roofs) >= 5
+    assert {"report.html", "patches.glb", "planes.csv"} <= {path.name for path in (tmp_path / "house").iterdir()}
 
 
 @pytest.mark.slow
