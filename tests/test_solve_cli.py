@@ -317,6 +317,7 @@ def test_numbers_of_patches_may_be_large(largest: int, tmp_path: Path, ask: Ask)
         ("x1,y1,x2,y2,sigma\n0.1,0.2,0.3,0.4,0\n", "row 1 (line 2): sigma is '0'"),
         (GOOD.replace(",1\n", ",-1\n").replace("0.28,1", "0.28,-1"), "no patch has 3 rows off a line"),
         ('x1,y1,x2,y2\n"0.1,0.2,0.3,0.4\n', "is not CSV text"),
+        ("x1,y1,x2,y2\n0,0,0,0\n0,0,0,0\n0,-0.0,0,0\n", "no patch has 3 rows off a line"),
     ],
 )
 def test_bad_files_are_refused_in_one_line(text: str, said: str, tmp_path: Path, ask: Ask) -> None:

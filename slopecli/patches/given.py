@@ -171,7 +171,8 @@ def _patch(
     if outline is not None and not len(own):
         nothing = Hull((0, 0), np.zeros((0, 0), bool), outline)
         return Patch(label, "given", nothing).unmatched("no row lies in it", "too-few-points")
-    polygon = own.uv1[cv2.convexHull(own.uv1.astype(np.float32), returnPoints=False).ravel()]
+    corners = own.uv1.astype(np.float32) + np.float32(0.0)  # no -0.0, for which OpenCV has no hull of one point
+    polygon = own.uv1[cv2.convexHull(corners, returnPoints=False).ravel()]
     if len(polygon) < 3:
         polygon = box_polygon(own.uv1.min(axis=0), own.uv1.max(axis=0))
     patch, n = Patch(label, "given", Hull((0, 0), np.zeros((0, 0), bool), polygon)), len(own)
