@@ -362,8 +362,15 @@ def test_fewer_sigmas_are_enough_where_the_overview_contradicts(
 ) -> None:
     scene, false = scene_of(13, noise_px=0.9), changed(PINHOLE, "f", by)
     assert "suspect-camera" not in {d.code for d in report_of(scene, false).diagnostics}
-    monkeypatch.setattr("slopecli.findings.camera_test._overview_contradicts", lambda *facts: True)
+    contradicts = iter([True])  # and no longer with the focal length found
+    monkeypatch.setattr("slopecli.findings.camera_test._overview_contradicts", lambda *facts: next(contradicts, False))
     assert ("suspect-camera" in {d.code for d in report_of(scene, false).diagnostics}) is suspect
+
+
+def test_a_contradiction_that_the_best_focal_length_leaves_is_said(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("slopecli.findings.camera_test._overview_contradicts", lambda *facts: True)
+    (warning,) = (d for d in report_of(scene_of(13, noise_px=0.9), PINHOLE).diagnostics if d.code == "suspect-camera")
+    assert "no focal length explains both" in warning.message
 
 
 def test_a_contradiction_that_no_focal_length_explains_is_said(monkeypatch: pytest.MonkeyPatch) -> None:

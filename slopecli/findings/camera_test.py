@@ -49,8 +49,7 @@ class CameraTestTunables:
     far: float = 4.0  # times as far from epipolar lines as the matches, for the farthest tenth of the overview's cells
     floor_px: float = 0.01  # systematic residual that f could explain; lens models and interpolation leave 0.02
     centre_share: float = 0.03  # of the focal length: step of the principal point from which on it is freed
-    # ratio of noises from which on another principal point is believed; right cameras reach 1.09
-    centre_better: float = 1.15
+    centre_better: float = 1.15  # ratio of noises by which another principal point is believed; right ones reach 1.09
     telling: float = 0.1  # 1-sigma of its logarithm beyond which the images do not tell it
     clearly: float = 1.05  # ratio of noises from which on one parameter explains the matches better than another
     few_free: int = 30  # degrees of freedom: with fewer, sigmas are guesses
@@ -115,15 +114,15 @@ def examine_cameras(
     test = CameraTest(score=score, sightings=sightings, centre=centre, alone=alone)
     every = every_sighting(joined, cameras, solution.noise_gain, scene)
     contradicted = _overview_contradicts(joined, every, start)
-    lines = None
-    if not free and not contradicted:
-        lines = focal_by_lines(every, start.noise) if _may_be_wrong(score) else None
-        if not (lines and lines.elsewhere) and (enough := _told_nearby(test, score, sightings, start)):
-            return enough
+    asked = not free and not contradicted
+    lines = focal_by_lines(every, start.noise) if asked and _may_be_wrong(score) else None
+    if asked and not (lines and lines.elsewhere) and (enough := _told_nearby(test, score, sightings, start)):
+        return enough
     freed = free_focal(every, start, None if free else _is_far, lines)
-    if freed is None:
+    wrong = freed is not None and _is_wrong(freed, contradicted)
+    doubted = contradicted and not wrong and not free
+    if freed is None or (doubted and _overview_contradicts(joined, every, freed.settled, freed.value)):
         return replace(test, suspect=contradicted and _sigma(score) < TEST.telling)
-    wrong = _is_wrong(freed, contradicted)
     sigma = float(freed.score.sigma[0]) if wrong else _sigma(freed.score)
     return replace(test, step=freed.value, sigma=sigma, suspect=wrong, start=freed.settled)
 
@@ -139,10 +138,7 @@ def _told_nearby(test: CameraTest, score: CameraScore, sightings: Sightings, sta
 
 
 def _may_be_wrong(score: CameraScore) -> bool:
-    """Whether a focal length that is wrong enough to be told is within 1 sigma of the step of the score.
-
-    Both are only roughly right under a wrong camera.
-    """
+    """Whether a focal length that is wrong enough to be told is within 1 sigma of the step of the score, roughly."""
     step, sigma = float(score.step[0]), float(score.sigma[0])
     told = sigma < TEST.telling or (sigma < 1.0 and score.px[0] > TEST.faint * score.noise_px)
     return bool(told and abs(step) + sigma > TEST.least_wrong)
@@ -164,11 +160,16 @@ def _is_far(freed: Freed) -> bool:
     return abs(freed.value) > 0.5 * TEST.unlikely * np.hypot(float(freed.score.sigma[0]), TEST.systematic)
 
 
-def _overview_contradicts(joined: Joined, every: Sightings, start: Settled) -> bool:
-    """Whether cells of the overview miss the epipolar lines by far more than the matches do, chosen to fit these."""
+def _overview_contradicts(joined: Joined, every: Sightings, start: Settled, value: float = 0.0) -> bool:
+    """Whether cells of the overview miss the epipolar lines by far more than the matches do, chosen to fit these.
+
+    value : logarithm of the focal length under which `start` was found, over that of the cameras.
+    """
     count = len(joined.plane)
     if len(every.patch) < count + TEST.few_free:
         return False
+    if value:
+        every = every.seen_by((changed(every.cameras[0], "f", value), changed(every.cameras[1], "f", value)))
     miss = np.abs(epipolar_distance(essential_matrix(start.R, start.T), *every.rays()))
     of_matches, of_cells = (np.quantile(some, 0.9) for some in (miss[:count], miss[count:]))
     return bool(of_cells > TEST.far * of_matches)
@@ -186,9 +187,8 @@ def _is_wrong(freed: Freed, contradicted: bool) -> bool:
     if (clearly and likely) or (contradicted and (clearly or likely)):
         return True
     if freed.less_noise < 1.0:  # the matches are no nearer: what is left may be what lenses and interpolation leave
-        return step > TEST.contradicted * np.hypot(
-            _sigma(freed.score), TEST.floor_px / max(float(freed.score.px[0]), 1e-9)
-        )
+        floor = TEST.floor_px / max(float(freed.score.px[0]), 1e-9)
+        return bool(step > TEST.contradicted * np.hypot(_sigma(freed.score), floor))
     return step > TEST.contradicted * _sigma(freed.score)
 
 

@@ -32,7 +32,7 @@ from slopecli.geometry.solver.one_thread import one_blas_thread
 from slopecli.geometry.solver.refinement import State, levenberg_marquardt
 from slopecli.geometry.solver.relief import estimate_relief
 from slopecli.geometry.solver.seen_points import Sightings, changed, thinned
-from slopecli.geometry.solver.solve import solve_planes
+from slopecli.geometry.solver.solve import solve_from
 from slopecli.types import FloatArray, Solution
 
 FOCAL_STEPS = (0.1, 0.2, 0.35, 0.5, 0.7)  # of the logarithm of the focal length, to either side
@@ -182,7 +182,7 @@ class _Solved(NamedTuple):
 def _solved(every: Sightings, value: float, start: Motion) -> _Solved | None:
     left = _changed(every, "f", value).with_rays() if value else every
     try:
-        solution = solve_planes(*left.rays(), left.patch, weights=left.weight, relief=True, initial=[start])
+        solution = solve_from(start, *left.rays(), left.patch, left.weight)
     except (SlopemapError, np.linalg.LinAlgError):
         return None
     return _Solved(value, left, solution)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
 from typing import NamedTuple
@@ -14,7 +15,7 @@ from slopecli.geometry.solver.observations import Observations, Prediction, Quad
 from slopecli.geometry.solver.priors import MotionPrior
 from slopecli.geometry.solver.refinement import Refined, State, System, levenberg_marquardt, optimal_normals
 from slopecli.geometry.solver.relief import Relief, estimate_relief
-from slopecli.geometry.solver.starts import FEW_FREEDOM, hopeless, starting_states
+from slopecli.geometry.solver.starts import FEW_FREEDOM, hopeless, starting_states, states_of
 from slopecli.types import BoolArray, FloatArray
 
 Motion = tuple[FloatArray, FloatArray]  # R (3, 3) and T (3,)
@@ -72,15 +73,21 @@ def _form(observations: Observations, state: State, W: FloatArray | None, prior:
 
 
 def maximum_likelihood(
-    observations: Observations, noise: float | None, relief: bool, robust: bool, initial: list[Motion]
+    observations: Observations,
+    noise: float | None,
+    relief: bool,
+    robust: bool,
+    initial: list[Motion],
+    initial_only: bool = False,
 ) -> Fit:
     """Roots of the joint least squares, best first. Arguments as in `solve.solve_planes`.
 
     The best is visible (all points in front of both cameras) if any is; the others always are.
     """
-    fit = _refit(observations, _starts(observations, initial))
+    starts = partial(states_of, motions=initial) if initial_only else partial(_starts, initial=initial)
+    fit = _refit(observations, starts(observations))
     if robust:
-        fit = _without_mismatches(fit, initial, relief)
+        fit = _without_mismatches(fit, starts, relief)
     return _with_relief(fit, noise, robust and fit.observations.freedom() >= MANY_FREEDOM) if relief else fit
 
 
@@ -173,14 +180,14 @@ def _equal_by_rotation(
     return sorted(ties, key=lambda i: float(rotation_angle(R[i]))) + order[len(ties) :]
 
 
-def _without_mismatches(fit: Fit, initial: list[Motion], each_patch: bool) -> Fit:
+def _without_mismatches(fit: Fit, starts: Callable[[Observations], State], each_patch: bool) -> Fit:
     """The given fit if all residuals are within the gate, else a fit without mismatches.
 
     With few points a fit follows a mismatch, and a subset agrees by chance: then a fit to a subset is always computed,
     and accepted if it is significantly better. Mismatches may hide a root from the starts, so starts are computed again
     from the points kept. Every root chooses its own points, as points chosen by one root are biased against another.
 
-    each_patch : as in `inliers`.
+    starts : states to begin at, of the points kept.  each_patch : as in `inliers`.
     """
     full = fit.observations
     everything = Kept(full.weight > 0.0, full.free_weight > 0.0)
@@ -191,11 +198,11 @@ def _without_mismatches(fit: Fit, initial: list[Motion], each_patch: bool) -> Fi
     elif full.freedom() < LEAST_FREEDOM:
         return fit
     agreed = Kept(everything.planes & consensus(full), np.zeros_like(everything.free))
-    best = _settled(full, agreed, _starts(agreed.applied_to(full), initial), each_patch)
+    best = _settled(full, agreed, starts(agreed.applied_to(full)), each_patch)
     others, before = [], best
     for _ in range(3):  # the second round mostly repeats the first
         left = best.kept.applied_to(full)
-        states = _refit(left, _starts(left, initial)).state
+        states = _refit(left, starts(left)).state
         others = [_settled(full, best.kept, states.pick([i]), each_patch) for i in range(len(states.R))]
         before, best = best, min([best, *others], key=lambda one: one.cost)
         if best.kept.same_as(before.kept):

@@ -12,6 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from slopecli.errors import DegenerateConfiguration, InputError
+from slopecli.geometry.epipolar import skew
 from slopecli.types import BoolArray, FloatArray, IntArray
 
 FINEST_RESIDUAL = 1e-9  # normalised coordinates, a millionth of a pixel; below it residuals are rounding
@@ -289,7 +290,7 @@ def _predict_free(
     if not observations.n_free:
         empty = np.zeros((len(R), 0))
         return np.zeros((len(R), 2, 0)), empty, empty
-    lines = R @ np.cross(T[:, :, None], observations.free1[None], axis=1)
+    lines = (R @ skew(T)) @ observations.free1
     length = np.maximum(np.hypot(lines[:, 0], lines[:, 1]), 1e-9)
     distance = ((lines[:, :2] * observations.free2).sum(axis=1) + lines[:, 2]) / length
     foot = observations.free2 - distance[:, None] * lines[:, :2] / length[:, None]

@@ -90,6 +90,19 @@ def solve_planes(
     return _most_likely(fit, _scale(fit, noise, noise_gain), prior)
 
 
+@one_blas_thread()
+def solve_from(motion: Motion, x1: FloatArray, x2: FloatArray, patch: IntArray, weights: FloatArray) -> Solution:
+    """The joint solution of rough planes near a motion (R, T), in half the time of `solve_planes`, which tries others.
+
+    Other arguments, and what is raised, as of `solve_planes`.
+    """
+    observations = observe(x1, x2, patch, weights)
+    _check_enough(observations, None)
+    _check_baseline(observations)
+    fit = maximum_likelihood(observations, None, True, True, [_checked_motion(*motion)], initial_only=True)
+    return _most_likely(fit, _scale(fit, None, 1.0), None)
+
+
 def _in_closed_form(
     observations: Observations, solver: Literal["ha", "lh"], noise: float | None, noise_gain: float
 ) -> Solution:

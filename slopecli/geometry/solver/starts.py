@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from slopecli.errors import DegenerateConfiguration
-from slopecli.geometry.epipolar import decompose_essential, fit_rotation
+from slopecli.geometry.epipolar import decompose_essential, fit_rotation, skew
 from slopecli.geometry.homography import longuet_higgins
 from slopecli.geometry.solver.observations import Observations, QuadraticForm, isotropic, patch_moments
 from slopecli.geometry.solver.refinement import State, levenberg_marquardt, optimal_normals
@@ -58,6 +58,24 @@ def starting_states(observations: Observations, initial: list[tuple[FloatArray, 
         return state.pick(order)
     R, T = state.R[order], state.T[order]
     return _scored(observations, R, T, _form(observations, weighted, R, T))[0]
+
+
+def states_of(observations: Observations, motions: list[tuple[FloatArray, FloatArray]]) -> State:
+    """Motions (R, T) that are known, with the normals that fit the points best under each.
+
+    Raises
+    ------
+    DegenerateConfiguration : no normals fit under any of them.
+    """
+    R = np.stack([rotation for rotation, _ in motions])
+    T = np.stack([direction / np.linalg.norm(direction) for _, direction in motions])
+    moments = patch_moments(observations, observations.x2[None], isotropic(observations.weight[None]))
+    state, chi2 = _scored(observations, R, T, _form(observations, moments, R, T))
+    if not np.isfinite(chi2).any():
+        raise DegenerateConfiguration(
+            "no motion given maps the correspondences; check that their points are in two images"
+        )
+    return state.pick(np.flatnonzero(np.isfinite(chi2)).tolist())
 
 
 def hopeless(best: float, n_residuals: int) -> float:
@@ -182,7 +200,7 @@ def _form(observations: Observations, moments: FloatArray, R: FloatArray, T: Flo
     zero = np.zeros((1, moments.shape[1], 9))
     if not observations.n_free:
         return QuadraticForm(moments, zero, None, None, np.zeros(s))
-    lines = R @ np.cross(T[:, :, None], observations.free1[None], axis=1)
+    lines = (R @ skew(T)) @ observations.free1
     squared = (lines[:, :2] ** 2).sum(axis=1)
     squared = np.maximum(squared, 0.01 * squared.mean(axis=1, keepdims=True))
     found = np.concatenate([observations.free2, np.ones((1, observations.n_free))])
