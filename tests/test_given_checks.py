@@ -70,8 +70,10 @@ def test_points_outside_the_image_are_counted_and_most_of_them_refused() -> None
         (*doubled, "of another size"),
         (*rays, "as rays do"),
     ):
-        with pytest.raises(InputError, match=words):
+        with pytest.raises(InputError, match=f"^the correspondences: .*{words}"):
             solve(Given(one, two, patch[: len(one)]), (camera, camera), Options(), None)
+        with pytest.raises(InputError, match=f"^rows.csv: .*{words}"):
+            solve(Given(one, two, patch[: len(one)], path="rows.csv"), (camera, camera), Options(), None)
 
 
 def test_planes_found_are_not_told_to_be_found() -> None:

@@ -60,6 +60,15 @@ class Given:
         first, second = (f"{self.path}#{name}" for name in self.names) if self.names else (self.path, self.path)
         return first, second
 
+    @property
+    def name(self) -> str:
+        """What messages call it: its file, where it is of one."""
+        return self.path or "the correspondences"
+
+    def refusal(self, why: str) -> InputError:
+        """InputError that says what is wrong with it."""
+        return InputError(f"{self.name}: {why}")
+
 
 class Hull(Footprint):
     """Footprint of given points: their convex outline, without pixels, in one piece."""
@@ -83,10 +92,10 @@ def join_rows(given: Given, cameras: tuple[Camera, Camera]) -> Joined:
     _check_distinct(given)
     typical = min(median(np.abs(xy).max(axis=1)) for xy in (given.xy1, given.xy2))
     if cameras[0] is RAYS and given.pixels:
-        raise InputError(f"{given.path}: its points are pixels; give the camera with --camera or --intrinsics")
+        raise given.refusal("its points are pixels; give the camera with --camera or --intrinsics")
     if cameras[0] is RAYS and typical > WIDEST_RAY:  # half of them would be beyond 79 degrees off the axis
-        raise InputError(
-            f"{given.path}: half of the points lie beyond {typical:.4g}, which are pixels and no rays (x/z, y/z); "
+        raise given.refusal(
+            f"half of the points lie beyond {typical:.4g}, which are pixels and no rays (x/z, y/z); "
             "give the camera with --camera or --intrinsics"
         )
     _check_inside(given, cameras)
@@ -97,8 +106,8 @@ def join_rows(given: Given, cameras: tuple[Camera, Camera]) -> Joined:
     patches = [_patch(label, matches, weight, given.patch == label, given.outlines.get(label)) for label in labels]
     answered = [patch.id for patch in patches if patch.origin == "own"]
     if not answered:
-        raise InputError(
-            f"{given.path}: no patch has {FEWEST} rows off a line (found {len(labels)} patches in {len(x1)} rows); "
+        raise given.refusal(
+            f"no patch has {FEWEST} rows off a line (found {len(labels)} patches in {len(x1)} rows); "
             "give the rows of a plane one number in the column patch"
         )
     outside = ~np.isin(given.patch, answered)
@@ -113,8 +122,8 @@ def _check_distinct(given: Given) -> None:
         most = int(count.argmax())
         if count[most] > max(MOST_LEFT_OUT * len(xy), FEWEST):
             u, v = xy[first[most]]
-            raise InputError(
-                f"{given.path}: {count[most]} of {len(xy)} rows have the point ({u:g}, {v:g}) in image {image}; "
+            raise given.refusal(
+                f"{count[most]} of {len(xy)} rows have the point ({u:g}, {v:g}) in image {image}; "
                 "give each correspondence once, and leave out rows without a match"
             )
 
@@ -137,8 +146,8 @@ def _check_inside(given: Given, cameras: tuple[Camera, Camera]) -> None:
     pairs = list(zip(cameras, (given.xy1, given.xy2), strict=True))
     largest = max(float(np.abs(xy).max()) for _, xy in pairs)
     if largest < WIDEST_RAY and all(camera.cx > 2.0 * WIDEST_RAY for camera in cameras):
-        raise InputError(
-            f"{given.path}: all points lie within {largest:.3g} px of the first pixel, as rays do (x/z, y/z); needed "
+        raise given.refusal(
+            f"all points lie within {largest:.3g} px of the first pixel, as rays do (x/z, y/z); needed "
             "pixels with a camera, or leave the camera out"
         )
     for number, (camera, xy) in enumerate(pairs, 1):
@@ -146,8 +155,8 @@ def _check_inside(given: Given, cameras: tuple[Camera, Camera]) -> None:
         swapped = outside > FEWEST and not off_image(camera, xy[:, ::-1]).any()
         if swapped or 2 * outside > len(xy):
             guess = "are x and y in each other's place?" if swapped else "are they pixels of an image of another size?"
-            raise InputError(
-                f"{given.path}: {outside} of {len(xy)} points of image {number} lie outside its {camera.width}x"
+            raise given.refusal(
+                f"{outside} of {len(xy)} points of image {number} lie outside its {camera.width}x"
                 f"{camera.height} px; {guess}"
             )
 

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from slopecli.errors import InputError, NoAnswer
+from slopecli.errors import NoAnswer
 from slopecli.geometry.camera import rays_from_pixels
 from slopecli.patches.given import RAYS, Given
 from slopecli.patches.uncalibrated.correspondence_labels import label_planes
@@ -40,7 +40,7 @@ def rows_by_label_planes(given: Given, cameras: tuple[Camera, Camera] | None, se
     if patch.max(initial=-1) < 1:
         raise NoAnswer(
             "low-texture",
-            f"none of the {len(patch)} rows of {given.path} lie on a common plane",
+            f"none of the {len(patch)} rows of {given.name} lie on a common plane",
             "give more rows, or say which lie on one plane: --planes one, a column patch, --window, --grid or --labels",
         )
     on = (patch >= 0) | ~seen
@@ -65,8 +65,8 @@ def rows_in_windows(given: Given, windows: Sequence[Window], options: Mapping[st
     if len(both):
         first, second = (np.flatnonzero(inside[:, both[0]])[:2] + 1).tolist()
         u, v = given.xy1[both[0]]
-        raise InputError(
-            f"{given.path}: the point ({u:g}, {v:g}) lies in windows {first} and {second}; "
+        raise given.refusal(
+            f"the point ({u:g}, {v:g}) lies in windows {first} and {second}; "
             "let windows not overlap, as a row lies on one plane"
         )
     patch = np.where(inside.any(axis=0), inside.argmax(axis=0) + 1, -1)
