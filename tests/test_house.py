@@ -8,7 +8,8 @@ import subprocess
 import sys
 import tomllib
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 
@@ -67,9 +68,52 @@ def room_of(path: Path) -> str:
     return path.relative_to(PACKAGE).parts[0].removesuffix(".py")
 
 
-def imports_of(tree: ast.AST, package: str = "slopecli") -> Iterator[tuple[int, str]]:
-    """Line and dotted name of everything imported anywhere below `tree`, in function bodies too."""
-    for node in ast.walk(tree):
+@dataclass(frozen=True)
+class Module:
+    """What the rules look at in a module; the lines and names of what stands anywhere in it, in function bodies too.
+
+    imports_at_top : those at the top level alone.  calls : with the name called, and the whole of it as written.
+    lengths : of functions.  constants : names in capitals that are given a number, or a table of numbers.
+    defaults : fields of dataclasses and named tuples whose default is a number.
+    """
+
+    imports: list[tuple[int, str]]
+    imports_at_top: list[tuple[int, str]]
+    asserts: list[int]
+    calls: list[tuple[int, str, str]]
+    lengths: list[tuple[int, str, int]]
+    constants: list[str]
+    defaults: list[str]
+
+
+@cache
+def module(path: Path) -> Module:
+    """Its tree is not kept: half a million nodes would be gone through by every collection of garbage."""
+    tree = ast.parse(path.read_text(encoding="utf-8"))
+    nodes = list(ast.walk(tree))
+    calls = [(node.lineno, node.func) for node in nodes if isinstance(node, ast.Call)]
+    return Module(
+        list(imports_of(nodes)),
+        list(imports_of(tree.body)),
+        [node.lineno for node in nodes if isinstance(node, ast.Assert)],
+        [
+            (line, name, ast.unparse(func))
+            for line, func in calls
+            if (name := getattr(func, "id", getattr(func, "attr", ""))) in {*FILE_CALLS, "print"}
+        ],
+        [
+            (node.lineno, node.name, (node.end_lineno or 0) - node.lineno)
+            for node in nodes
+            if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef)
+        ],
+        constants_of(tree),
+        default_numbers_of(nodes),
+    )
+
+
+def imports_of(nodes: Iterable[ast.AST], package: str = "slopecli") -> Iterator[tuple[int, str]]:
+    """Line and dotted name of everything that the nodes import."""
+    for node in nodes:
         if isinstance(node, ast.Import):
             yield from ((node.lineno, alias.name) for alias in node.names)
         elif isinstance(node, ast.ImportFrom):
@@ -77,81 +121,6 @@ def imports_of(tree: ast.AST, package: str = "slopecli") -> Iterator[tuple[int, 
             # `from slopecli import pipeline` names a room, not something in the package itself
             names = [f"{package}.{alias.name}" for alias in node.names] if node.module == package else [node.module]
             yield from ((node.lineno, str(name)) for name in names)
-
-
-@cache
-def parse(path: Path) -> ast.Module:
-    return ast.parse(path.read_text(encoding="utf-8"))
-
-
-def third_party(tree: ast.AST) -> set[str]:
-    roots = {name.split(".")[0] for _, name in imports_of(tree)}
-    return roots - set(sys.stdlib_module_names) - {"slopecli"}
-
-
-def top_level(tree: ast.Module) -> ast.Module:
-    statements = [node for node in tree.body if isinstance(node, ast.Import | ast.ImportFrom)]
-    return ast.Module(body=statements, type_ignores=[])
-
-
-@pytest.mark.parametrize("path", [path for path in MODULES if path != FACE], ids=name_of)
-def test_imports_point_up_the_list_only(path: Path) -> None:
-    room = room_of(path)
-    assert room in FLOOR_OF, "a new room needs its place in FLOORS"
-    for line, name in imports_of(parse(path)):
-        package, _, rest = name.partition(".")
-        imported = rest.split(".")[0]
-        if package == "slopecli" and name != "slopecli.__version__":
-            assert imported in FLOOR_OF, f"{name_of(path)}:{line} imports {name}; inside, import from the module"
-            below = FLOOR_OF[imported] < FLOOR_OF[room]
-            nouns = FLOOR_OF[imported] == FLOOR_OF[room] == FLOOR_OF["types"]
-            assert below or imported == room or nouns, f"{name_of(path)}:{line} ({room}) imports {name}"
-
-
-@pytest.mark.parametrize("path", MODULES, ids=name_of)
-def test_every_room_uses_only_what_it_may(path: Path) -> None:
-    room, used = room_of(path), third_party(parse(path))
-    if room == "geometry":
-        assert used <= {"numpy", "scipy", "threadpoolctl"}
-    if room != "cli":
-        assert not used & {"click", "rich"}
-    if room in ("cli", "errors", "options"):
-        assert used <= {"click", "rich"}, "the command line must answer --help without loading anything heavy"
-
-
-@pytest.mark.parametrize("path", MODULES, ids=name_of)
-def test_nothing_slow_is_imported_before_it_is_needed(path: Path) -> None:
-    assert not third_party(top_level(parse(path))) & SLOW_TO_IMPORT
-
-
-@pytest.mark.parametrize("path", MODULES, ids=name_of)
-def test_only_io_opens_files_and_nobody_prints_or_asserts(path: Path) -> None:
-    for node in ast.walk(parse(path)):
-        assert not isinstance(node, ast.Assert), f"{name_of(path)}:{node.lineno}: raise a SlopemapError instead"
-        if isinstance(node, ast.Call):
-            called = getattr(node.func, "id", getattr(node.func, "attr", ""))
-            talks = called == "print" and (room_of(path) != "cli" or isinstance(node.func, ast.Name))
-            assert not talks, f"{name_of(path)}:{node.lineno}: only the command line talks, by its own functions"
-            opens = called in FILE_CALLS and not (called == "open" and ast.unparse(node.func) == "os.open")
-            assert not opens or room_of(path) == "io", f"{name_of(path)}:{node.lineno} opens a file"
-
-
-@pytest.mark.parametrize("path", MODULES, ids=name_of)
-def test_modules_stay_short(path: Path) -> None:
-    assert len(path.read_text(encoding="utf-8").splitlines()) <= 350
-
-
-@pytest.mark.parametrize("path", MODULES, ids=name_of)
-def test_functions_stay_short(path: Path) -> None:
-    for node in ast.walk(parse(path)):
-        if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef):
-            assert (node.end_lineno or 0) - node.lineno < 50, f"{name_of(path)}:{node.lineno} {node.name}"
-
-
-def test_no_module_name_stands_in_two_rooms() -> None:
-    """The modules of the command line are named after its commands."""
-    names = [path.stem for path in MODULES if not path.stem.startswith("__") and room_of(path) != "cli"]
-    assert [name for name, times in Counter(names).items() if times > 1] == []
 
 
 def has_number(value: ast.expr | None) -> bool:
@@ -162,38 +131,109 @@ def has_number(value: ast.expr | None) -> bool:
 
 
 def constants_of(tree: ast.Module) -> list[str]:
-    """Names in capitals that a module gives a number, or a table of numbers."""
     given = [node for node in tree.body if isinstance(node, ast.Assign | ast.AnnAssign) and has_number(node.value)]
     targets = [target for node in given for target in (node.targets if isinstance(node, ast.Assign) else [node.target])]
     leaves = [leaf for target in targets for leaf in (target.elts if isinstance(target, ast.Tuple) else [target])]
     return [leaf.id for leaf in leaves if isinstance(leaf, ast.Name) and leaf.id.isupper()]
 
 
-def default_numbers_of(tree: ast.Module) -> list[str]:
-    """Fields of dataclasses and named tuples whose default is a number."""
-    kinds = [node for node in ast.walk(tree) if isinstance(node, ast.ClassDef)]
+def default_numbers_of(nodes: Iterable[ast.AST]) -> list[str]:
     return [
         f"{kind.name}.{ast.unparse(field.target)}"
-        for kind in kinds
+        for kind in nodes
+        if isinstance(kind, ast.ClassDef)
         for field in kind.body
         if isinstance(field, ast.AnnAssign) and has_number(field.value)
     ]
 
 
+def third_party(imports: Iterable[tuple[int, str]]) -> set[str]:
+    roots = {name.split(".")[0] for _, name in imports}
+    return roots - set(sys.stdlib_module_names) - {"slopecli"}
+
+
+def test_imports_point_up_the_list_only() -> None:
+    assert {room_of(path) for path in MODULES if path != FACE} <= {*FLOOR_OF}, "a new room needs its place in FLOORS"
+    wrong = []
+    for path in (path for path in MODULES if path != FACE):
+        room = room_of(path)
+        for line, name in module(path).imports:
+            package, _, rest = name.partition(".")
+            imported = rest.split(".")[0]
+            if package == "slopecli" and name != "slopecli.__version__":
+                floor = FLOOR_OF.get(imported)  # inside, one imports from the module
+                nouns = floor == FLOOR_OF[room] == FLOOR_OF["types"]
+                if floor is None or not (floor < FLOOR_OF[room] or imported == room or nouns):
+                    wrong.append(f"{name_of(path)}:{line} ({room}) imports {name}")
+    assert not wrong
+
+
+def test_every_room_uses_only_what_it_may() -> None:
+    wrong = []
+    for path in MODULES:
+        room, used = room_of(path), third_party(module(path).imports)
+        if room == "geometry":
+            used -= {"numpy", "scipy", "threadpoolctl"}
+        elif room in ("cli", "errors", "options"):  # the command line must answer --help without loading anything heavy
+            used -= {"click", "rich"} if room == "cli" else set()
+        else:
+            used &= {"click", "rich"}
+        wrong += [f"{name_of(path)} imports {name}" for name in used]
+    assert not wrong
+
+
+def test_nothing_slow_is_imported_before_it_is_needed() -> None:
+    loaded = {name_of(path): third_party(module(path).imports_at_top) & SLOW_TO_IMPORT for path in MODULES}
+    assert not {name: slow for name, slow in loaded.items() if slow}
+
+
+def test_only_io_opens_files_and_nobody_prints_or_asserts() -> None:
+    """A SlopemapError is raised in place of an assertion; only the command line talks, by its own functions."""
+    wrong = []
+    for path in MODULES:
+        wrong += [f"{name_of(path)}:{line} asserts" for line in module(path).asserts]
+        for line, called, written in module(path).calls:
+            if called == "print":
+                allowed = room_of(path) == "cli" and written != "print"
+            else:
+                allowed = room_of(path) == "io" or written == "os.open"
+            wrong += [f"{name_of(path)}:{line} calls {written}"] if not allowed else []
+    assert not wrong
+
+
+def test_modules_stay_short() -> None:
+    lengths = {name_of(path): len(path.read_text(encoding="utf-8").splitlines()) for path in MODULES}
+    assert not {name: length for name, length in lengths.items() if length > 350}
+
+
+def test_functions_stay_short() -> None:
+    lengths = [(path, *one) for path in MODULES for one in module(path).lengths]
+    assert not [f"{name_of(path)}:{line} {name}" for path, line, name, length in lengths if length >= 50]
+
+
+def test_no_module_name_stands_in_two_rooms() -> None:
+    """The modules of the command line are named after its commands."""
+    names = [path.stem for path in MODULES if not path.stem.startswith("__") and room_of(path) != "cli"]
+    assert [name for name, times in Counter(names).items() if times > 1] == []
+
+
 def test_numbers_are_few() -> None:
     """A number that no measurement defends is not introduced; one that states a known fact is imported."""
-    constants = [name for path in MODULES for name in constants_of(parse(path))]
-    defaults = [name for path in MODULES for name in default_numbers_of(parse(path))]
+    constants = [name for path in MODULES for name in module(path).constants]
+    defaults = [name for path in MODULES for name in module(path).defaults]
     assert len(constants) <= 220
     assert len(constants) + len(defaults) <= 450
 
 
-@pytest.mark.parametrize("path", CALLERS, ids=lambda path: path.name)
-def test_tests_and_benchmarks_import_from_rooms(path: Path) -> None:
-    rooms = {".".join(module.relative_to(ROOT).parts[:-1]) for module in MODULES}
-    for line, name in imports_of(parse(path)):
-        inside = name.startswith("slopecli.") and name.count(".") > 1 and name not in rooms
-        assert not inside or name in FROM_THE_MODULE, f"line {line} imports {name}; import from its room"
+def test_tests_and_benchmarks_import_from_rooms() -> None:
+    rooms = {".".join(path.relative_to(ROOT).parts[:-1]) for path in MODULES}
+    wrong = []
+    for path in CALLERS:
+        for line, name in module(path).imports:
+            inside = name.startswith("slopecli.") and name.count(".") > 1 and name not in rooms
+            if inside and name not in FROM_THE_MODULE:
+                wrong.append(f"{path.name}:{line} imports {name}")
+    assert not wrong
 
 
 def test_dependencies_are_those_imported() -> None:
@@ -202,7 +242,7 @@ def test_dependencies_are_those_imported() -> None:
     requirements = project["dependencies"] + extras["cluster"] + extras["h5"] + extras["las"] + extras["exr"]
     requirements += extras["pandas"]
     declared = {re.split(r"[<>=!~ ;\[]", requirement)[0].lower() for requirement in requirements}
-    used = set().union(*(third_party(parse(path)) for path in MODULES))
+    used = set().union(*(third_party(module(path).imports) for path in MODULES))
     assert {DISTRIBUTION_OF.get(name, name).lower() for name in used} == declared
 
 
