@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import gc
 import os
+from collections.abc import Iterator
 
 import campaign
 import pytest
@@ -64,6 +65,16 @@ def _worker_here(monkeypatch: pytest.MonkeyPatch) -> None:
 
     monkeypatch.setattr("slopecli.batch.running.Worker", WorkerHere)
     monkeypatch.setattr("slopecli.batch.answer.estimate", remembered)
+
+
+@pytest.fixture(scope="module")
+def _solved_once() -> Iterator[None]:
+    """Match and solve the same pair only once in a module that tests what is made of the answer."""
+    from remembered import solved_once
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("slopecli.pipeline._answer", solved_once)
+        yield
 
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
