@@ -148,12 +148,21 @@ def test_segment_finds_regions_and_takes_the_largest_as_level(flight: Path, tmp_
 @pytest.mark.skipif(os.name != "posix", reason="needs a shell of POSIX")
 @pytest.mark.parametrize("stderr", ["2>&-", pytest.param("2>/dev/full", marks=pytest.mark.slow)])
 def test_nobody_who_listens_does_not_end_the_work(stderr: str, answer: Run, flight: Path, tmp_path: Path) -> None:
-    command = [sys.executable, "-m", "slopecli", "batch", str(flight), "-v", "-o", str(tmp_path), "--jobs", "1"]
+    (tmp_path / "pairs.csv").write_text("view_8.png,view_9.png\nview_9.png,view_10.png\n")
+    output = tmp_path / "out"
+    command = [sys.executable, "-m", "slopecli", "batch", str(flight), "-v", "-o", str(output), "--jobs", "1"]
     done = subprocess.run(
-        ["sh", "-c", f'"$@" {stderr}', "sh", *command], capture_output=True, encoding="utf-8", check=False
+        ["sh", "-c", f'"$@" {stderr}', "sh", *command, "--pairing", str(tmp_path / "pairs.csv")],
+        capture_output=True,
+        encoding="utf-8",
+        check=False,
     )
-    assert (done.returncode, done.stdout) == (0, answer[0].stdout)
-    assert contents_of(tmp_path) == contents_of(answer[1])
+    assert done.returncode == 0
+    rows, all_rows = ([line.split() for line in text.splitlines()] for text in (done.stdout, answer[0].stdout))
+    assert rows == all_rows[:3]
+    for name in NAMES[:2]:
+        assert contents_of(output / name) == contents_of(answer[1] / name)
+    assert {path.name for path in output.iterdir()} >= SUMMARIES
 
 
 # ---- pairs without an answer ----

@@ -21,7 +21,7 @@ from slopecli.batch import Keep, Outcome, Pair, Progress, run
 from slopecli.errors import InputError
 from slopecli.options import Options
 
-N_IMAGES = len(seeds(9, 5))  # a worker that is lost half way must leave some to do
+N_IMAGES = len(seeds(9, 3))  # a worker that is lost half way must leave some to do
 OPTIONS, KEEP = Options(grid=(1, 1)), Keep(overlay=False, ply=False)
 
 

@@ -184,10 +184,16 @@ def hostile(name: str) -> Any:
 @pytest.mark.parametrize(
     ("name", "code"),
     [
-        ("D01_pure_rotation", "pure-rotation"),
-        pytest.param("D03_no_overlap", "no-overlap", marks=pytest.mark.slow),  # a long search; test_pipeline.py has one
+        # of the others test_pipeline.py has one each
+        *(
+            pytest.param(name, code, marks=pytest.mark.slow)
+            for name, code in (
+                ("D01_pure_rotation", "pure-rotation"),
+                ("D03_no_overlap", "no-overlap"),
+                ("D05_textureless", "low-texture"),
+            )
+        ),
         ("D04_identical", "pure-rotation"),
-        ("D05_textureless", "low-texture"),
     ],
 )
 def test_a_pair_without_an_answer_is_refused(name: str, code: str) -> None:
@@ -201,7 +207,7 @@ def diagnostics_of(answer: dict[str, Any]) -> set[str]:
     return {diagnostic["code"] for diagnostic in answer["diagnostics"]}
 
 
-@pytest.mark.parametrize("windows", [True, False], ids=["one window", "grid"])
+@pytest.mark.parametrize("windows", [True, pytest.param(False, marks=pytest.mark.slow)], ids=["one window", "grid"])
 def test_one_plane_leaves_both_answers_open(windows: bool) -> None:
     pair = hostile("D02_single_plane")
     answer = answer_of(pair, windows)
@@ -214,6 +220,7 @@ def test_one_plane_leaves_both_answers_open(windows: bool) -> None:
         assert plane["verdict"] != "safe" or max(plane["slope_deg"], alternative[plane["id"]]["slope_deg"]) < 15
 
 
+@pytest.mark.slow  # test_pipeline.py names that of the sample
 def test_the_window_the_camera_moves_towards_is_named() -> None:
     assert "foe-in-window" in diagnostics_of(answer_of(hostile("D06_forward_foe_in_window")))
 
@@ -244,7 +251,9 @@ def test_nothing_is_suspected_of_pairs_as_they_should_be(name: str) -> None:
     assert [pair.name for pair in ACCURACY["true_pairs"](DATA, name) if suspicions & said_of(pair)] == []
 
 
-@pytest.mark.parametrize("name", ["A04_marsyard", "A08_horizontal", "C06_suburb"])
+@pytest.mark.parametrize(
+    "name", ["A04_marsyard", *(pytest.param(name, marks=pytest.mark.slow) for name in ("A08_horizontal", "C06_suburb"))]
+)
 def test_a_distortion_that_is_not_given_is_suspected(name: str) -> None:
     (pair,) = ACCURACY["true_pairs"](DATA, f"rendered/{name}")
     images = load_image(pair.image1), load_image(pair.image2)

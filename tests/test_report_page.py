@@ -178,7 +178,7 @@ SAMPLE = Path(__file__).parent.parent / "sample_data" / "descent"
 def test_the_command_writes_a_page_on_request_the_same_each_time(tmp_path: Path, command: str) -> None:
     pair = []
     for name in ("image1.png", "image2.png"):
-        small = cv2.resize(cv2.imread(str(SAMPLE / name)), (400, 400), interpolation=cv2.INTER_AREA)
+        small = cv2.resize(cv2.imread(str(SAMPLE / name)), (240, 240), interpolation=cv2.INTER_AREA)
         pair.append(str(tmp_path / name))
         cv2.imwrite(pair[-1], small)
     arguments = (command, *pair, "--fov", "60", "-o", str(tmp_path / "out"), "--report")
@@ -238,7 +238,9 @@ def wait_for_the_model(browser: Any) -> float:
     return float(shown[shown != shown[0, 0]].mean())
 
 
-@pytest.mark.parametrize("kind", ["windows", pytest.param("regions", marks=pytest.mark.slow), "map"])
+@pytest.mark.parametrize(
+    "kind", ["windows", *(pytest.param(kind, marks=pytest.mark.slow) for kind in ("regions", "map"))]
+)
 def test_a_browser_shows_it_sorts_it_and_asks_nobody(browser: Any, tmp_path: Path, kind: str) -> None:
     contents = {
         "windows": lambda: encode(with_causes(make_report()), IMAGE, ORIGIN),

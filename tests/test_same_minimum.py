@@ -71,7 +71,7 @@ def alike(seed: int) -> bool:
 
 
 def test_turned_and_reordered_problems_have_the_same_answer() -> None:
-    different = [seed for seed in sorted({*seeds(5000, 40), *VALLEYS, *TIES, *EXACT}) if not alike(seed)]
+    different = [seed for seed in sorted({*seeds(5000, 15), *VALLEYS, *TIES, *EXACT}) if not alike(seed)]
     assert not different
 
 
