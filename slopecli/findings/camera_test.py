@@ -120,7 +120,7 @@ def examine_cameras(
         return enough
     freed = free_focal(every, start, None if free else _is_far, lines)
     wrong = freed is not None and _is_wrong(freed, contradicted)
-    doubted = contradicted and not wrong and not free
+    doubted = contradicted and not wrong
     if freed is None or (doubted and _overview_contradicts(joined, every, freed.settled, freed.value)):
         return replace(test, suspect=contradicted and _sigma(score) < TEST.telling)
     sigma = float(freed.score.sigma[0]) if wrong else _sigma(freed.score)
