@@ -134,6 +134,21 @@ def test_the_plane_is_the_nearest_by_perpendicular_distance() -> None:
         assert np.sqrt(((offsets @ normal) ** 2).mean()) == pytest.approx(planes.relief[i, j], rel=1e-3)
 
 
+@pytest.mark.parametrize(("told", "off_deg"), [(0.0, (4.0, 20.0)), (1.0, (-0.5, 0.5)), (5.0, (-0.5, 0.5))])
+def test_errors_of_distance_do_not_tilt_planes_if_their_variance_is_known(
+    told: float, off_deg: tuple[float, float]
+) -> None:
+    """Whether it is told to be what it is, or larger, when what is left is the plane of the least squared errors."""
+    rng, every = np.random.default_rng(6), np.ones(SHAPE, bool)
+    points = ground(np.array([0.06, 0.0, 0.2]))
+    far = np.exp(0.03 * rng.standard_normal(SHAPE)).astype(np.float32)
+    variance = np.full(SHAPE, told * 0.03**2, np.float32)
+    planes = fit_footprints(points * far[..., None], every, every, cells_of(14.0, 6, 16), variance=variance)
+    slopes = np.degrees(np.arctan2(np.linalg.norm(planes.normal[..., :2], axis=-1), -planes.normal[..., 2]))
+    low, high = off_deg
+    assert low < np.median(slopes[planes.answered]) - np.degrees(np.arctan(0.3)) < high
+
+
 def test_a_footprint_of_which_too_little_is_known_has_no_plane() -> None:
     known = np.ones(SHAPE, bool)
     known[:, 60:] = False

@@ -62,7 +62,7 @@ def map_cells(depth: DenseDepth, cells: Cells, roots: Sequence[Root], demand: De
     roots : the motion that the depth was measured with, and the other if it explains the images as well; a footprint
         is safe only where it is so under both.
     """
-    planes = fit_footprints(depth.points, depth.known, depth.sure, cells)
+    planes = fit_footprints(depth.points, depth.known, depth.sure, cells, variance=depth.variance)
     jump = largest_jump(depth, planes)
     gradient = gradient_parts(depth, planes, jump)
     covariance = normal_covariance(planes, roots[0], gradient.total)

@@ -58,16 +58,23 @@ class FootprintPlanes:
 
 
 def fit_footprints(
-    points: NDArray[np.float32], known: BoolArray, sure: BoolArray, cells: Cells, along_radius: float = np.inf
+    points: NDArray[np.float32],
+    known: BoolArray,
+    sure: BoolArray,
+    cells: Cells,
+    along_radius: float = np.inf,
+    variance: NDArray[np.float32] | None = None,
 ) -> FootprintPlanes:
     """Fit the plane of every footprint to its known points (h, w, 3); sure (h, w): those of them without doubt.
 
-    along_radius : see `footprints.disc_sums`.
+    along_radius : see `footprints.disc_sums`.  variance (h, w) : of the logarithm of a point's distance, by errors;
+        None is none.
     """
     centre = middle_of(points, known)
     x, y, z = (np.where(known, points[..., k] - np.float32(centre[k]), np.float32(0.0)) for k in range(3))
+    error = np.zeros_like(z) if variance is None else np.where(known, variance, np.float32(0.0))
     squares = x * x, x * y, x * z, y * y, y * z, z * z
-    n, certain, *sums = disc_sums((known, sure, x, y, z, *squares), cells, along_radius)
+    n, certain, *sums = disc_sums((known, sure, x, y, z, *squares, error), cells, along_radius)
     area = disc_area(cells.radius_px, along_radius)
     share, certain = (np.minimum(pixels / area, 1.0) for pixels in (n, certain))
     return FootprintPlanes(cells, *planes_of_sums(n, sums, centre), share, certain)
@@ -84,16 +91,32 @@ def planes_of_sums(
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Normals (..., 3), middles (..., 3) and relief (...) of planes, as in `FootprintPlanes`.
 
-    n (...): numbers of points.  sums: of their x, y, z, xx, xy, xz, yy, yz, zz (...), from `centre` (3,) on.
+    n (...): numbers of points.  sums: of their x, y, z, xx, xy, xz, yy, yz, zz (...), from `centre` (3,) on, and of the
+    variance of the logarithm of their distance.
     """
     count = np.maximum(n, 1.0)[..., None]
-    mean, second = np.stack(sums[:3], -1) / count, np.stack(sums[3:], -1) / count
-    scatter = second[..., [0, 1, 2, 1, 3, 4, 2, 4, 5]].reshape(*n.shape, 3, 3)
-    values, vectors = np.linalg.eigh(scatter - mean[..., :, None] * mean[..., None, :])
-    normal, middle = vectors[..., 0], mean + centre
+    mean, second = np.stack(sums[:3], -1) / count, np.stack(sums[3:9], -1) / count
+    scatter = second[..., [0, 1, 2, 1, 3, 4, 2, 4, 5]].reshape(*n.shape, 3, 3) - mean[..., :, None] * mean[..., None, :]
+    middle = mean + centre
+    values, vectors = np.linalg.eigh(_without_errors(scatter, middle, sums[9] / count[..., 0]))
+    normal = vectors[..., 0]
     normal[n < 3], middle[n < 3] = AHEAD, AHEAD
     away = (normal * middle).sum(-1) > 0
     return np.where(away[..., None], -normal, normal), middle, np.sqrt(np.maximum(values[..., 0], 0.0))
+
+
+def _without_errors(scatter: FloatArray, middle: FloatArray, variance: FloatArray) -> FloatArray:
+    """Scatter matrices (..., 3, 3) without what errors of this variance (...) along the line of sight to the middle
+    (..., 3) add, which would tilt planes away from the camera.
+
+    At most as much is taken as leaves points on a plane: then it is the one of the least squared errors of distance.
+    """
+    first, second, third = np.moveaxis(scatter, -2, 0)
+    adjugate = np.stack([np.cross(second, third), np.cross(third, first), np.cross(first, second)], -1)
+    volume = (first * adjugate[..., 0]).sum(-1)
+    spread = (middle * (adjugate @ middle[..., None])[..., 0]).sum(-1)
+    most = np.maximum(volume, 0.0) / np.maximum(spread, np.finfo(float).tiny)
+    return np.asarray(scatter - np.minimum(variance, most)[..., None, None] * middle[..., None] * middle[..., None, :])
 
 
 def heights(points: NDArray[np.float32], known: BoolArray, planes: FootprintPlanes) -> tuple[FloatArray, FloatArray]:

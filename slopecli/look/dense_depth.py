@@ -101,6 +101,12 @@ class DenseDepth:
         return np.sqrt(_length2(self.shifts) + 1e-12)
 
     @cached_property
+    def variance(self) -> FloatImage:
+        """(h, w) of ln w, by errors of alignment; mismatches count as the largest error that is noise."""
+        most = GATE_SIGMAS * robust_sigma(self.along_px[self.known].astype(float)) if self.known.any() else 0.0
+        return np.asarray(np.minimum(np.abs(self.along_px), np.float32(most)) ** 2 / self.shift_px**2)
+
+    @cached_property
     def points(self) -> FloatImage:
         """(h, w, 3) points of the pixels, camera-1 axes, baselines; of no meaning where not known."""
         z = 1.0 / self.w
