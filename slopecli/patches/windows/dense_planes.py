@@ -6,6 +6,7 @@ its ground, for which all pixels count, and no match may be left out as an outli
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -36,6 +37,9 @@ class DenseTunables:
     # times the variance of the plane through the matches, which lacks that of the ground they leave out: with more, the
     # pixels are too faint to take its place
     as_sure: float = 4.0
+    # px, shorter side of the smallest window on the working grid: of grids of 235 px on rough ground the planes are
+    # no better (mean error 0.85 degrees both), and their sigmas too small (RMS error over sigma 1.9, here 1.1)
+    side_px: float = 160.0
 
 
 DENSE = DenseTunables()
@@ -56,9 +60,17 @@ def with_dense_planes(joined: Joined, solution: Solution, scene: Scene, focal_si
     if not len(index):
         return joined, solution
     with single_threaded():
-        depth = measure_depth(scene, [joined.patches[k].footprint.bounds for k in index], FINE.max_pixels)
+        windows = [joined.patches[k].footprint.bounds for k in index]
+        depth = measure_depth(scene, windows, _pixels_needed(windows))
     cameras = scene.camera1, scene.camera2
     return with_planes_of_depth(depth, joined, solution, cameras, focal_sigma, DENSE.as_sure, index)
+
+
+def _pixels_needed(windows: Sequence[Window]) -> float:
+    """Pixels of a working grid around windows, px of image 1, that suffice for the planes of all of them."""
+    x, y, w, h = np.array(windows, float).T
+    around = float(np.ptp(np.r_[x, x + w]) * np.ptp(np.r_[y, y + h]))
+    return min(FINE.max_pixels, around * (DENSE.side_px / min(w.min(), h.min())) ** 2)
 
 
 def _share_shown(window: Window, normal: FloatArray, scene: Scene) -> float:
