@@ -169,7 +169,7 @@ def _follow(job: Job, options: Options, camera: Camera, fingerprint: str) -> tup
         pass
     runner.options_of = at_end
     answer = sequence_answer(runner)
-    image = runner.first_image
+    image = runner.images[0]
     contents = encode_products(answer, image, job.keep, SEQUENCE_PRODUCTS) if isinstance(image, Image) else {}
     return _outcome_of(job, answer.report, fingerprint, tuple(contents)), contents
 

@@ -27,6 +27,7 @@ from slopecli.cli.checks import (
 from slopecli.cli.map_table import print_sites, say_ground
 from slopecli.cli.metadata_choices import take_metadata
 from slopecli.cli.parameter_types import PATH, POSITIVE
+from slopecli.cli.prior_choices import with_priors_file
 from slopecli.cli.report_table import print_report, say_place
 from slopecli.cli.shared_options import INPUT, OUTPUT, Flag, Option
 from slopecli.cli.talk import Talk, origin_of, print_result
@@ -52,6 +53,7 @@ FRAMES = (
     Option(INPUT, "--glob pattern", "PATTERN", str, "Of the images in a folder", "", shown="all"),
     Option(INPUT, "--times times_file", "FILE", PATH, "Time of every frame, s, one a line"),
     Option(INPUT, "--positions positions_file", "FILE", PATH, "Of the camera: x,y,z or TUM lines, for metres"),
+    Option(INPUT, "--priors priors_file", "FILE", PATH, "CSV of altitudes, angles, positions of frames"),
     Option(INPUT, "--every", "N", kinds.Whole(1), "Of a video: every N-th frame", 1),
     Option(INPUT, "--fps", "RATE", POSITIVE, "Of a video: so many frames a second", shown="all"),
     Option(INPUT, "--start start_s", "S", kinds.Between(0, 1e6), "Of a video: where to begin, s", 0.0),
@@ -104,7 +106,7 @@ def sequence(ctx: click.Context, frames: tuple[str, ...], **parameters: Any) -> 
     _check(ctx, frames, parameters)
     parameters, metadata = take_metadata(ctx, parameters)
     talk = ctx.ensure_object(Talk)
-    source = _with_cameras(_opened(frames, parameters), parameters, talk)
+    source = with_priors_file(ctx, _with_cameras(_opened(frames, parameters), parameters, talk), parameters)
     runner, options_at_end = _runner(ctx, source, parameters, metadata)
     interrupted, problem = _run(source, runner, parameters, talk)
     if interrupted and not runner.started:
@@ -122,7 +124,7 @@ def sequence(ctx: click.Context, frames: tuple[str, ...], **parameters: Any) -> 
 def _check(ctx: click.Context, frames: tuple[str, ...], parameters: dict[str, Any]) -> None:
     """Refuse contradictions of the command line, and a folder that cannot take the results."""
     at_most_one(ctx, CAMERA_FLAGS, WINDOW_FLAGS, ("baseline_m", "altitude_m", "positions_file"), ("every", "fps"))
-    lengths = ("baseline_m", "altitude_m", "positions_file", "metadata")
+    lengths = ("baseline_m", "altitude_m", "positions_file", "priors_file", "metadata")
     sigma_alone = given(ctx, "scale_sigma_percent") and not given(ctx, *lengths)
     live = parameters["live"]
     refuse(
@@ -143,14 +145,14 @@ def _check(ctx: click.Context, frames: tuple[str, ...], parameters: dict[str, An
             given(ctx, "position_sigma_m") and not given(ctx, "position"),
             "--position-sigma is of a --position; give both.",
         ),
-        (sigma_alone, "--scale-sigma is of a --baseline, --altitude or --positions; give both."),
+        (sigma_alone, "--scale-sigma is of a --baseline, --altitude, --positions or --priors; give both."),
     )
     if parameters["output"]:
         from slopecli.io.outputs import check_directory
         from slopecli.products import OUTPUT_NAMES
 
         names = (LINES, *OUTPUT_NAMES)
-        files = (parameters[name] for name in ("camera", "times_file", "positions_file"))
+        files = (parameters[name] for name in ("camera", "times_file", "positions_file", "priors_file"))
         check_directory(parameters["output"], names, inputs=(*frames, *files))
 
 
@@ -322,7 +324,7 @@ def _written(answer: SequenceAnswer, runner: Sequence, parameters: dict[str, Any
     """The files of the answer so far, with that of the lines first."""
     from slopecli.types import Image
 
-    output, first = parameters["output"], runner.first_image
+    output, first = parameters["output"], runner.images[0]
     if not output or not isinstance(first, Image):
         return []
     from slopecli.io.outputs import store_outputs

@@ -16,7 +16,7 @@ from slopecli.errors import InputError
 from slopecli.io.files import csv_rows, read_file
 from slopecli.io.images import decode_image, load_image, read_image_file
 from slopecli.io.pair_sources import images_in, why_no_images
-from slopecli.sequence.frame import Frame
+from slopecli.sequence.frame import Frame, FramePrior
 from slopecli.types import Image
 
 VIDEO_SUFFIXES = {".mp4", ".avi", ".mov", ".mkv", ".webm", ".m4v", ".mpg", ".mpeg", ".mjpeg", ".ts"}
@@ -107,11 +107,12 @@ def read_frames(
 ) -> Iterator[Frame]:
     """Frames of image files, relative to `base`; what is wrong with one that cannot be read is its problem."""
     for k, path in enumerate(paths):
-        time_s, position = None if times is None else times[k], None if positions is None else positions[k]
+        time_s = None if times is None else times[k]
+        prior = None if positions is None else FramePrior(positions[k])
         try:
-            yield Frame(path, decode_image(read_image_file(path, base), path), time_s, position_m=position)
+            yield Frame(path, decode_image(read_image_file(path, base), path), time_s, prior=prior)
         except InputError as error:
-            yield Frame(path, None, time_s, str(error).removeprefix(f"{path}: "))
+            yield Frame(path, None, time_s, str(error).removeprefix(f"{path}: "), prior)
 
 
 def _of_video(path: str, choice: VideoChoice) -> FrameSource:

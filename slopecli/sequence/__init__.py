@@ -12,7 +12,7 @@ __getattr__, __dir__ = lazy_names(
     __name__,
     {
         "depth_frames": "DepthFrames",
-        "frame": "Frame FrameMotion FrameState SequenceAnswer SequenceStep",
+        "frame": "Frame FrameMotion FramePrior FrameState SequenceAnswer SequenceStep",
         "frame_gates": "FrameGates",
         "known_camera": "KnownCamera",
         "settling_test": "SettlingTest",

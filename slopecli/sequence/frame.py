@@ -12,10 +12,27 @@ if TYPE_CHECKING:
     from slopecli.ground.slope_map import SlopeMap
 
 
+class FramePrior(NamedTuple):
+    """What other sensors tell of a frame; None for what they do not.
+
+    position_m : in axes that are the same for all frames.  altitude_m : height above the ground of the windows.
+    ned : (3, 3) rotation from camera axes to north, east, down; heading : whether its yaw is known.
+    Sigmas: 1-sigma of each of the three numbers of a position, of an altitude, of each angle.
+    """
+
+    position_m: tuple[float, float, float] | None = None
+    position_sigma_m: float | None = None
+    altitude_m: float | None = None
+    altitude_sigma_m: float | None = None
+    ned: FloatArray | None = None
+    heading: bool = False
+    attitude_sigma_deg: float | None = None
+
+
 class Frame(NamedTuple):
     """One frame: its name, image, and time in s, None where that is not known; problem: why there is no image.
 
-    position_m : of the camera, in axes that are the same for all frames, m; None where it is not known.
+    prior : what other sensors tell of it, None where that is nothing.
     camera : None for that of the sequence; of another the frame is resampled, see `look.resampling`.
     """
 
@@ -23,7 +40,7 @@ class Frame(NamedTuple):
     image: Image | None
     time_s: float | None = None
     problem: str = ""
-    position_m: tuple[float, float, float] | None = None
+    prior: FramePrior | None = None
     camera: Camera | None = None
 
 
@@ -34,7 +51,7 @@ class FrameState:
     frame : its number, from 1.  image : what it is called.  time_s : when it was taken, None where that is not known.
     status : "reference" (the first), "used" or "skipped"; why : code and words if skipped.
     R, T : of the frame, in axes of the first, unit: the first move; None if it was not used.
-    position_m : of the camera as known otherwise, m.
+    prior : what other sensors tell of it.
     later : it was followed against a later reference, as it shows too little of the windows; it adds a motion only.
     """
 
@@ -45,7 +62,7 @@ class FrameState:
     why: Skipped | None = None
     R: FloatArray | None = None
     T: FloatArray | None = None
-    position_m: tuple[float, float, float] | None = None
+    prior: FramePrior | None = None
     later: bool = False
 
 

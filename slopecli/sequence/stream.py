@@ -23,9 +23,10 @@ from slopecli.patches.windows.window_finder import wanted_windows
 from slopecli.sequence import used_frames
 from slopecli.sequence.depth_frames import DepthFrames, FusedScene
 from slopecli.sequence.first_answer import first_answer
-from slopecli.sequence.frame import Frame, FrameMotion, FrameState, SequenceAnswer
+from slopecli.sequence.frame import Frame, FrameMotion, FramePrior, FrameState, SequenceAnswer
 from slopecli.sequence.frame_alignment import Aligner
 from slopecli.sequence.frame_gates import FrameGates, Skipped
+from slopecli.sequence.frame_priors import prior_notes, turn_known, with_priors, with_source
 from slopecli.sequence.known_camera import KnownCamera
 from slopecli.sequence.later_reference import Follower, LaterReference, ReferenceCandidate
 from slopecli.sequence.sequence_report import Reported, report_of, tested_by_last_view
@@ -85,7 +86,9 @@ class Sequence:
 
     @one_blas_thread()
     @single_threaded()
-    def add(self, grey: Grey, image: str = "", time_s: float | None = None) -> FrameState:
+    def add(
+        self, grey: Grey, image: str = "", time_s: float | None = None, prior: FramePrior | None = None
+    ) -> FrameState:
         """Take in the next frame (h, w) uint8; never raises for what a frame shows: it is skipped, and why is said."""
         frame = np.ascontiguousarray(grey)
         if self._strangers >= TRACKING.in_turn:
@@ -101,9 +104,14 @@ class Sequence:
             self._depth.add(frame, state.R, state.T)
             if self._next is not None and self._next.number == state.frame:
                 self._depth_then = self._depth.kept()
-        state = replace(state, image=image, time_s=time_s)
-        self.frames.append(state)
-        return state
+        self.frames.append(replace(state, image=image, time_s=time_s, prior=prior))
+        if used and self._first is not None and (turn := turn_known(self._used[0].prior, prior)):
+            self._first.estimator.decide(*turn)
+        return self.frames[-1]
+
+    @property
+    def _used(self) -> list[FrameState]:
+        return [state for state in self.frames if state.status != "skipped"]
 
     def _forget_reference(self) -> None:
         """Begin anew with the next frame: those after the first one do not show its ground, or it was no good."""
@@ -234,8 +242,7 @@ class Sequence:
             state = FrameState(len(self.frames) + 1, "skipped", frame.name, frame.time_s, why)
             self.frames.append(state)
             return state
-        state = replace(self.add(frame.image.grey, frame.name, frame.time_s), position_m=frame.position_m)
-        self.frames[-1] = state
+        state = self.add(frame.image.grey, frame.name, frame.time_s, frame.prior)
         if state.status == "reference":
             self._reference_image = frame.image
         if state.status != "skipped":
@@ -267,11 +274,6 @@ class Sequence:
         last = next((state for state in reversed(self.frames) if state.status != "skipped" and not state.later), None)
         first = self._reference_image
         return first, _named(first) if last is None else self._infos.get(last.frame, _named(first))
-
-    @property
-    def first_image(self) -> Image | ImageInfo:
-        """The first frame that was used."""
-        return self._reference_image
 
     def report(self, images: tuple[Image | ImageInfo, Image | ImageInfo] | None = None) -> Report:
         """The answer so far as a report of the first frame and the last one used; arguments as of `reported`."""
@@ -315,30 +317,26 @@ class Sequence:
         """
         if self._first is None:
             raise InputError("there is no answer yet: no frame has moved far enough from the first")
-        used = [state for state in self.frames if state.status != "skipped"]
-        size = self.camera.width, self.camera.height
+        used, size = self._used, (self.camera.width, self.camera.height)
         named = images or (
             ImageInfo(used[0].image, *size, ""),
             ImageInfo([one for one in used if not one.later][-1].image, *size, ""),
         )
-        length, options = used_frames.first_move_m(used), self.options_now
         views, shown = self._answered()
-        estimator, baseline = self._first.estimator, float(np.linalg.norm(views.T[shown]))
-        if length is not None:
-            options = replace(options, baseline_m=length)
-        elif self.options_of is not None and options.stated and options.stated.scale and options.baseline_m:
+        options, baseline = self.options_now, float(np.linalg.norm(views.T[shown]))
+        if options.baseline_m and options.stated and options.stated.scale:
             options = replace(options, baseline_m=options.baseline_m / baseline)
-        pair, notes = views.pair(shown), [*metadata_notes(options), *used_frames.skipped_notes(self.frames)]
+        notes = [*metadata_notes(options), *prior_notes(used), *used_frames.skipped_notes(self.frames)]
+        pair, estimator = views.pair(shown), self._first.estimator
         found = report_of(estimator, pair, self.windows, named, self._camera, options, notes, baseline, depth)
-        if length is None:
-            return found
-        return found._replace(report=replace(found.report, scale=replace(found.report.scale, source="pose")))
+        return found._replace(report=with_source(found.report, self.options, used))
 
     @property
     def options_now(self) -> Options:
         """The options of what is reported now: of the first frame used and the last, where they depend on these."""
         first, last = self.images
-        return self.options if self.options_of is None else self.options_of(first.path, last.path)
+        options = self.options if self.options_of is None else self.options_of(first.path, last.path)
+        return options if self._first is None else with_priors(options, self._used, self._first.estimator)
 
     def motions(self, report: Report) -> list[FrameMotion]:
         """Motions of all frames used, in the unit of the report, each as it was when its frame came in."""

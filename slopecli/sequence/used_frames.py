@@ -1,5 +1,4 @@
-"""Motions of the frames that were used, in the unit of a report, the length of the first move in metres, and words on
-frames that were not."""
+"""Motions of the frames that were used, in the unit of a report, and words on frames that were not."""
 
 from __future__ import annotations
 
@@ -14,23 +13,6 @@ from slopecli.geometry.epipolar import rotation_angle
 from slopecli.sequence.frame import FrameMotion, FrameState
 from slopecli.sequence.frame_gates import Skipped
 from slopecli.types import Diagnostic, Motion, Report
-
-
-def first_move_m(used: list[FrameState]) -> float | None:
-    """Length of the first move, m, from the positions that are known; None where fewer than two are.
-
-    Distances from the first frame, known and found, are compared by least squares; their axes do not matter.
-    """
-    start = used[0].position_m
-    if start is None:
-        return None
-    both = [
-        (float(np.linalg.norm(state.T)), float(np.linalg.norm(np.subtract(state.position_m, start))))
-        for state in used[1:]
-        if state.T is not None and state.position_m is not None
-    ]
-    found, known = np.array(both).reshape(-1, 2).T
-    return float(found @ known / (found @ found)) if (known > 0.0).any() else None
 
 
 def motions_of(frames: list[FrameState], report: Report) -> list[FrameMotion]:

@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from slopecli.geometry.epipolar import epipolar_distance, essential_matrix
+from slopecli.geometry.epipolar import epipolar_distance, essential_matrix, rotation_vector
 from slopecli.geometry.solver.many_views import (
     Root,
     ViewsSolution,
@@ -22,6 +22,7 @@ from slopecli.geometry.solver.resection import Motion, resect
 from slopecli.geometry.solver.summed_views import sum_up
 from slopecli.geometry.solver.view_roots import judged
 from slopecli.geometry.solver.views import Summed, ViewPoints, ViewState
+from slopecli.geometry.statistics import CHI2
 from slopecli.look.matches import ON_PLANE_PX
 from slopecli.look.noise import correlation_gain
 from slopecli.patches.windows.tunables import TUNE
@@ -149,6 +150,18 @@ class ViewEstimator:
         self._lines = lines
         self._sort()
         self._solved = None
+
+    def decide(self, turn: FloatArray, sigma: float) -> None:
+        """Forget a root whose last view a measured turn (3, 3) contradicts, where it agrees with that of the other.
+
+        sigma : 1-sigma of the turn about each axis, rad. By chance a right root is lost less than once in a thousand.
+        """
+        if not self.is_open:
+            return
+        off2 = [float(np.sum(rotation_vector(turn @ line.root.state.R[-1].T) ** 2)) / sigma**2 for line in self._lines]
+        near = int(np.argmin(off2))
+        if max(off2) - off2[near] > CHI2[3, 0.999] > off2[near]:
+            self._lines, self._solved = [self._lines[near]], None
 
     def _extended(self, line: Line, x: FloatArray, weight: FloatArray, motion: Motion) -> Line:
         """A root with one more view, the last one replaced if it was taken from nearly the same place."""
