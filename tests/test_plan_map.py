@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import cv2
@@ -13,7 +14,7 @@ from slopecli.io import load_image
 from slopecli.io.cameras import camera_from_intrinsics, load_camera
 from slopecli.options import MapOptions, Options
 from slopecli.pipeline import slope_map
-from slopecli.plan import PIXEL_NOISE, PlanOptions, make_plan
+from slopecli.plan import PIXEL_NOISE, PlanOptions, draw_plan, make_plan
 from slopecli.study import field_of_view_camera
 from slopecli.windows import grid_windows
 
@@ -77,6 +78,16 @@ def test_sigma_of_a_map_falls_with_the_square_of_the_diameter_and_grows_with_the
     assert median() / median(footprint_px=120.0) == pytest.approx(4.0, rel=0.01)
     assert median(noise_px=0.1) / median() == pytest.approx(2.0, rel=0.01)
     assert median(height=16.0) / median() == pytest.approx(2.0, rel=0.1)  # half the parallax
+
+
+def test_many_windows_without_room_for_labels_have_none_that_cover_each_other() -> None:
+    camera, options = field_of_view_camera(800, 800), PlanOptions(trajectory_deg=90.0, height=8.0)
+    windows = [(400 + 16 * column, 400 + 16 * row, 16, 16) for row in range(8) for column in range(8)]
+    plan = make_plan(camera, windows, options)
+    some = replace(plan, windows=plan.windows[:63])
+    inside = [draw_plan(one)[404:412, 404:412] for one in (plan, some)]
+    assert len(np.unique(inside[0].reshape(-1, 3), axis=0)) == 1
+    assert len(np.unique(inside[1].reshape(-1, 3), axis=0)) > 1  # of fewer, each has its own
 
 
 def test_a_disc_that_no_map_measures_is_refused() -> None:

@@ -8,6 +8,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from slopecli.options import MANY_WINDOWS
 from slopecli.plan.result import Plan, PlannedWindow, sigma_text
 from slopecli.products.drawing import marks
 from slopecli.products.drawing.canvas import LONG_SIDE_PX, converted, text_size
@@ -77,25 +78,33 @@ def _annotate(picture: Picture, plan: Plan, scale: float, text_px: int) -> Pictu
         marks.focus_mark(picture, focus, 0.75 * text_px)
         taken.append(box_around(focus, np.full(2, 2.6 * text_px)))
     texts: list[Text] = []
+    many = len(plan.windows) >= MANY_WINDOWS
     for one in plan.windows:
         label, centre = _label(one, scale, taken, text_px)
+        if centre is None:
+            if many:  # their labels would cover each other, and the colours
+                continue
+            left, top, right, bottom = _corners(one, scale)
+            centre = 0.5 * np.array([left + right, top + bottom]) - 0.5
         taken.append(box_around(centre, label.extent))
         texts += label_texts(label, centre)
     return write(picture, texts)
 
 
-def _label(one: PlannedWindow, scale: float, taken: list[Box], text_px: int) -> tuple[Label, FloatArray]:
-    """The label of a window, smaller where there is little room, and its centre."""
+def _label(one: PlannedWindow, scale: float, taken: list[Box], text_px: int) -> tuple[Label, FloatArray | None]:
+    """The label of a window, smaller where there is little room, and its centre; None where even the smallest has no
+    room."""
     left, top, right, bottom = _corners(one, scale)
     room, corner = np.full((bottom - top, right - left), 255, np.uint8), np.array([left, top], float)
     middle = corner + 0.5 * np.array([right - left, bottom - top]) - 0.5
     rows = (str(one.id), "no answer" if one.slope_sigma_deg is None else f"± {sigma_text(one.slope_sigma_deg)}")
     for size in (round(1.4 * text_px), text_px, SMALLEST_TEXT_PX):
         label = Label(rows, size)
-        centre = find_room(room, corner, label.extent, middle, taken)
+        fits = bool((label.extent <= np.array([right - left, bottom - top])).all())
+        centre = find_room(room, corner, label.extent, middle, taken) if fits else None
         if centre is not None:
             return label, centre
-    return label, middle
+    return label, None
 
 
 def _legend(plan: Plan, width: int, text_px: int) -> Picture:
