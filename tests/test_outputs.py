@@ -32,6 +32,7 @@ from slopecli.products import (
     OUTPUT_NAMES,
     PRODUCTS,
     SEQUENCE_PRODUCTS,
+    STREAM,
     VIDEO,
     draw_merged,
     keep_files,
@@ -50,7 +51,7 @@ REGIONS = make_region_report(make_camera(320, 240), SMALL_LABELS, segmentation=m
 
 def test_every_file_has_a_row_and_the_result_completes_them() -> None:
     files = [product.file for product in (*PRODUCTS, *MAP_PRODUCTS, *SEQUENCE_PRODUCTS)]
-    assert set(OUTPUT_NAMES) == {*files, VIDEO}
+    assert set(OUTPUT_NAMES) == {*files, VIDEO, STREAM}
     assert len(OUTPUT_NAMES) == len(set(OUTPUT_NAMES))
     assert OUTPUT_NAMES[-1] == "slopes.json"
     position = Position(46.6, 8.0, None, 1.0, 2.0, 1.0)

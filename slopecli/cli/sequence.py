@@ -32,6 +32,7 @@ from slopecli.cli.report_table import print_report, say_place
 from slopecli.cli.shared_options import INPUT, OUTPUT, Flag, Option
 from slopecli.cli.talk import Talk, origin_of, print_result
 from slopecli.options import Options
+from slopecli.products import STREAM
 from slopecli.report.slope_units import slope_unit_of
 
 if TYPE_CHECKING:
@@ -42,7 +43,6 @@ if TYPE_CHECKING:
     from slopecli.sequence.stream import Sequence
     from slopecli.types import Report
 
-LINES = "sequence.jsonl"
 STOPS = click.Choice(["settled"])
 FOCAL_SIGMA = Option(
     *(INPUT, "--focal-sigma focal_sigma_percent", "PERCENT", kinds.Between(0, 30), "1-sigma of the focal length"),
@@ -151,9 +151,8 @@ def _check(ctx: click.Context, frames: tuple[str, ...], parameters: dict[str, An
         from slopecli.io.outputs import check_directory
         from slopecli.products import OUTPUT_NAMES
 
-        names = (LINES, *OUTPUT_NAMES)
         files = (parameters[name] for name in ("camera", "times_file", "positions_file", "priors_file"))
-        check_directory(parameters["output"], names, inputs=(*frames, *files))
+        check_directory(parameters["output"], OUTPUT_NAMES, inputs=(*frames, *files))
 
 
 def _opened(frames: tuple[str, ...], parameters: dict[str, Any]) -> FrameSource:
@@ -222,7 +221,7 @@ def _run(
             from slopecli.io.outputs import store_outputs
 
             store_outputs({}, output)  # an earlier answer does not stay beside the lines of this run
-            lines = stack.enter_context(LineFile(Path(output, LINES)))
+            lines = stack.enter_context(LineFile(Path(output, STREAM)))
         if parameters["video"]:
             from slopecli.io.film import Film
 
@@ -328,7 +327,7 @@ def _written(answer: SequenceAnswer, runner: Sequence, parameters: dict[str, Any
     if not output or not isinstance(first, Image):
         return []
     from slopecli.io.outputs import store_outputs
-    from slopecli.products import SEQUENCE_PRODUCTS, VIDEO, encode_products, kept_choices
+    from slopecli.products import OUTPUT_NAMES, SEQUENCE_PRODUCTS, VIDEO, encode_products, kept_choices
 
     with talk.timed("write"):
         keep, last = kept_choices(parameters, SEQUENCE_PRODUCTS), runner.current
@@ -336,4 +335,5 @@ def _written(answer: SequenceAnswer, runner: Sequence, parameters: dict[str, Any
         contents = encode_products(answer, first, keep, SEQUENCE_PRODUCTS, origin_of(talk, shown))
         if parameters.get("film"):
             contents[VIDEO] = parameters["film"]
-        return [Path(output, LINES), *store_outputs(contents, output)]
+        names = [name for name in OUTPUT_NAMES if name != STREAM]
+        return [Path(output, STREAM), *store_outputs(contents, output, names)]

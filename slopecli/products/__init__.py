@@ -151,9 +151,10 @@ SEQUENCE_PRODUCTS = (
     Product(RESULT, "the last answer, with the motions of all frames", "sequence_files:encode_sequence"),
 )
 VIDEO = "sequence.mp4"  # of a sequence, if it is asked for
+STREAM = "sequence.jsonl"  # of a sequence, written while it runs
 # all that a folder may hold, so that files of an earlier command do not stay beside those of another
 _FILES = dict.fromkeys(one.file for one in (*PRODUCTS, *MAP_PRODUCTS, *SEQUENCE_PRODUCTS) if one.file != RESULT)
-OUTPUT_NAMES = (*_FILES, VIDEO, RESULT)
+OUTPUT_NAMES = (STREAM, *_FILES, VIDEO, RESULT)
 CHOICES = tuple(dict.fromkeys(product.choice for product in PRODUCTS if product.choice))
 BY_DEFAULT = frozenset(product.choice for product in PRODUCTS if product.choice and product.by_default)
 

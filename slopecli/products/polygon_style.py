@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from slopecli.types import Image
 
 # colour and line of each verdict; "" of what has none
-LINES = {
+OUTLINES = {
     "safe": ("calm", "solid"),
     "undecided": ("caution", "dash"),
     "unsafe": ("hazard", "solid"),
@@ -31,7 +31,7 @@ def encode(answer: Answer, image: Image) -> bytes:
 def polygons_to_qml() -> str:
     """Write a style with a symbol a verdict: a line with a dark rim, and nothing in it."""
     categories, symbols = "", ""
-    for number, (verdict, (colour, line)) in enumerate(LINES.items()):
+    for number, (verdict, (colour, line)) in enumerate(OUTLINES.items()):
         label = verdict or "no verdict"
         categories += f'\n      <category render="true" value="{verdict}" label="{label}" symbol="{number}"/>'
         layers = _line("ink", "solid", 1.0) + _line(colour, line, 0.6)
