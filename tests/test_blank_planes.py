@@ -12,7 +12,7 @@ from scenery import Surface, make_camera, render, tilted, turn, unit
 from slopecli.geometry import normal_angle
 from slopecli.look import FINE, Images, build_scene, feature_matchers, find_motions, whole_grid
 from slopecli.options import Options
-from slopecli.patches.regions import REGION, BlankPlane, find_blank_planes, region_stages
+from slopecli.patches.regions import REGION, KnownTilt, find_blank_planes, region_stages
 from slopecli.types import FloatArray
 
 WALL, OTHER = np.array([0.5, 0.0, 0.8]) / 6, np.array([-0.3, 0.2, 0.9]) / 5
@@ -20,7 +20,7 @@ BARE_BOX = (210, 40, 200, 250)
 
 
 @cache
-def answered(normal: tuple[float, float, float], contrast: float) -> list[BlankPlane]:
+def answered(normal: tuple[float, float, float], contrast: float) -> list[KnownTilt]:
     """What is found of a faint surface beside ground and a textured wall, all matches on it left out."""
     x, y, w, h = BARE_BOX
     faint = Surface(np.array(normal), BARE_BOX, contrast=contrast)
@@ -39,7 +39,7 @@ def answered(normal: tuple[float, float, float], contrast: float) -> list[BlankP
     return find_blank_planes(cells, component, others, lattice, view, scene, least=100.0)
 
 
-def answer(normal: FloatArray, contrast: float) -> list[BlankPlane]:
+def answer(normal: FloatArray, contrast: float) -> list[KnownTilt]:
     x, y, z = normal.tolist()
     return answered((x, y, z), contrast)
 

@@ -15,7 +15,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from slopecli.geometry.epipolar import normal_angle, tangent_basis
+from slopecli.geometry.epipolar import normal_angle
 from slopecli.geometry.statistics import robust_sigma
 from slopecli.look.features import Grey
 from slopecli.look.gradient_components import Labels
@@ -25,7 +25,7 @@ from slopecli.look.scene import Scene
 from slopecli.look.transfer_error import TRUNCATED_COST
 from slopecli.look.warp import FloatImage, sample_grey
 from slopecli.patches.regions.cell_lattice import CellLattice
-from slopecli.patches.regions.plane_pieces import Piece, weighted_system
+from slopecli.patches.regions.plane_pieces import KnownTilt, Piece, tilt_sigma_rad
 from slopecli.patches.regions.region_tunables import REGION
 from slopecli.patches.windows.known_orientations import KNOWN, tilted_aside
 from slopecli.types import BoolArray, FloatArray, IntArray
@@ -45,14 +45,6 @@ class BlankTunables:
 
 
 BLANK = BlankTunables()
-
-
-@dataclass(frozen=True, eq=False)
-class BlankPlane:
-    """A piece on a component without matches, with the 1-sigma of its tilt, rad."""
-
-    piece: Piece
-    sigma_rad: float
 
 
 class _Greys:
@@ -164,7 +156,7 @@ def find_blank_planes(
     view: View,
     scene: Scene,
     least: float,
-) -> list[BlankPlane]:
+) -> list[KnownTilt]:
     """Return the planes of the components (h, w) working px that no piece explains, the largest component first.
 
     cells : the labels (h, w) of cells, 0 for none.  least : px of the smallest component that is compared.
@@ -182,19 +174,13 @@ def find_blank_planes(
         evidence = _Evidence(components == k, (middle == k) & lattice.known, lattice, greys, view)
         best = _best(evidence, normals, sigmas, depths)
         if best is not None:
-            found.append(BlankPlane(Piece(best[0], 1.0, (middle == k) & (cells == 0)), best[1]))
+            found.append(KnownTilt(Piece(best[0], 1.0, (middle == k) & (cells == 0)), best[1]))
     return found
 
 
 def _known(pieces: Sequence[Piece], lattice: CellLattice) -> tuple[FloatArray, FloatArray]:
     """Return the distinct orientations (k, 3) of pieces, unit normals, and the 1-sigma (k,) of each, rad."""
-    found = list[tuple[float, FloatArray]]()
-    for piece in pieces:
-        system, _ = weighted_system(lattice, piece.plane, piece.tolerance, piece.cells)
-        length = float(np.linalg.norm(piece.plane))
-        basis = tangent_basis(piece.plane / length)
-        covariance = basis.T @ np.linalg.pinv(system / lattice.sharing) @ basis / length**2
-        found.append((float(np.sqrt(0.5 * np.trace(covariance))), piece.plane / length))
+    found = [(tilt_sigma_rad(lattice, piece), piece.plane / np.linalg.norm(piece.plane)) for piece in pieces]
     found.sort(key=lambda one: one[0])
     distinct = list[tuple[float, FloatArray]]()
     for sigma, normal in found:

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
+from slopecli.geometry.epipolar import tangent_basis
 from slopecli.geometry.statistics import GATE_SIGMAS, geman_mcclure
 from slopecli.look.gradient_components import Labels
 from slopecli.look.matches import MIN_ON_PLANE
@@ -25,6 +26,14 @@ class Piece:
     plane: FloatArray
     tolerance: float
     cells: BoolArray
+
+
+@dataclass(frozen=True, eq=False)
+class KnownTilt:
+    """A piece whose own matches leave its tilt open, with the 1-sigma of the tilt as known from elsewhere, rad."""
+
+    piece: Piece
+    sigma_rad: float
 
 
 def grown_pieces(lattice: CellLattice, components: Labels) -> list[Piece]:
@@ -145,6 +154,15 @@ def weighted_system(
     rows, target = lattice.rows[own].astype(float), lattice.target[own].astype(float)
     weighted = rows.T * (geman_mcclure(rows @ plane - target, GATE_SIGMAS * tolerance) / tolerance**2)
     return weighted @ rows, weighted @ target
+
+
+def tilt_sigma_rad(lattice: CellLattice, piece: Piece) -> float:
+    """Return the 1-sigma of the direction of the normal of a piece, by its cells."""
+    system, _ = weighted_system(lattice, piece.plane, piece.tolerance, piece.cells)
+    length = float(np.linalg.norm(piece.plane))
+    basis = tangent_basis(piece.plane / length)
+    covariance = basis.T @ np.linalg.pinv(system / lattice.sharing) @ basis / length**2
+    return float(np.sqrt(0.5 * np.trace(covariance)))
 
 
 def _grown(

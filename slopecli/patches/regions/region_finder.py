@@ -28,14 +28,16 @@ from slopecli.look.threads import single_threaded
 from slopecli.look.transfer_error import Comparison
 from slopecli.options import Options
 from slopecli.patches.patch import Found, Patch, region_footprints
-from slopecli.patches.regions.blank_planes import BlankPlane, find_blank_planes
+from slopecli.patches.regions.blank_planes import find_blank_planes
 from slopecli.patches.regions.block_labels import BorderCost, enlarged, label_cells
 from slopecli.patches.regions.borders import sharpened
 from slopecli.patches.regions.cell_lattice import CellLattice, lattice_of
+from slopecli.patches.regions.common_planes import find_common_planes
 from slopecli.patches.regions.merging import merged
-from slopecli.patches.regions.plane_pieces import Piece, fewest_pieces, grown_pieces
+from slopecli.patches.regions.plane_pieces import KnownTilt, Piece, fewest_pieces, grown_pieces
 from slopecli.patches.regions.region_match import match_labelled, match_regions, on_known_orientation
 from slopecli.patches.regions.region_tunables import REGION
+from slopecli.patches.windows.known_orientations import KNOWN
 from slopecli.types import Segmentation
 
 
@@ -80,10 +82,12 @@ def region_stages(scene: Scene, options: Options) -> RegionStages:
         lattice = lattice_of(depth_cells(scene, grid, REGION.cell_px), grid.shape, scene)
         proposed = grown_pieces(lattice, components)
         chosen = fewest_pieces(lattice, proposed)
-        pieces = merged(lattice, chosen, options.merge_px)
+        common = find_common_planes(lattice, components, chosen)
+        pieces = merged(lattice, [*chosen, *(plane.piece for plane in common)], options.merge_px)
         borders = BorderCost.along_edges(gradient, threshold)
         comparison = Comparison(scene.view(grid), (scene.camera1.focal_px, scene.camera2.focal_px))
         cells = _label_cells(comparison, lattice, pieces, borders, components)
+        common = _filled(cells, pieces, common)
         least = options.min_region_percent / 100 * gradient.size
         blank = find_blank_planes(cells, components, pieces, lattice, scene.view(grid), scene, least)
         for number, plane in enumerate(blank, len(pieces) + 1):
@@ -91,8 +95,8 @@ def region_stages(scene: Scene, options: Options) -> RegionStages:
         labels, kept = _label_pixels(cells, comparison, [*pieces, *(plane.piece for plane in blank)], options)
         matches = match_labelled(labels, [piece.plane for piece in kept], scene)
     patches = [Patch(k, "region", footprint) for k, footprint in enumerate(region_footprints(labels, scene.shape1), 1)]
-    patches = _with_blank(match_regions(labels, matches, patches, scene), kept, blank, scene)
-    account = _account(lattice, (proposed, chosen, pieces, blank, kept), cells, options)
+    patches = _with_known(match_regions(labels, matches, patches, scene), kept, [*common, *blank], scene)
+    account = _account(lattice, (proposed, chosen, common, pieces, blank, kept), cells, options)
     segmentation = Segmentation(gradient, threshold, components, labels, account)
     return RegionStages(lattice, proposed, chosen, pieces, labels, patches, segmentation)
 
@@ -100,27 +104,40 @@ def region_stages(scene: Scene, options: Options) -> RegionStages:
 def _account(lattice: CellLattice, stages: tuple[Sized, ...], cells: Labels, options: Options) -> tuple[str, ...]:
     """Return sentences on what was proposed, labelled and given up, and why.
 
-    stages : pieces proposed, chosen, merged, of blank components, and kept.  cells : the labels by number of the merged
-    piece, then of the blank component.
+    stages : pieces proposed, chosen, common to components, merged, of blank components, and kept.  cells : the labels
+    by number of the merged piece, then of the blank component.
     """
-    proposed, chosen, merging, blank, kept = (len(pieces) for pieces in stages)
+    proposed, chosen, common, merging, blank, kept = (len(pieces) for pieces in stages)
     held = np.count_nonzero(np.bincount(cells.ravel(), minlength=merging + blank + 1)[1:])
     return (
         f"{100 * lattice.known.mean():.0f} % of the cells of image 1 have a match, 1-sigma {lattice.sigma_px:.2f} px; "
         f"{lattice.sharing:.0f} cells share an error",
-        f"{proposed} planes proposed, {chosen} explain the matches, {merging} after merging, {blank} more of blank "
-        f"surfaces have an orientation known elsewhere, {kept} labelled",
-        f"given up: {proposed - chosen} planes save too little beside the others, {chosen - merging} are one with "
-        f"another, {merging + blank - held} hold no pixel, {held - kept} less than {options.min_region_percent:g} % of "
-        "image 1",
+        f"{proposed} planes proposed, {chosen} explain the matches, {common} are common to several components, "
+        f"{merging} after merging, {blank} more of blank surfaces have an orientation known elsewhere, {kept} labelled",
+        f"given up: {proposed - chosen} planes save too little beside the others, {chosen + common - merging} are one "
+        f"with another, {merging + blank - held} hold no pixel, {held - kept} less than "
+        f"{options.min_region_percent:g} % of image 1",
     )
 
 
-def _with_blank(patches: list[Patch], kept: list[Piece], blank: list[BlankPlane], scene: Scene) -> list[Patch]:
-    """Return the regions, of pieces (k) kept, those of blank components on the planes of these."""
-    sigma = {id(plane.piece): plane.sigma_rad for plane in blank}
+def _filled(cells: Labels, pieces: list[Piece], common: list[KnownTilt]) -> list[KnownTilt]:
+    """Label the cells (h, w) of common planes that are on no plane; return the pieces that these planes are part of."""
+    found = list[KnownTilt]()
+    for plane in common:
+        own = plane.piece.cells
+        number = max(range(len(pieces)), key=lambda k: np.count_nonzero(pieces[k].cells & own))
+        cells[own & (cells == 0)] = number + 1
+        found.append(KnownTilt(pieces[number], plane.sigma_rad))
+    return found
+
+
+def _with_known(patches: list[Patch], kept: list[Piece], known: list[KnownTilt], scene: Scene) -> list[Patch]:
+    """Return the regions, of pieces (k) kept, on the planes of these where known and their matches leave them open."""
+    sigma = {id(plane.piece): plane.sigma_rad for plane in known}
     return [
-        on_known_orientation(patch, piece.plane, sigma[id(piece)], scene) if id(piece) in sigma else patch
+        on_known_orientation(patch, piece.plane, sigma[id(piece)], scene)
+        if id(piece) in sigma and (patch.origin == "none" or patch.tilt_sigma_rad > KNOWN.parallel_rad)
+        else patch
         for patch, piece in zip(patches, kept, strict=True)
     ]
 
