@@ -67,6 +67,58 @@ def test_cameras_of_rectified_and_of_recorded_images_need_a_choice(tmp_path: Pat
     check_pixels(load_camera(f"{path}#LEFT"), x, 458.654 * across + 367.215, 457.296 * down + 248.375)
 
 
+def test_names_without_a_space_after_the_colon_are_read_as_opencv_does(tmp_path: Path) -> None:
+    """As in the settings for stereo that ORB-SLAM comes with, which YAML does not allow."""
+    tight = RECTIFIED.replace("data: [-0.28", "data:[-0.28").replace("LEFT.width: ", "LEFT.width:")
+    assert tight.count(":[") == 1
+    camera = load_camera(f"{write(tmp_path, tight)}#LEFT")
+    assert camera == load_camera(f"{write(tmp_path, RECTIFIED, 'usual')}#LEFT")
+    assert (camera.width, camera.distortion[0]) == (752, -0.28)
+    assert "YAML" in refusal(write(tmp_path, tight.removeprefix("%YAML:1.0\n")))
+
+
+RECTIFIER = """
+Camera:
+  model: perspective
+  fx: 435.2
+  fy: 435.2
+  cx: 367.45
+  cy: 252.2
+  cols: 752
+  rows: 480
+StereoRectifier:
+  model: fisheye
+  K_left: [458.654, 0.0, 367.215, 0.0, 457.296, 248.375, 0.0, 0.0, 1.0]
+  D_left: [0.0034, 0.0007, -0.0020, 0.0002]
+  K_right: [457.587, 0.0, 379.999, 0.0, 456.134, 255.238, 0.0, 0.0, 1.0]
+  D_right: [0.0040, 0.0001, -0.0018, 0.0003]
+"""
+
+
+@pytest.mark.parametrize("dotted", [False, True])
+def test_cameras_before_stella_vslam_rectifies_need_a_choice(tmp_path: Path, dotted: bool) -> None:
+    text, x = RECTIFIER, directions(widest=1.0)
+    if dotted:  # as its files were before
+        for name in ("Camera", "StereoRectifier"):
+            block = text.partition(f"\n{name}:\n")[2]
+            block = (
+                "".join(line for line in block.splitlines(True) if line.startswith("  "))
+                if name != "Camera"
+                else (block.partition("StereoRectifier")[0])
+            )
+            text = text.replace(f"{name}:\n{block}", block.replace("  ", f"{name}."))
+        assert "StereoRectifier.K_left: [458" in text
+    path = write(tmp_path, text)
+    assert "holds 3 cameras (Camera, K_left, K_right)" in refusal(path)
+    across, down = fisheye_image(x, 0.0040, 0.0001, -0.0018, 0.0003)
+    camera = load_camera(f"{path}#K_right")
+    check_pixels(camera, x, 457.587 * across + 379.999, 456.134 * down + 255.238)
+    assert (camera.width, camera.height) == (752, 480)
+    assert load_camera(f"{path}#Camera").model == "pinhole"
+    missing = write(tmp_path, RECTIFIER.replace("D_left", "other"), "missing")
+    assert "D, the distortion that belongs to K, is missing" in refusal(f"{missing}#K_left")
+
+
 def test_stella_vslam_has_them_below_camera(tmp_path: Path) -> None:
     lines = [
         "Camera:",

@@ -12,7 +12,7 @@ from slopecli.io.cameras.content import CameraFileContent
 from slopecli.io.cameras.sizes import image_size
 from slopecli.types import Camera, CameraModel
 
-PREFIX = re.compile(r"(Camera\d?|LEFT|RIGHT)\.(.+)")
+PREFIX = re.compile(r"(Camera\d?|LEFT|RIGHT|StereoRectifier)\.(.+)")
 FISHEYE = {"kannalabrandt8", "fisheye"}
 LENSES = {
     **dict.fromkeys(FISHEYE, "k1 k2 k3 k4"),
@@ -28,12 +28,13 @@ def find(content: CameraFileContent) -> dict[str, dict[str, Any]]:
         match = PREFIX.fullmatch(str(key))
         if match:
             cameras.setdefault(match[1], {})[match[2]] = value
-        elif key == "Camera" and isinstance(value, Mapping):
-            cameras.setdefault("Camera", {}).update({str(name): part for name, part in value.items()})
+        elif key in ("Camera", "StereoRectifier") and isinstance(value, Mapping):
+            cameras.setdefault(key, {}).update({str(name): part for name, part in value.items()})
     own = {name for name, tree in cameras.items() if "fx" in tree}
     if not own:
         return {}
-    own |= {name for name in ("LEFT", "RIGHT") if "K" in cameras.get(name, {})}
+    cameras |= _before_rectification(cameras.pop("StereoRectifier", {}))
+    own |= {name for name, tree in cameras.items() if "K" in tree}
     if own == {"Camera"}:
         return {"": cameras["Camera"]}
     # ORB-SLAM3 keeps type and size, which are those of both cameras, under Camera
@@ -43,22 +44,32 @@ def find(content: CameraFileContent) -> dict[str, dict[str, Any]]:
     return {name: {**shared, **cameras[name]} for name in cameras if name in own}
 
 
+def _before_rectification(rectifier: Mapping[str, Any]) -> dict[str, dict[str, Any]]:
+    """The cameras of the images as recorded, which stella_vslam has beside that of the rectified ones."""
+    kind = str(rectifier.get("model", "perspective"))
+    return {
+        name: {"K": rectifier[name], "type": kind, **({"D": rectifier[lens]} if lens in rectifier else {})}
+        for name, lens in (("K_left", "D_left"), ("K_right", "D_right"))
+        if name in rectifier
+    }
+
+
 def read(tree: values.Tree, image: values.Size | None) -> Camera:
     """LEFT.K and RIGHT.K are of the images as recorded, and Camera.fx beside them of the rectified ones."""
-    if "K" in tree:
-        return _recorded(tree, image)
     kind = str(tree.get("type", tree.get("model", "pinhole")))
     if kind.lower() not in LENSES:
         raise InputError(
             f"the ORB-SLAM camera type {kind[:40]!r} is not supported, only PinHole, KannalaBrandt8 and Rectified"
         )
+    model: CameraModel = "fisheye" if kind.lower() in FISHEYE else "brown"
+    if "K" in tree:
+        return _recorded(tree, model, image)
     missing = [key for key in ("fx", "fy", "cx", "cy") if key not in tree]
     if missing:
         raise InputError(f"Camera.{missing[0]} is missing; a camera needs fx, fy, cx and cy")
     fx, fy, cx, cy = (values.number(tree[key], key) for key in ("fx", "fy", "cx", "cy"))
     own, note = image_size(tree, (cx, cy), image)
     coefficients = _coefficients(tree, kind)
-    model: CameraModel = "fisheye" if kind.lower() in FISHEYE else "brown"
     return values.make_camera(
         "ORB-SLAM", own or image, (fx, fy, cx, cy), model, coefficients, note=note, size_given=own is not None
     )
@@ -76,9 +87,12 @@ def _coefficients(tree: values.Tree, kind: str) -> list[float]:
     return [values.number(tree.get(name) or 0, name) for name in names]
 
 
-def _recorded(tree: values.Tree, image: values.Size | None) -> Camera:
+def _recorded(tree: values.Tree, model: CameraModel, image: values.Size | None) -> Camera:
     if "D" not in tree:
         raise InputError("D, the distortion that belongs to K, is missing")
-    own = values.size_of(tree.get("width"), tree.get("height"))
-    intrinsics, lens = values.intrinsics_of_matrix(tree["K"], "K"), values.numbers(tree["D"], "D")
-    return values.make_camera("ORB-SLAM", own or image, intrinsics, "brown", lens, size_given=own is not None)
+    fx, fy, cx, cy = values.intrinsics_of_matrix(tree["K"], "K")
+    own, note = image_size(tree, (cx, cy), image)
+    lens = values.numbers(tree["D"], "D")
+    return values.make_camera(
+        "ORB-SLAM", own or image, (fx, fy, cx, cy), model, lens, note=note, size_given=own is not None
+    )

@@ -24,7 +24,9 @@ def yaml_documents(text: str) -> list[Any]:
 
     if len(text) > MAX_YAML_CHARACTERS:
         raise InputError(f"is {len(text) / 1e6:.0f} MB of text that is not JSON, too large for a camera file")
-    # OpenCV writes a version directive that YAML parsers do not accept
+    # OpenCV writes a version directive that YAML parsers do not accept, and reads names without a space after the colon
+    if text.startswith("%YAML:"):
+        text = re.sub(r"^([ \t]*[A-Za-z_][\w.]*):(?=[^\s:])", r"\1: ", text, flags=re.MULTILINE)
     text = re.sub(r"\A%YAML[^\n]*\n", "", text)
     loader_class = _loader_class()
     try:
