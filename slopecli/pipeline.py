@@ -14,7 +14,6 @@ from slopecli.findings.facts import PairFacts
 from slopecli.findings.pair_checks import refuse_identical, refuse_mirrored, refuse_unmatched
 from slopecli.findings.wording import forbidding
 from slopecli.geometry.statistics import median
-from slopecli.ground.slope_map import SlopeMap
 from slopecli.look.changes import Change, find_changes
 from slopecli.look.features import FeatureMemory
 from slopecli.look.scene import Scene
@@ -33,6 +32,7 @@ from slopecli.types import Camera, Image, ImageInfo, Report, Solution
 
 if TYPE_CHECKING:
     from slopecli.ground.map_task import MapTask
+    from slopecli.ground.slope_map import SlopeMap
     from slopecli.sequence.frame import Frame, SequenceAnswer, SequenceStep
     from slopecli.sequence.stream import Sequence
 

@@ -14,7 +14,6 @@ from typing import TYPE_CHECKING, Any
 
 from slopecli import __version__
 from slopecli.errors import DiskFull, InputError, expect
-from slopecli.ground.slope_map import SlopeMap
 from slopecli.io.files import DISK_FULL, read_file, signals_held_back, sync_folder, write_through
 from slopecli.io.temporary import temporary_folder
 from slopecli.products import BY_DEFAULT, MAP_PRODUCTS, OUTPUT_NAMES, PRODUCTS, Product, encode_products
@@ -22,6 +21,7 @@ from slopecli.products.slopes_json import SCHEMA_VERSION, to_json
 from slopecli.types import Image, Report
 
 if TYPE_CHECKING:
+    from slopecli.ground.slope_map import SlopeMap
     from slopecli.plan.result import Plan
     from slopecli.products import Answer
     from slopecli.products.origin import Origin
@@ -60,6 +60,8 @@ def write_map(
 
     `image` is image 1, `keep` the user's choices among those of `slopecli.products.MAP_PRODUCTS`.
     """
+    from slopecli.ground.slope_map import SlopeMap
+
     expect("slope_map", slope_map, SlopeMap, "as the function slope_map returns it")
     return _write(slope_map, slope_map.report, image, directory, keep, MAP_PRODUCTS, origin)
 

@@ -16,7 +16,6 @@ from slopecli.products.drawing.lettering import Text, badge_centre, label_texts,
 from slopecli.products.drawing.marks import LAYOUT, Picture
 from slopecli.products.drawing.outlines import Footprint, footprints_of
 from slopecli.products.drawing.placement import Placed, box_around, place_labels
-from slopecli.products.windows_picture import draw_windows
 from slopecli.report.kinds import many_windows
 from slopecli.types import FloatArray, Image, Report
 
@@ -37,6 +36,8 @@ def draw_overlay(report: Report, image: Image) -> NDArray[np.uint8]:
     (h, w, 3) uint8 BGR; higher than the image by legend and banner.
     """
     if many_windows(report):
+        from slopecli.products.windows_picture import draw_windows
+
         return draw_windows(report, image)
     scale = drawing_scale(report, image)
     picture = ground(image, scale)

@@ -5,12 +5,15 @@ from __future__ import annotations
 import csv
 import io
 from dataclasses import fields
+from typing import TYPE_CHECKING
 
-from slopecli.ground.slope_map import SlopeMap
 from slopecli.products import is_georeferenced
 from slopecli.products.georeference import Georeference
 from slopecli.products.plane_measures import PlaneMeasures, centre_of, measures_of
 from slopecli.types import Image, Plane, Report
+
+if TYPE_CHECKING:
+    from slopecli.ground.slope_map import SlopeMap
 
 _MEASURES = tuple(field.name for field in fields(PlaneMeasures))
 COLUMNS = (

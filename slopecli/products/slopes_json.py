@@ -7,15 +7,16 @@ import math
 from dataclasses import fields, is_dataclass
 from functools import cache
 from pathlib import PurePath
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from slopecli import __version__
 from slopecli.errors import expect
-from slopecli.ground.slope_map import MapInfo, SlopeMap
-from slopecli.products.map_tiff import BANDS, MAP_FILE
 from slopecli.types import Image, Report
+
+if TYPE_CHECKING:
+    from slopecli.ground.slope_map import SlopeMap
 
 SCHEMA_VERSION = "2.1"
 SIGNIFICANT_DIGITS = 9  # 1e-9 of a rotation is 6e-8 deg; more digits would only record the processor's rounding
@@ -41,6 +42,9 @@ def map_to_json(slope_map: SlopeMap) -> str:
 
 def map_keys(slope_map: SlopeMap) -> dict[str, Any]:
     """The keys of slopes.json that a map has besides those of its report."""
+    from slopecli.ground.slope_map import MapInfo
+    from slopecli.products.map_tiff import BANDS, MAP_FILE
+
     info = MapInfo(
         file=MAP_FILE,
         spacing_px=slope_map.spacing_px,
