@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from slopecli.cli.talk import Talk, is_terminal, print_result
 from slopecli.errors import visible
@@ -33,8 +32,7 @@ LEFT_OUT: tuple[str, ...] = (
 LEFT_OUT += ("refused", "poor", "unknown", "undecided", "sites", "aspect", "image", "source", "limit")
 
 
-@dataclass(frozen=True)
-class Table:
+class Table(NamedTuple):
     """A table as text: titles of the columns, and rows with a cell for each."""
 
     header: tuple[str, ...]

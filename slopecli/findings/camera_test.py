@@ -36,8 +36,7 @@ UNEXPLAINED = (
 CHECK_FILE = "check that the camera file belongs to these images, uncropped and not zoomed"
 
 
-@dataclass(frozen=True)
-class CameraTestTunables:
+class CameraTestTunables(NamedTuple):
     """When the images contradict a camera, and when that is looked into; measured on pairs whose camera is known."""
 
     contradicted: float = 5.0  # sigmas of a freed focal length

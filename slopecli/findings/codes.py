@@ -6,16 +6,14 @@ docs/diagnostics.md its tables (`make docs`). Plain data; importing it loads not
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Any, Literal, NamedTuple
 
 # "refusal" of a `NoAnswer` (exit status 3), "warning" and "info" of a diagnostic, "rejection" of a patch without an
 # answer, whose reason the code is
 Severity = Literal["refusal", "warning", "info", "rejection"]
 
 
-@dataclass(frozen=True)
-class Code:
+class Code(NamedTuple):
     """One code at one severity.
 
     meaning : what was found and why it matters, a paragraph of Markdown.

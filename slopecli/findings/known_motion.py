@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -66,8 +66,7 @@ def rotation_of_quaternion(q: FloatArray) -> FloatArray:
     return np.asarray(np.eye(3) + 2.0 * w * S + 2.0 * S @ S)
 
 
-@dataclass(frozen=True)
-class Contradiction:
+class Contradiction(NamedTuple):
     """That the images and the motion given disagree by more than chance.
 
     noise_factor : by which the sigmas of matches must grow for the two to agree, as errors of calibration and

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
 from itertools import product
+from typing import NamedTuple
 
 import numpy as np
 
@@ -16,8 +16,7 @@ from slopecli.options import Options, Stated
 from slopecli.types import Diagnostic, FloatArray, Solution
 
 
-@dataclass(frozen=True)
-class Agreement:
+class Agreement(NamedTuple):
     """What counts as a contradiction.
 
     sigmas : beyond which two statements differ by more than chance.  tells_deg : 1-sigma, degrees, up to which a
@@ -109,8 +108,7 @@ def _turned(turns: tuple[float, float], stated: Stated) -> tuple[str, str]:
     return message, remedy
 
 
-@dataclass(frozen=True)
-class _Differences:
+class _Differences(NamedTuple):
     """Angles, degrees, between what is seen and what is stated, and their share of the largest that agrees."""
 
     move_deg: float

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import Literal
+from typing import Literal, NamedTuple
 
 from slopecli.findings.codes import CODES
 from slopecli.types import Diagnostic
@@ -53,8 +52,7 @@ def figures(value: float) -> str:
     return f"{round(value, 2) + 0.0 if abs(value) < 1.0 else value:.4g}"
 
 
-@dataclass(frozen=True)
-class Separation:
+class Separation(NamedTuple):
     """How far apart the images were taken: `share` of the distance to the scene, and metres where they are known."""
 
     share: float

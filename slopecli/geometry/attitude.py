@@ -7,16 +7,15 @@ angles zero the camera looks north along the horizon with its image upright; a p
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from math import asin, atan2, cos, degrees, hypot, radians, sin, sqrt
+from typing import NamedTuple
 
 import numpy as np
 
 from slopecli.types import FloatArray
 
 
-@dataclass(frozen=True)
-class Ellipsoid:
+class Ellipsoid(NamedTuple):
     """The earth of WGS 84: semi-major axis, m, and first eccentricity squared."""
 
     semi_major_m: float

@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
 from slopecli.types import FloatArray
 
 
-@dataclass(frozen=True)
-class Inversion:
+class Inversion(NamedTuple):
     """How lens polynomials are inverted: Newton's method from a table."""
 
     table_size: int = 1025  # starts Newton within 1e-6 of the root in any usable field of view

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -12,8 +13,7 @@ from slopecli.look.warp import Grid
 from slopecli.types import FloatArray
 
 
-@dataclass(frozen=True)
-class GridTunables:
+class GridTunables(NamedTuple):
     """Sizes of cells and footprints."""
 
     least_footprint_px: float = 12.0  # grid px: smaller discs have no plane that is known to a few degrees

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cache
+from typing import NamedTuple
 
 import numpy as np
 
@@ -13,8 +14,7 @@ from slopecli.geometry.tilt_distribution import REACH_SIGMAS
 from slopecli.types import FloatArray
 
 
-@dataclass(frozen=True)
-class SafetyTunables:
+class SafetyTunables(NamedTuple):
     """Tunables of slopes' sigmas and of probabilities."""
 
     flattened_gsd: float = 0.7  # ground px by which the matcher flattens what stands out, on average

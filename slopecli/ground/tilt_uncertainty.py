@@ -23,8 +23,7 @@ from slopecli.look.warp import FloatImage
 from slopecli.types import BoolArray, Camera, FloatArray, Solution
 
 
-@dataclass(frozen=True)
-class TiltTunables:
+class TiltTunables(NamedTuple):
     """Tunables of the uncertainty of planes of footprints; they are fitted to rendered ground with known depth."""
 
     ramp_px: float = 16.0  # grid px, radius of the discs on which `shared_px` is measured

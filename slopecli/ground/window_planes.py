@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import cv2
 import numpy as np
@@ -19,8 +19,7 @@ from slopecli.types import BoolArray, FloatArray, IntArray
 from slopecli.windows import Window
 
 
-@dataclass(frozen=True)
-class WindowPlaneTunables:
+class WindowPlaneTunables(NamedTuple):
     """Tunables of the planes of windows."""
 
     hole_px: int = 8  # grid px, side of the holes in the ground matched that are wrong independently of each other

@@ -6,7 +6,6 @@ Source: TIFF 6.0; BigTIFF; TIFF Technical Note 1 (directories below others).
 from __future__ import annotations
 
 import struct
-from dataclasses import dataclass
 from enum import IntEnum
 from typing import NamedTuple
 
@@ -46,8 +45,7 @@ class Layout(NamedTuple):
         return "Q" if self.is_big else "I"
 
 
-@dataclass(frozen=True)
-class Directory:
+class Directory(NamedTuple):
     """start : offset of the directory in the file; tags : values of its integer tags, (text,) for text tags.
 
     entries : offsets of the entries by tag.

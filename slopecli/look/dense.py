@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any
+from typing import Any, NamedTuple
 
 import cv2
 import numpy as np
@@ -174,8 +174,7 @@ def _collect(
 # ---- overview: coarse matches of the whole of image 1, guided by sparse matches ----
 
 
-@dataclass(frozen=True)
-class OverviewEffort:
+class OverviewEffort(NamedTuple):
     """Resolution: image 1 is shrunk to at most `max_pixels`; `finest` and `smoothings` are those of `dense.flow`.
 
     Flow at every pixel of an image is as precise as at every second pixel of one three times as large.

@@ -39,8 +39,7 @@ from slopecli.types import FloatArray
 from slopecli.windows import Window
 
 
-@dataclass(frozen=True)
-class DepthTunables:
+class DepthTunables(NamedTuple):
     """Tunables of the dense depth."""
 
     most_pixels: float = 4.2e6  # of the working grid: 2048 x 2048; larger images are shrunk to it

@@ -7,7 +7,8 @@ farthest away tells most. Planes are to be fitted to the fused depth; planes of 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
+from typing import NamedTuple
 
 import cv2
 import numpy as np
@@ -20,8 +21,7 @@ from slopecli.look.warp import FloatImage
 from slopecli.types import BoolArray
 
 
-@dataclass(frozen=True)
-class FusionTunables:
+class FusionTunables(NamedTuple):
     """How depths of several pairs are compared."""
 
     # baseline, of the distance, at which the displacement that makes a step (`DEPTH.step_gradient`) tells steps from

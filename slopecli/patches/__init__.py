@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from importlib import import_module
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 from slopecli.face import lazy_names
 
@@ -17,8 +16,7 @@ if TYPE_CHECKING:
     PlaneFinder = Callable[[Scene, Options], Found]
 
 
-@dataclass(frozen=True)
-class Finder:
+class Finder(NamedTuple):
     """One way to come by patches.
 
     Attributes

@@ -4,12 +4,10 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 
-@dataclass(frozen=True)
-class SlopeUnit:
+class SlopeUnit(NamedTuple):
     """A unit of slopes.
 
     suffix : what stands behind a number.  run : that the rise is over; 0 for degrees.

@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from typing import NamedTuple
 
 
-@dataclass(frozen=True)
-class TrackingTunables:
+class TrackingTunables(NamedTuple):
     """As measured on rendered descents and flights; see docs/sequence.md."""
 
     per_window: int = 225  # points of a window: 144 lose a tenth of the accuracy, 400 cost twice the time

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,8 +22,7 @@ from slopecli.validate.truth import Truth
 from slopecli.windows import inside_window
 
 
-@dataclass(frozen=True)
-class ComparisonTunables:
+class ComparisonTunables(NamedTuple):
     """Tunables of the comparison."""
 
     gate: float = 4.0  # robust sigmas off its plane from which on points under a plane of any shape belong to others

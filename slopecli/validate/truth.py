@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,8 +13,7 @@ from slopecli.geometry.camera import pixels_from_rays, rays_from_pixels, scale_c
 from slopecli.types import BoolArray, Camera, FloatArray, IntArray
 
 
-@dataclass(frozen=True)
-class TruthTunables:
+class TruthTunables(NamedTuple):
     """Tunables of what image 1 shows of the truth."""
 
     block_px: float = 4.0  # side of the blocks of image 1 in which points behind others are hidden

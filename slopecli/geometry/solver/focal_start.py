@@ -10,7 +10,6 @@ nothing, so what is found is only where a search begins.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -26,8 +25,7 @@ Motion = tuple[FloatArray, FloatArray]  # R (3, 3) and the unit baseline T (3,)
 Start = tuple[float, Motion]  # logarithm of a focal length over that of the cameras, and the motion under it
 
 
-@dataclass(frozen=True)
-class _Search:
+class _Search(NamedTuple):
     """How epipolar lines are fitted, and which focal lengths are tried."""
 
     rounds: int = 30  # of robust weights: they settle in 5, and in 20 where a quarter of the points is mismatched

@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
 from functools import partial
 from typing import NamedTuple
 
@@ -41,8 +40,7 @@ MOST_RISES = 2  # of the cost in a row, after which steps to one side end
 LONGEST_STEP = {"f": 0.3, "cx": 0.1, "cy": 0.1, "k1": 0.2}  # of Gauss-Newton, in the units of `intrinsics.changed`
 
 
-@dataclass(frozen=True)
-class _Anew:
+class _Anew(NamedTuple):
     """When a search begins where epipolar lines say, and how long it goes on."""
 
     points: int = 1500  # by which the lines are fitted: fewer miss them where mismatches are many

@@ -14,7 +14,7 @@ neighbours are correlated. They are told in two ways, and the larger covariance 
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -28,8 +28,7 @@ from slopecli.geometry.solver.seen_points import Sightings
 from slopecli.types import FloatArray, IntArray, Solution
 
 
-@dataclass(frozen=True)
-class ScatterTunables:
+class ScatterTunables(NamedTuple):
     """How image 1 is divided, and which fields are smooth. Blocks of 64 px told nothing of images of 2 MP: lens errors
     and surfaces are larger."""
 

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from types import ModuleType
+from typing import NamedTuple
 
 from slopecli.io.cameras import (
     alicevision,
@@ -32,8 +32,7 @@ from slopecli.io.cameras import (
 )
 
 
-@dataclass(frozen=True)
-class CameraFormat:
+class CameraFormat(NamedTuple):
     """One format of camera files.
 
     name : in messages, in docs/cameras.md and at the start of `Camera.source`.

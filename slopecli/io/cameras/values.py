@@ -6,9 +6,9 @@ import math
 import re
 from collections import Counter
 from collections.abc import Collection, Hashable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from difflib import get_close_matches
-from typing import Any, TypeVar
+from typing import Any, NamedTuple, TypeVar
 
 from slopecli.errors import InputError
 from slopecli.geometry.camera import OFF_MIDDLE, share_with_rays
@@ -35,8 +35,7 @@ FISHEYE_ORDER = ("k1", "k2", "k3", "k4")
 LOOKS_LIKE_DISTORTION = "coef|distor|^r?dist(?!ance)|radial|tangential|lensparam"
 
 
-@dataclass(frozen=True)
-class Bounds:
+class Bounds(NamedTuple):
     """What no camera is beyond. The middle of a pinhole's range is far narrower: `findings.camera_checks`."""
 
     focal: tuple[float, float] = (0.15, 1000.0)  # over the longer side of the image; millimetres, shares fall below

@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from typing import NamedTuple
 
 
-@dataclass(frozen=True)
-class LabellingTunables:
+class LabellingTunables(NamedTuple):
     """All of them, each with its unit and the reason for its value."""
 
     # the energy, nats

@@ -9,7 +9,7 @@ as well is the sigma.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import cv2
 import numpy as np
@@ -31,8 +31,7 @@ from slopecli.patches.windows.known_orientations import KNOWN, tilted_aside
 from slopecli.types import BoolArray, FloatArray, IntArray
 
 
-@dataclass(frozen=True)
-class BlankTunables:
+class BlankTunables(NamedTuple):
     """Which components are compared, at how many points, and how well planes must fit."""
 
     points: tuple[int, int, int] = (150, 800, 2000)  # of a component: over all depths, at the best, and for texture

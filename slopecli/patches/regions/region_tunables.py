@@ -6,11 +6,10 @@ twice the negative logarithm of a likelihood.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from typing import NamedTuple
 
 
-@dataclass(frozen=True)
-class RegionTunables:
+class RegionTunables(NamedTuple):
     """Parameters in the order in which the procedure needs them."""
 
     # sizes of images and of the smallest pieces

@@ -7,7 +7,8 @@ its ground, for which all pixels count, and no match may be left out as an outli
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -26,8 +27,7 @@ from slopecli.types import BoolArray, Camera, FloatArray, IntArray, Solution
 from slopecli.windows import Window
 
 
-@dataclass(frozen=True)
-class DenseTunables:
+class DenseTunables(NamedTuple):
     """When the plane through all pixels takes the place of that through the matches."""
 
     rough_px: float = 0.5  # RMS relief of the matches, px on the ground, from which on a window is not flat

@@ -9,7 +9,6 @@ chosen, but those that fit about as well are part of the spread, which is the si
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -30,8 +29,7 @@ from slopecli.patches.windows.tunables import TUNE
 from slopecli.types import FloatArray
 
 
-@dataclass(frozen=True)
-class OrientationTunables:
+class OrientationTunables(NamedTuple):
     """When an orientation is known, which windows are compared with it, and how well they must fit."""
 
     faint_score: float = 0.55  # own matches that agree less, and are in doubt, are chance as often as not

@@ -7,8 +7,9 @@ of them. Windows without depth of their own have the plane that is known around 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import starmap
+from typing import NamedTuple
 
 import numpy as np
 
@@ -34,8 +35,7 @@ from slopecli.types import FloatArray, IntArray, Solution
 from slopecli.windows import Window
 
 
-@dataclass(frozen=True)
-class ManyWindowsTunables:
+class ManyWindowsTunables(NamedTuple):
     """Which of many windows have an answer of the dense depth, and what the others have."""
 
     neighbours: int = 8  # answered windows whose orientation one without an answer has

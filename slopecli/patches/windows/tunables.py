@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
 
-@dataclass(frozen=True)
-class WindowTunables:
+class WindowTunables(NamedTuple):
     """Shares are of a window's area, scores are correlations of the two images, grid px those of the window's working
     grid (`scene.FINE_PX` a side)."""
 

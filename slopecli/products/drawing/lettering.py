@@ -6,7 +6,7 @@ import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -46,8 +46,7 @@ class Label:
         )  # 3 px around it are kept free
 
 
-@dataclass(frozen=True)
-class Text:
+class Text(NamedTuple):
     """One line of text. `anchor` is Pillow's: "mm" centred on `at`, "lm" and "rm" to its right and left."""
 
     at: tuple[float, float]

@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from typing import NamedTuple
 
 
-@dataclass(frozen=True)
-class PageTunables:
+class PageTunables(NamedTuple):
     """How much a page shows, so that it stays small and is opened at once."""
 
     most_rows: int = 250  # of a table; slopes.json has them all
