@@ -81,11 +81,11 @@ def test_sigma_of_a_map_falls_with_the_square_of_the_diameter_and_grows_with_the
 
 
 def test_many_windows_without_room_for_labels_have_none_that_cover_each_other() -> None:
-    camera, options = field_of_view_camera(800, 800), PlanOptions(trajectory_deg=90.0, height=8.0)
-    windows = [(400 + 16 * column, 400 + 16 * row, 16, 16) for row in range(8) for column in range(8)]
-    plan = make_plan(camera, windows, options)
-    some = replace(plan, windows=plan.windows[:63])
-    inside = [draw_plan(one)[404:412, 404:412] for one in (plan, some)]
+    options = PlanOptions(trajectory_deg=90.0, height=8.0)
+    plan = make_plan(field_of_view_camera(800, 800), [(400, 400, 64, 64)], options)
+    places = [(400 + 16 * (k % 8), 400 + 16 * (k // 8), 16, 16) for k in range(64)]
+    windows = tuple(replace(plan.windows[0], id=k + 1, window=place) for k, place in enumerate(places))
+    inside = [draw_plan(replace(plan, windows=some))[404:412, 404:412] for some in (windows, windows[:63])]
     assert len(np.unique(inside[0].reshape(-1, 3), axis=0)) == 1
     assert len(np.unique(inside[1].reshape(-1, 3), axis=0)) > 1  # of fewer, each has its own
 
