@@ -64,6 +64,50 @@ def test_native_pixels(
     check_pixels(load_camera(write(tmp_path, tree)), x, 800 * across + 511.5, 810 * down + 383.5)
 
 
+PLAIN = {key: value for key, value in NATIVE.items() if key != "distortion"}
+
+
+@pytest.mark.parametrize(
+    ("named", "image_of", "lens"),
+    [
+        ({"k1": -0.28, "k2": 0.074, "p1": 2e-4, "p2": 1e-5, "k3": 0.01}, brown_image, (-0.28, 0.074, 0.01, 2e-4, 1e-5)),
+        ({"k1": -0.1}, brown_image, (-0.1,)),
+        ({"k1": -0.1, "k4": 0}, brown_image, (-0.1,)),
+        (
+            {"k1": -0.1, "k2": 0.02, "k3": 0.01, "k4": 0.12, "k5": 0.03, "k6": 0.005, "p1": 3e-4, "p2": -2e-4},
+            brown_image,
+            (-0.1, 0.02, 0.01, 3e-4, -2e-4, 0.12, 0.03, 0.005),
+        ),
+        (
+            {"k1": 0.01, "k2": -0.02, "k3": 3e-3, "k4": -1e-3, "model": "fisheye"},
+            fisheye_image,
+            (0.01, -0.02, 3e-3, -1e-3),
+        ),
+    ],
+)
+def test_coefficients_under_names_of_their_own(
+    tmp_path: Path, named: dict, image_of: Callable[..., tuple], lens: tuple
+) -> None:
+    x = directions()
+    across, down = image_of(x, *lens)
+    check_pixels(load_camera(write(tmp_path, {**PLAIN, **named})), x, 800 * across + 511.5, 810 * down + 383.5)
+
+
+@pytest.mark.parametrize(
+    ("named", "words"),
+    [
+        ({"k1": 0.01, "k2": -0.02, "k3": 3e-3, "k4": -1e-3}, "of a fisheye lens add"),
+        ({"k1": -0.1, "p1": 0, "p2": 0, "k4": 0.1, "model": "brown"}, "none of OpenCV's lenses"),
+        ({"k1": 0.01, "p1": 1e-4, "model": "fisheye"}, "p1 = 0.0001"),
+        ({"k1": 0.01, "model": "division"}, "list its coefficients as distortion"),
+        ({"k1": "x"}, "needed a number"),
+        ({"k7": 0.1}, "unknown key 'k7'"),
+    ],
+)
+def test_named_coefficients_of_which_programs_differ(tmp_path: Path, named: dict, words: str) -> None:
+    assert words in refusal(write(tmp_path, {**PLAIN, **named}))
+
+
 def test_native_fisheye_without_coefficients_is_no_pinhole(tmp_path: Path) -> None:
     assert load_camera(write(tmp_path, {**NATIVE, "model": "fisheye", "distortion": None})).model == "fisheye"
 
@@ -77,7 +121,8 @@ def test_our_own_output_is_read_back(tmp_path: Path) -> None:
     ("change", "words"),
     [
         ({"distorsion": [0.1]}, "unknown key 'distorsion'"),
-        ({"k1": 0.1}, "unknown key 'k1'"),
+        ({"k1": 0.1}, "both distortion and k1 are given"),
+        ({"K1": 0.1}, "unknown key 'K1'"),
         ({"fx": 0}, "not calibrated"),
         ({"fy": -800}, "negative"),
         ({"fx": float("nan")}, "finite"),

@@ -235,7 +235,7 @@ CAMERA_FORMATS = (
         stems="camera cam intrinsic intrinsics",
         files="JSON or YAML as above",
         recognised_by="`fx`, or `K` and no other keys than the native ones",
-        lenses="none, up to 8 coefficients, fisheye, and JPL's and Metashape's",
+        lenses="none, up to 8 coefficients in a list or each by its name, fisheye, and JPL's and Metashape's",
     ),
     CameraFormat(
         "OpenCV",
