@@ -25,7 +25,7 @@ from slopecli.ground import (
     Root,
     across_step,
     fit_footprints,
-    gradient_variance,
+    gradient_parts,
     largest_jump,
     normal_covariance,
     normals_under,
@@ -95,9 +95,10 @@ def test_covariance_by_the_motion_is_that_of_drawn_motions() -> None:
     factor = 3e-4 * rng.standard_normal((5, 5))
     depth = ground()[1]
     planes = planes_of(depth)
-    quiet = normal_covariance(planes, root_of(), gradient_variance(depth, planes, no_jump(planes)))
+    quiet = normal_covariance(planes, root_of(), gradient_parts(depth, planes, no_jump(planes)).total)
     found = (
-        normal_covariance(planes, root_of(factor @ factor.T), gradient_variance(depth, planes, no_jump(planes))) - quiet
+        normal_covariance(planes, root_of(factor @ factor.T), gradient_parts(depth, planes, no_jump(planes)).total)
+        - quiet
     )
     root = root_of()
     drawn = np.array([normals_under(planes, root, *root.moved(factor @ rng.standard_normal(5))) for _ in range(1500)])
@@ -112,8 +113,8 @@ def test_covariance_by_the_focal_length_is_the_change_that_goes_with_it() -> Non
     planes = planes_of(depth)
     sigma = 0.01
     root = replace(root_of(focal_sigma=sigma), focal_motion=np.array([1e-3, -2e-3, 0.0, 3e-3, 1e-3]))
-    found = normal_covariance(planes, root, gradient_variance(depth, planes, no_jump(planes)))
-    found = found - normal_covariance(planes, root_of(), gradient_variance(depth, planes, no_jump(planes)))
+    found = normal_covariance(planes, root, gradient_parts(depth, planes, no_jump(planes)).total)
+    found = found - normal_covariance(planes, root_of(), gradient_parts(depth, planes, no_jump(planes)).total)
     changed = normals_under(planes, root, *root.moved(root.focal_motion), zoom=float(np.exp(-sigma)))
     shift = changed - planes.scaled_normal
     direct = shift[..., :, None] * shift[..., None, :]
@@ -159,7 +160,7 @@ def test_tilts_by_correlated_noise_are_as_large_as_what_is_left_tells() -> None:
         along, across, left = (noise(3 * seed + k, sigma, depth.w.shape).astype(np.float32) for k in range(3))
         noisy = replace(depth, w=depth.w * np.exp(along / depth.shift_px), across_px=across, along_px=left)
         planes = planes_of(noisy)
-        covariance = normal_covariance(planes, root_of(), gradient_variance(noisy, planes, no_jump(planes)))
+        covariance = normal_covariance(planes, root_of(), gradient_parts(noisy, planes, no_jump(planes)).total)
         error = planes.scaled_normal - GROUND
         length = np.linalg.norm(GROUND)
         axes = tangent_basis(GROUND / length).T
@@ -176,7 +177,7 @@ def test_sigma_by_noise_is_proportional_to_it_and_falls_with_the_square_of_the_d
         across, left = (noise(seed, noise_px, depth.w.shape).astype(np.float32) for seed in (7, 8))
         noisy = replace(depth, across_px=across, along_px=left)
         planes = planes_of(noisy, replace(CELLS, radius_px=radius_px))
-        covariance = normal_covariance(planes, root_of(), gradient_variance(noisy, planes, no_jump(planes)))
+        covariance = normal_covariance(planes, root_of(), gradient_parts(noisy, planes, no_jump(planes)).total)
         return float(np.sqrt(np.median(covariance[..., 0, 0])))
 
     assert sigma_of(0.2, 16.0) / sigma_of(0.05, 16.0) == pytest.approx(4.0, rel=0.1)
@@ -191,7 +192,7 @@ def test_ground_that_is_partly_unmatched_is_in_more_doubt_the_rougher_it_is() ->
     for relief, sure in ((0.0, depth.known), (0.0, holes), (0.02, holes)):
         rough = replace(depth, w=depth.w * np.exp(noise(9, relief, depth.w.shape, 1.0)), sure=sure)
         planes = planes_of(rough)
-        covariance = normal_covariance(planes, root_of(), gradient_variance(rough, planes, no_jump(planes)))
+        covariance = normal_covariance(planes, root_of(), gradient_parts(rough, planes, no_jump(planes)).total)
         sizes.append(float(np.median(np.trace(covariance, axis1=-2, axis2=-1))))
     assert sizes[0] <= sizes[1] < 0.2 * sizes[2]
 

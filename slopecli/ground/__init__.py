@@ -14,8 +14,7 @@ __getattr__, __dir__ = lazy_names(
         "safety": "Tilts least_limit normal_cdf probability_low slope_sigma tilts",
         "slope_map": "MapInfo Site SlopeMap",
         "sites": "Ground find_sites least_around least_within safe_radii",
-        "tilt_uncertainty": "Root across_step gradient_variance largest_jump normal_covariance normals_under "
-        "wholly_shown",
+        "tilt_uncertainty": "Root across_step gradient_parts largest_jump normal_covariance normals_under wholly_shown",
         "window_planes": "WindowPlanes fit_windows",
     },
 )

@@ -144,11 +144,6 @@ def gradient_parts(depth: DenseDepth, planes: FootprintPlanes, jump: FloatArray)
     return GradientVariance(noise, edges, _gap_variance(depth, planes, jump))
 
 
-def gradient_variance(depth: DenseDepth, planes: FootprintPlanes, jump: FloatArray) -> FloatArray:
-    """(rows, columns, 2, 2) variance of the gradient of ln w by all but motion; jump: see `largest_jump`."""
-    return gradient_parts(depth, planes, jump).total
-
-
 def motion_gain(planes: FootprintPlanes, root: Root) -> FloatArray:
     """(rows, columns, 3, 5) change of the scaled normals of footprints by the motion that all share."""
     here, steps = planes.scaled_normal, TILT.delta * np.eye(5)

@@ -33,15 +33,6 @@ class DepthPlanes:
         """Return the same model for some of the points."""
         return DepthPlanes(self.rows[part], self.target[part], self.base[part], self.bounds)
 
-    def through(self, labels: IntArray, scale: float) -> FloatArray:
-        """Return (k, 3) planes through the points labelled 1..k."""
-        planes = []
-        for k in range(1, labels.max(initial=0) + 1):
-            own = labels == k
-            rows = self.rows[own]
-            planes.append(self.fit(solve_regular(rows.T @ rows, rows.T @ self.target[own]), own, scale))
-        return np.array(planes).reshape(-1, 3)
-
     def fit(self, plane: FloatArray, own: BoolArray, scale: float) -> FloatArray:
         """Return the plane (3,) refined on its own points by reweighted least squares; unchanged if under four."""
         if own.sum() < 4:
