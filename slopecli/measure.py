@@ -147,7 +147,7 @@ def normal_covariances_deg2(solution: Solution, joined: Joined) -> list[FloatArr
 
 
 def borrowed_sigma_rad(patch: Patch) -> float:
-    """1-sigma of the tilt of a patch at least because its matches are not its own, 0 where they are."""
+    """1-sigma of the tilt that is added for a patch whose matches are not its own: it is in doubt; 0 where they are."""
     return math.radians(IN_DOUBT_DEG) if patch.origin == "borrowed" else 0.0
 
 

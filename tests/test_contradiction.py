@@ -10,7 +10,7 @@ from scenery import Pair, Surface, make_camera, render, tilted, turn, unit
 
 from slopecli.geometry import homogeneous, rays_from_pixels
 from slopecli.look import Cells, Matches, Pyramid, Scene, gather_evidence
-from slopecli.patches.windows import borne_out, contradict
+from slopecli.patches.windows import confirmed_cells, contradicting_cells
 from slopecli.types import FloatArray
 
 R, T, GROUND = turn(1, -2, 3), unit(0.8, 0.2, 0.4), tilted(0.2, -0.1)
@@ -35,7 +35,7 @@ def lattice(box: tuple[int, int, int, int]) -> FloatArray:
 
 
 def share_against(pair: Pair, box: tuple[int, int, int, int], side_px: float = SIDE_PX) -> float:
-    return float(contradict(lattice(box), side_px, GROUND, scene_of(pair)).mean())
+    return float(contradicting_cells(lattice(box), side_px, GROUND, scene_of(pair)).mean())
 
 
 @pytest.mark.parametrize("gain", [1.0, 0.6])
@@ -82,12 +82,12 @@ def test_ground_outside_image_2_contradicts_nothing() -> None:
     uv2 = here.transfer(outside)
     outside = outside[((uv2 < -10) | (uv2 > [330, 250])).any(1)]
     assert len(outside) > 50
-    assert not contradict(outside, SIDE_PX, GROUND, scene_of(replace(here, grey2=there.grey2))).any()
+    assert not contradicting_cells(outside, SIDE_PX, GROUND, scene_of(replace(here, grey2=there.grey2))).any()
 
 
 def test_ground_behind_camera_2_contradicts_nothing() -> None:
     pair = render(R, T, [GROUND])
-    assert not contradict(lattice(BOX), SIDE_PX, np.array([0.0, 0.0, 40.0]), scene_of(pair)).any()
+    assert not contradicting_cells(lattice(BOX), SIDE_PX, np.array([0.0, 0.0, 40.0]), scene_of(pair)).any()
 
 
 def test_a_plane_that_ends_at_its_horizon_says_nothing_beyond_it() -> None:
@@ -95,7 +95,7 @@ def test_a_plane_that_ends_at_its_horizon_says_nothing_beyond_it() -> None:
     here, there = render(R, T, [GROUND], seed=0), render(R, T, [GROUND], seed=1)
     slanted = np.array([0.0, 0.6, 0.05])
     cells = lattice((0, 0, 320, 240))
-    found = contradict(cells, SIDE_PX, slanted, scene_of(replace(here, grey2=there.grey2)))
+    found = contradicting_cells(cells, SIDE_PX, slanted, scene_of(replace(here, grey2=there.grey2)))
     below = homogeneous(rays_from_pixels(here.camera1, cells)) @ slanted > 0
     assert found[below].any()
     assert not found[~below].any()
@@ -105,7 +105,7 @@ def test_a_lens_that_folds_leaves_out_what_it_has_no_picture_of() -> None:
     """Beyond some angle nothing comes of a polynomial that bends back; cells across that border are not compared."""
     lens = make_camera(model="brown", distortion=(-0.6,))
     here, there = (render(turn(0, 6, 0), T, [GROUND], camera1=lens, seed=seed) for seed in (0, 1))
-    found = contradict(lattice((0, 0, 320, 240)), SIDE_PX, GROUND, scene_of(replace(here, grey2=there.grey2)))
+    found = contradicting_cells(lattice((0, 0, 320, 240)), SIDE_PX, GROUND, scene_of(replace(here, grey2=there.grey2)))
     assert 0.3 < found.mean() < 1.0
 
 
@@ -113,7 +113,7 @@ def test_a_lens_that_folds_leaves_out_what_it_has_no_picture_of() -> None:
 
 
 def share_borne_out(pair: Pair) -> float:
-    return float(borne_out(lattice(BOX), SIDE_PX, GROUND, scene_of(pair)).mean())
+    return float(confirmed_cells(lattice(BOX), SIDE_PX, GROUND, scene_of(pair)).mean())
 
 
 def test_unmatched_ground_that_image_2_shows_on_the_plane_is_borne_out() -> None:

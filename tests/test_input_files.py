@@ -34,7 +34,7 @@ def test_a_pipe_where_a_file_is_needed(fifo: Path, read: object) -> None:
 
 @POSIX
 def test_a_pipe_to_which_nothing_is_written(fifo: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(files, "PIPE_PATIENCE_S", 0.05)
+    monkeypatch.setattr(files, "PIPE_WAIT_S", 0.05)
     with pytest.raises(InputError, match="a pipe to which nothing is written"):
         read_correspondences(fifo)
 
@@ -56,7 +56,7 @@ def test_a_pipe_that_is_written_to_slowly(fifo: Path) -> None:
 
 @POSIX
 def test_a_pipe_of_the_shell_may_take_its_time(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(files, "PIPE_PATIENCE_S", 0.01)
+    monkeypatch.setattr(files, "PIPE_WAIT_S", 0.01)
     reading, writing = os.pipe()
     later = threading.Timer(0.2, lambda: (os.write(writing, ROWS), os.close(writing)))
     later.start()

@@ -95,7 +95,7 @@ def is_free(folder: Path) -> bool:
 
 
 def test_children_that_do_not_end_are_not_waited_for_for_ever(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(lock, "PATIENCE_S", 0.2)
+    monkeypatch.setattr(lock, "WAIT_S", 0.2)
     kill(hold_elsewhere(tmp_path, CHILD))
     with pytest.raises(InputError, match="in use"), locked(tmp_path):
         pass

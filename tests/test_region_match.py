@@ -27,7 +27,7 @@ from slopecli.patches.regions import (
     match_labelled,
     match_regions,
     on_known_orientation,
-    sharpened,
+    with_pixel_borders,
 )
 from slopecli.types import FloatArray
 
@@ -122,7 +122,7 @@ def test_borders_by_cells_move_to_an_edge_of_the_image_if_the_plane_explains_it(
             return np.full(true[box].shape, 0.0 if explained else 9.0, np.float32)
 
     by_cells = true[CELL // 2 :: CELL, CELL // 2 :: CELL].repeat(CELL, 0).repeat(CELL, 1)
-    found = sharpened(by_cells, grey, Alike(), [Piece(plane, 1.0, true > 0) for plane in PLANES])  # type: ignore[arg-type]
+    found = with_pixel_borders(by_cells, grey, Alike(), [Piece(plane, 1.0, true > 0) for plane in PLANES])  # type: ignore[arg-type]
     assert np.array_equal(found == by_cells, found == found) != explained
     assert np.mean(found != true) <= (0.4 if explained else 1.0) * np.mean(by_cells != true)
 

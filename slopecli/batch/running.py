@@ -17,7 +17,7 @@ from slopecli.batch.summary import FILES, PAGE, RESULTS, SUMMARY, index_html, re
 from slopecli.batch.worker import Limits, Worker
 from slopecli.errors import DiskFull, InputError, SlopemapError
 from slopecli.io.files import DISK_FULL, remove_temporary, write_atomically
-from slopecli.io.lock import PATIENCE_S, locked
+from slopecli.io.lock import locked
 from slopecli.io.outputs import RECORD, check_directory, replaced_input
 from slopecli.options import MapOptions, MetadataChoice, Options
 from slopecli.products import OUTPUT_NAMES
@@ -192,7 +192,7 @@ def _run_on_cluster(work: list[Job], address: str, limits: Limits, ship: bool, r
         raise InputError("--cluster needs Dask, which is not installed; try pip install 'slopemap[cluster]'") from None
     with _quiet(DASK_LOGS):
         try:
-            client = Client(address, timeout=PATIENCE_S, set_as_default=False)
+            client = Client(address, set_as_default=False)
         except (OSError, ValueError) as error:
             raise InputError(f"no Dask cluster answers at {address} ({error}); check the address") from None
         with client:

@@ -21,6 +21,7 @@ from slopecli.look.noise import APART
 from slopecli.look.segments import Segments, find_segments
 from slopecli.measure import Measured
 from slopecli.patches.join import Joined
+from slopecli.patches.patch import IN_DOUBT_DEG
 from slopecli.types import Camera, FloatArray, Plane, Solution
 
 IMAGE_UP = np.array([0.0, -1.0, 0.0])
@@ -95,7 +96,9 @@ def level_odds(
 def _seen(solution: Solution, joined: Joined, planes: Sequence[Plane], camera1: Camera, grey: Grey | None) -> Seen:
     """The planes that are well known, the matches that were kept, and the edges; without matches, no edges."""
     area = {patch.id: float(patch.footprint.area_px) for patch in joined.patches if patch.origin == "own"}
-    sure = [one for one in planes if one.id in area and one.status == "ok" and (one.slope_sigma_deg or 0.0) < 5.0]
+    sure = [
+        one for one in planes if one.id in area and one.status == "ok" and (one.slope_sigma_deg or 0.0) < IN_DOUBT_DEG
+    ]
     kept = joined.matches.take(solution.inlier)
     points = gather_evidence(kept, np.zeros(len(kept)), solution.R, solution.T, camera1.focal_px)
     return Seen(

@@ -23,7 +23,7 @@ from slopecli.errors import InputError, WrongArgument
 TEMPORARY = ".slopemap-"  # prefix of the names of unfinished files and folders
 NO_WAITING = getattr(os, "O_NONBLOCK", 0)
 MOST_BYTES = 500_000_000  # of a file of numbers: correspondences, or a list of images
-PIPE_PATIENCE_S = 5.0  # until the first byte of a pipe must come; more would look like a hang
+PIPE_WAIT_S = 5.0  # until the first byte of a pipe must come; more would look like a hang
 UTF16_MARKS = (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)
 DISK_FULL = (errno.ENOSPC, errno.EDQUOT)
 
@@ -93,7 +93,7 @@ def _read_pipe(path: str | PathLike[str], place: Path, max_bytes: int) -> bytes:
     has_name = os.path.exists(os.path.realpath(place))  # those of the shell, /dev/fd/63, have none, and have a writer
     descriptor = os.open(place, os.O_RDONLY | NO_WAITING)  # opening it otherwise waits for a writer
     with open(descriptor, "rb") as file:
-        if not select.select([descriptor], [], [], PIPE_PATIENCE_S if has_name else None)[0]:
+        if not select.select([descriptor], [], [], PIPE_WAIT_S if has_name else None)[0]:
             raise InputError(f"{path}: is a pipe to which nothing is written; write to it, or give a file")
         os.set_blocking(descriptor, True)
         return _at_most(file, max_bytes + 1)

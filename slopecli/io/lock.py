@@ -16,7 +16,7 @@ from slopecli.io.files import read_file
 LOCK = ".slopemap.lock"
 MARK = ".slopemap.held"
 NO_LOCKS = (errno.ENOLCK, errno.ENOSYS, errno.ENOTSUP, errno.EINVAL)  # errors of file systems without locks
-PATIENCE_S = 30.0  # time for the workers of a killed program to end, and for a cluster to answer
+WAIT_S = 30.0  # time for the workers of a killed program to end
 
 
 @contextmanager
@@ -45,7 +45,7 @@ def locked(folder: Path) -> Iterator[int]:
 
 def _take(folder: Path) -> int:
     """Descriptor of the lock. Waits for the workers of a program that has ended, but not for a running program."""
-    deadline = time.monotonic() + PATIENCE_S
+    deadline = time.monotonic() + WAIT_S
     while (descriptor := _try(folder)) is None:
         holder = _holder(folder / MARK) or _holder(folder / LOCK)
         if _runs(holder) or time.monotonic() > deadline:

@@ -18,7 +18,8 @@ LEAST_MATCH_PX = 0.05  # smallest sigma of a single match, sparse or of the over
 WORST_MATCH_PX = 0.7  # largest: residuals beyond a few of these are mismatches
 OVERVIEW_CELL_PX = 0.1  # of a match of the overview, and of dense flow, px of their working grid; at least, of features
 APART = 0.02  # of the distance, from which on one surface lies behind another, or off it
-# correlation of texture from which on both images show the same ground: others have more in 1 of 1000 places
+# correlation of texture from which on both images show the same ground. With image 2 laid 40 to 75 px off, 2 of 100
+# places of eighteen pairs have more, in windows of the dense depth and in blocks of changes alike
 SAME_GROUND = 0.6
 
 LAGS = ((0, 1), (1, 0), (1, 1), (1, -1), (0, 2), (2, 0), (0, 3), (3, 0))  # rows, columns between two cells

@@ -18,7 +18,9 @@ from slopecli.patches import FINDER_OF, Finder
 from slopecli.types import BoolArray, FloatArray, IntArray, Segmentation
 from slopecli.windows import Window, box_polygon, window_polygon
 
-IN_DOUBT_DEG = 5.0  # 1-sigma of a tilt from which on a plane agrees with any other, and is not taken as level
+# 1-sigma of a tilt from which on a plane tells nothing of other planes, of what is level, or of what is ground. A
+# borrowed plane, that of ground nobody has seen, has at least this, so that it is in doubt everywhere
+IN_DOUBT_DEG = 5.0
 LEAST_MATCHED = 0.5  # share of a window that must be matched to tell its slope
 
 

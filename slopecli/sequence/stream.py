@@ -128,7 +128,7 @@ class Sequence:
         current = self._later or self._first
         held = None if current is None else current.estimator.kept()
         try:
-            return self._taken(frame)
+            return self._placed(frame)
         except Exception as problem:
             if current is None or held is None:
                 self._first = None
@@ -139,7 +139,8 @@ class Sequence:
             why = Skipped("foreign", f"cannot be followed: {' '.join(str(problem).split())}")
             return FrameState(len(self.frames) + 1, "skipped", why=why)
 
-    def _taken(self, frame: Grey) -> FrameState:
+    def _placed(self, frame: Grey) -> FrameState:
+        """The state with a frame that is made the reference, or whose motion is found against it."""
         number = len(self.frames) + 1
         if self._aligner is None:
             tracks = choose_tracks(frame, self.windows, self.camera)

@@ -162,12 +162,12 @@ class _Wanted:
 
     def __init__(self, pair: Pair, choice: MetadataChoice) -> None:
         self._pair, self._choice = pair, choice
-        self._taken: list[str] = []
+        self._used: list[str] = []
         self._missing: dict[str, list[str]] = {}  # names by the reason why they are missing
 
     def notes(self) -> tuple[str, ...]:
         """One line of what was taken, one of what is missing, and what the files have that cannot be used."""
-        taken = [f"from the metadata of the images: {', '.join(self._taken)}"] if self._taken else []
+        taken = [f"from the metadata of the images: {', '.join(self._used)}"] if self._used else []
         lacking = "; ".join(f"{', '.join(names)} ({why})" for why, names in self._missing.items())
         missing = [f"not in the metadata of the images: {lacking}"] if lacking else []
         if not missing and not taken:  # angles are given, and nothing is asked of the files
@@ -209,7 +209,7 @@ class _Wanted:
 
     def _say(self, given: bool, text: str) -> None:
         if not given:
-            self._taken.append(text)
+            self._used.append(text)
 
     def scale(self, options: Options, stated: Stated, moved: Displacement | None) -> tuple[Options, Stated]:
         """The baseline by two positions, or the height above take-off where its sigma was given."""
@@ -217,7 +217,7 @@ class _Wanted:
             why = self._no_baseline(moved)
             if moved is not None and not why:
                 sigma = options.scale_sigma_percent or 100.0 * moved.sigma_m / moved.length_m
-                self._taken.append(f"baseline {moved.length_m:.4g} m ± {sigma:.2g} % (two positions)")
+                self._used.append(f"baseline {moved.length_m:.4g} m ± {sigma:.2g} % (two positions)")
                 options = replace(options, baseline_m=moved.length_m, scale_sigma_percent=sigma)
                 return options, replace(stated, scale=True)
             self._lacks("baseline", "--baseline exif", why, "give --baseline M or --altitude M")
@@ -246,7 +246,7 @@ class _Wanted:
             why = f"{image.path} states {height:g} m above the place of take-off, which may not be the ground seen here"
             self._lacks("altitude", flag, why, "say by --scale-sigma PERCENT how well that is the height above it")
             return options, stated
-        self._taken.append(f"altitude {height:g} m ± {options.scale_sigma_percent:g} % (above take-off)")
+        self._used.append(f"altitude {height:g} m ± {options.scale_sigma_percent:g} % (above take-off)")
         return replace(options, altitude_m=height), replace(stated, scale=True)
 
     def focal_sigma(self, options: Options, cameras: tuple[CameraChoice, ...]) -> Options:
@@ -255,7 +255,7 @@ class _Wanted:
         known = [lens for lens in lenses if lens is not None]
         if known:
             each = dict.fromkeys(f"{lens.source}: {lens.fx:.5g} px ± {100 * lens.sigma:.2g} %" for lens in known)
-            self._taken.append(f"focal length ({' and '.join(each)})")
+            self._used.append(f"focal length ({' and '.join(each)})")
         if not known or options.focal_sigma_percent is not None:
             return options
         return replace(options, focal_sigma_percent=100.0 * max(lens.sigma for lens in known))

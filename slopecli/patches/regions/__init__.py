@@ -7,7 +7,7 @@ __getattr__, __dir__ = lazy_names(
     {
         "blank_planes": "find_blank_planes",
         "block_labels": "BorderCost cheapest_labels enlarged",
-        "borders": "sharpened",
+        "borders": "with_pixel_borders",
         "cell_lattice": "CellLattice lattice_of",
         "common_planes": "find_common_planes",
         "merging": "merged",

@@ -15,7 +15,7 @@ from slopecli.patches.regions.plane_pieces import Piece
 from slopecli.patches.regions.region_tunables import REGION
 
 
-def sharpened(labels: Labels, grey: Grey, comparison: Comparison, pieces: Sequence[Piece]) -> Labels:
+def with_pixel_borders(labels: Labels, grey: Grey, comparison: Comparison, pieces: Sequence[Piece]) -> Labels:
     """Return labels (h, w) whose borders follow the edges of the image (h, w), half a cell off the old ones at most.
 
     Labels, and what is on no plane, flood the strip between them, edges of the image last (watershed). A pixel keeps
@@ -28,7 +28,7 @@ def sharpened(labels: Labels, grey: Grey, comparison: Comparison, pieces: Sequen
     numbered = labels.astype(np.float32) + 1.0  # 1 is no plane, and 0 is to be flooded
     inner = cv2.erode(numbered, square) == cv2.dilate(numbered, square)
     seeds = np.where(inner, labels + 1, 0).astype(np.int32)
-    smooth = cv2.GaussianBlur(grey, (0, 0), 1.0)
+    smooth = cv2.GaussianBlur(grey, (0, 0), 1.0)  # 1 px: noise of single pixels is no edge
     flooded = cv2.watershed(cv2.merge([smooth] * 3), seeds)
     flooded = _without_lines(np.asarray(flooded)) - 1
     changed = np.where((flooded > 0) & (flooded != labels), flooded, 0)

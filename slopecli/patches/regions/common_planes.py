@@ -74,17 +74,18 @@ class _Parts:
             if tilt_sigma_rad(lattice, piece) < KNOWN.sure_rad:
                 held = np.bincount(inside[piece.cells & lattice.known], minlength=len(count))
                 wanted &= held < REGION.compact * count
-        return cls._taken(lattice, inside, np.flatnonzero(wanted))
+        return cls._of_numbers(lattice, inside, np.flatnonzero(wanted))
 
     @classmethod
-    def _taken(cls, lattice: CellLattice, inside: Labels, numbers: IntArray) -> _Parts:
+    def _of_numbers(cls, lattice: CellLattice, inside: Labels, numbers: IntArray) -> _Parts:
+        """Return the components of these numbers."""
         own = lattice.known & np.isin(inside, numbers)
         rows, target = lattice.rows[own].astype(float), lattice.target[own].astype(float)
         return cls(lattice, inside, numbers, np.searchsorted(numbers, inside[own]), rows, target)
 
     def without(self, held: BoolArray) -> _Parts:
         """Return the parts but those (k,) held."""
-        return self._taken(self.lattice, self.inside, self.numbers[~held])
+        return self._of_numbers(self.lattice, self.inside, self.numbers[~held])
 
     def proposed(self) -> FloatArray:
         """Return the planes (p, 3) of any two parts."""

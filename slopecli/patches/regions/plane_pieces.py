@@ -57,7 +57,7 @@ def grown_pieces(lattice: CellLattice, components: Labels) -> list[Piece]:
         pieces += grown
         if grown:
             current = min((np.minimum(current, _cost_with(lattice, piece, none)) for piece in grown), key=np.sum)
-    halves = [half for piece in fewest_pieces(lattice, pieces) for half in _folded(lattice, piece)]
+    halves = [half for piece in fewest_pieces(lattice, pieces) for half in _split_at_fold(lattice, piece)]
     return [*pieces, *(piece for plane, part in halves for piece in _at_tolerances(lattice, plane, part, density))]
 
 
@@ -85,7 +85,7 @@ def _saved(lattice: CellLattice, piece: Piece) -> float:
     return float((lattice.unexplained - lattice.cost(lattice.off(piece.plane)[own], piece.tolerance)).sum())
 
 
-def _folded(lattice: CellLattice, piece: Piece) -> list[tuple[FloatArray, BoolArray]]:
+def _split_at_fold(lattice: CellLattice, piece: Piece) -> list[tuple[FloatArray, BoolArray]]:
     """Return two planes (3,), each with its part (h, w) of a piece, that save more than a plane costs; else none."""
     own = piece.cells & lattice.known
     rows, target = lattice.rows[own].astype(float), lattice.target[own].astype(float)
@@ -106,7 +106,7 @@ def _folded(lattice: CellLattice, piece: Piece) -> list[tuple[FloatArray, BoolAr
             if np.array_equal(first, last):
                 break
         if planes:
-            cost = float(lattice.cost(np.where(first, *off), 1.0).sum())
+            cost = float(lattice.cost(np.where(first, *off), 1.0).sum())  # each half flat: no tolerance beyond noise
             if cost < best:
                 best, found = cost, (planes, first)
     if found is None:

@@ -30,7 +30,7 @@ from slopecli.options import Options
 from slopecli.patches.patch import Found, Patch, region_footprints
 from slopecli.patches.regions.blank_planes import find_blank_planes
 from slopecli.patches.regions.block_labels import BorderCost, enlarged, label_cells
-from slopecli.patches.regions.borders import sharpened
+from slopecli.patches.regions.borders import with_pixel_borders
 from slopecli.patches.regions.cell_lattice import CellLattice, lattice_of
 from slopecli.patches.regions.common_planes import find_common_planes
 from slopecli.patches.regions.merging import merged
@@ -156,7 +156,9 @@ def _label_pixels(
     cells: Labels, comparison: Comparison, pieces: list[Piece], options: Options
 ) -> tuple[Labels, list[Piece]]:
     """Return the labels (h, w) of the grid's pixels, largest first from 1, and the piece of each."""
-    labels = sharpened(enlarged(cells, REGION.cell_px, comparison.shape), comparison.grid.grey, comparison, pieces)
+    labels = with_pixel_borders(
+        enlarged(cells, REGION.cell_px, comparison.shape), comparison.grid.grey, comparison, pieces
+    )
     labels, order = renumbered_by_size(labels, options.min_region_percent / 100 * labels.size)
     if not labels.any():
         raise NoAnswer(

@@ -1,4 +1,4 @@
-"""Windows that show nothing to match: the orientation, of those known elsewhere in the pair, that image 2 bears out.
+"""Windows that show nothing to match: the orientation, of those known elsewhere in the pair, that image 2 confirms.
 
 Of a plane of known orientation only the depth is unknown. It is swept, and image 2, pulled through every plane, is
 compared with the window on raw grey values, under one gain and offset for the pair: shading is the texture of a bare
@@ -74,8 +74,8 @@ def with_known_orientations(patches: list[Patch], scene: Scene, rematch: Rematch
     """
     if len(patches) >= MANY_WINDOWS:
         return patches
-    faint, mute = [_is_faint(patch) for patch in patches], [_is_mute(patch, scene) for patch in patches]
-    if not any(faint + mute):
+    faint, unmatched = [_is_faint(patch) for patch in patches], [_is_unmatched(patch, scene) for patch in patches]
+    if not any(faint + unmatched):
         return patches
     known = known_planes(patches, scene)
     if not known:
@@ -84,12 +84,12 @@ def with_known_orientations(patches: list[Patch], scene: Scene, rematch: Rematch
     for k in range(len(patches)):
         if faint[k]:
             settled[k] = _realigned(settled[k], known, exposure, scene, rematch)
-        if mute[k] and _is_mute(settled[k], scene):
+        if unmatched[k] and _is_unmatched(settled[k], scene):
             settled[k] = _settled(settled[k], known, exposure, scene)
     return settled
 
 
-def _is_mute(patch: Patch, scene: Scene) -> bool:
+def _is_unmatched(patch: Patch, scene: Scene) -> bool:
     """Whether a window that image 2 shows has no matches of its own, or such as agree by chance or tell no tilt.
 
     Textured ground without any match is not what image 2 shows there, and grey values that agree do so by chance.

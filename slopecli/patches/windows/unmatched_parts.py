@@ -35,8 +35,8 @@ def with_unmatched_parts(patch: Patch, measured: Patch, scene: Scene) -> Patch:
     normal = np.asarray(np.linalg.lstsq(homogeneous(x1), w, rcond=None)[0])
     gaps = gaps_of(patch.window, measured.matches.uv1, measured.share)
     held = np.zeros(len(gaps.seen), bool)
-    held[~gaps.seen] = borne_out(gaps.uv1[~gaps.seen], gaps.cell_px, normal, scene)
-    gaps = replace(gaps, borne_out=held)
+    held[~gaps.seen] = confirmed_cells(gaps.uv1[~gaps.seen], gaps.cell_px, normal, scene)
+    gaps = replace(gaps, confirmed=held)
     against = max(
         beside_rad(gaps, normal, scene.evidence, focal_px),
         contradicted_rad(gaps, normal, scene),
@@ -44,7 +44,7 @@ def with_unmatched_parts(patch: Patch, measured: Patch, scene: Scene) -> Patch:
     )
     hidden = unseen_rad(gaps, _height_px(x1, w, focal_px), scene.evidence)
     unseen = max(against, hidden)
-    # what is hidden knows nothing of the matches; an object beside them may have led some of these astray as well
+    # what is hidden knows nothing of the matches; an object beside them may have made some of these wrong as well
     total = float(np.hypot(patch.tilt_sigma_rad + against, hidden))
     return replace(patch, tilt_sigma_rad=total, unmatched_sigma_rad=unseen, off_plane_sigma_rad=against)
 
@@ -55,7 +55,7 @@ class Gaps:
 
     at, uv1 (k, 2): centres of the cells, px from the window's middle, and px of image 1; seen (k,): holds a match;
     shape: rows and columns of cells; cell_px: side of one; matched (n, 2): px of the matches; per_px: how many of them
-    there are to a square px where there are no gaps; borne_out (k,): without a match, but on the plane, as their grey
+    there are to a square px where there are no gaps; confirmed (k,): without a match, but on the plane, as their grey
     values show.
     """
 
@@ -67,12 +67,12 @@ class Gaps:
     cell_px: float
     matched: FloatArray
     per_px: float
-    borne_out: BoolArray | None = None
+    confirmed: BoolArray | None = None
 
     @property
     def off(self) -> BoolArray:
         """(g,) of the cells without a match, which may be off the plane."""
-        return np.ones(np.count_nonzero(~self.seen), bool) if self.borne_out is None else ~self.borne_out[~self.seen]
+        return np.ones(np.count_nonzero(~self.seen), bool) if self.confirmed is None else ~self.confirmed[~self.seen]
 
     @property
     def amid(self) -> BoolArray:
@@ -94,9 +94,9 @@ class Gaps:
         return float(np.arctan(np.linalg.norm(np.linalg.lstsq(self.at.T @ self.at, at.T @ height, rcond=None)[0])))
 
     def holds(self, uv1: FloatArray) -> BoolArray:
-        """(k,) whether points (k, 2) px of image 1 lie in a cell with a match, or one that is borne out."""
+        """(k,) whether points (k, 2) px of image 1 lie in a cell with a match, or one that is confirmed."""
         column, row, inside = _cell(self.window, self.shape, uv1)
-        held = self.seen if self.borne_out is None else self.seen | self.borne_out
+        held = self.seen if self.confirmed is None else self.seen | self.confirmed
         return np.asarray(inside & held[row * self.shape[1] + column])
 
     def filled(self, uv1: FloatArray) -> FloatArray:
@@ -211,12 +211,12 @@ def contradicted_rad(gaps: Gaps, normal: FloatArray, scene: Scene) -> float:
 
     normal : (3,) scaled, of the plane of the window's matches.
     """
-    off = contradict(gaps.uv1[~gaps.seen], gaps.cell_px, normal, scene)
+    off = contradicting_cells(gaps.uv1[~gaps.seen], gaps.cell_px, normal, scene)
     height_px = np.where(off, TUNE.off_plane * max(gaps.window[2:]), 0.0)
     return min(gaps.tilt_rad(height_px), TUNE.most_rad)
 
 
-def contradict(uv1: FloatArray, side_px: float, normal: FloatArray, scene: Scene) -> BoolArray:
+def contradicting_cells(uv1: FloatArray, side_px: float, normal: FloatArray, scene: Scene) -> BoolArray:
     """(k,) cells of image 1 that are textured and in view of image 2, but do not correlate with it under a plane.
 
     Such a part stands off the plane, moves, or is hidden. A missing match alone does not show that: flow also fails
@@ -224,15 +224,16 @@ def contradict(uv1: FloatArray, side_px: float, normal: FloatArray, scene: Scene
 
     uv1 : (k, 2) px of image 1, centres of the cells.  side_px : of a cell.  normal : (3,) scaled.
     """
-    best = np.nan_to_num(_correlations(uv1, side_px, normal, scene, (-2, -1, 0, 1, 2)), nan=1.0).max(axis=0)
+    drifts = (-2, -1, 0, 1, 2)  # spacings: ground that bends is a little off the plane
+    best = np.nan_to_num(_correlations(uv1, side_px, normal, scene, drifts), nan=1.0).max(axis=0)
     return np.asarray(best < TUNE.same_ground_score)
 
 
-def borne_out(uv1: FloatArray, side_px: float, normal: FloatArray, scene: Scene) -> BoolArray:
+def confirmed_cells(uv1: FloatArray, side_px: float, normal: FloatArray, scene: Scene) -> BoolArray:
     """(k,) cells of image 1 that are on a plane: they correlate with image 2 under it, and less so a few spacings along
     the epipolar line.
 
-    uv1, side_px, normal : as in `contradict`.
+    uv1, side_px, normal : as in `contradicting_cells`.
     """
     drifts = (-1, 0, 1, -5, -4, 4, 5)  # spacings: on the plane, and far enough off it
     score = _correlations(uv1, side_px, normal, scene, drifts)
@@ -248,7 +249,7 @@ def _correlations(
 
     NaN for cells without texture or out of view.
 
-    uv1, side_px, normal : as in `contradict`.  drifts : displacements, in spacings of the points compared.
+    uv1, side_px, normal : as in `contradicting_cells`.  drifts : displacements, in spacings of the points compared.
     """
     found = np.full((len(drifts), len(uv1)), np.nan)
     asked = np.flatnonzero(covered(imaged(uv1, normal, scene), scene.shape2))
