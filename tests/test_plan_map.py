@@ -82,7 +82,7 @@ def test_sigma_of_a_map_falls_with_the_square_of_the_diameter_and_grows_with_the
 
 def test_many_windows_without_room_for_labels_have_none_that_cover_each_other() -> None:
     options = PlanOptions(trajectory_deg=90.0, height=8.0)
-    plan = make_plan(field_of_view_camera(800, 800), [(400, 400, 64, 64)], options)
+    plan = make_plan(field_of_view_camera(800, 800), grid_windows(2, 2, 800, 800), options)
     places = [(400 + 16 * (k % 8), 400 + 16 * (k // 8), 16, 16) for k in range(64)]
     windows = tuple(replace(plan.windows[0], id=k + 1, window=place) for k, place in enumerate(places))
     inside = [draw_plan(replace(plan, windows=some))[404:412, 404:412] for some in (windows, windows[:63])]

@@ -18,13 +18,13 @@ from slopecli.geometry.epipolar import homogeneous, unit_vector
 from slopecli.geometry.plane_fit import BEND_RAD, lever
 from slopecli.geometry.solver.observations import Prediction, observe, predict
 from slopecli.look.matches import MIN_ON_PLANE
-from slopecli.patches.windows.tunables import WindowTunables
+from slopecli.patches.windows.tunables import TUNE
 from slopecli.plan.plan_options import PlanOptions
 from slopecli.types import BoolArray, Camera, FloatArray, IntArray
 
 Window = tuple[int, int, int, int]  # x, y, width, height in px of image 1
 
-LEAST_SHARE = WindowTunables.least_share  # of a window that image 2 must show for an answer, as estimate needs
+LEAST_SHARE = TUNE.least_share  # of a window that image 2 must show for an answer, as estimate needs
 
 
 @dataclass(frozen=True, eq=False)
