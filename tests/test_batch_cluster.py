@@ -110,10 +110,12 @@ def test_the_command_runs_on_a_cluster(cluster: Any, pairs: list[Pair], here: di
     assert tree(tmp_path) == here
 
 
-def test_a_cluster_that_is_not_there_is_one_line(pairs: list[Pair], tmp_path: Path, monkeypatch: Any) -> None:
+def test_a_cluster_that_is_not_there_is_one_line(pairs: list[Pair], tmp_path: Path) -> None:
     pytest.importorskip("distributed")
-    monkeypatch.setattr("slopecli.batch.running.PATIENCE_S", 1)
-    with pytest.raises(InputError, match=r"no Dask cluster answers at tcp://127.0.0.1:9") as refused:
+    import dask
+
+    soon = dask.config.set({"distributed.comm.timeouts.connect": "1s"})
+    with soon, pytest.raises(InputError, match=r"no Dask cluster answers at tcp://127.0.0.1:9") as refused:
         run(pairs, OPTIONS, KEEP, tmp_path, cluster="tcp://127.0.0.1:9")
     assert "\n" not in str(refused.value)
 
