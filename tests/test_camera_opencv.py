@@ -86,6 +86,36 @@ def test_names_people_give_opencv_matrices(tmp_path: Path, matrix: str, lens: st
     check_is_the_sample(load_camera(write(tmp_path, tree)))
 
 
+BY_NAME = {
+    "intrinsics": {"fx": 800, "fy": 810, "cx": 511.5, "cy": 383.5},
+    "distortion": {"k1": BROWN[0], "k2": BROWN[1], "p1": BROWN[2], "p2": BROWN[3], "k3": 0},
+    "width": 1024,
+    "height": 768,
+}
+
+
+@pytest.mark.parametrize("folder", ["", "cameras", "left"])
+def test_numbers_each_by_its_name_below_a_matrix_and_a_lens(tmp_path: Path, folder: str) -> None:
+    check_is_the_sample(load_camera(write(tmp_path, {folder: {"a": BY_NAME}} if folder == "cameras" else
+                                          {folder: BY_NAME} if folder else BY_NAME)))  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"intrinsics": {**BY_NAME["intrinsics"], "k1": 0.1}}, "intrinsics holds 'k1'"),
+        ({"intrinsics": {**BY_NAME["intrinsics"], "dist_coeffs": [0.1]}}, "intrinsics holds 'dist_coeffs'"),
+        ({"intrinsics": {**BY_NAME["intrinsics"], "skew": 2}}, "skew 2"),
+        ({"distortion": {"k1": 0.1, "radial": [0.1, 0.2]}}, "distortion holds 'radial'"),
+        ({"distortion": {"k1": 0.1, "k4": 0.1}}, "none of OpenCV's lenses"),
+        ({"distortion": {"k1": 0.1, "model": 4}}, "needed the name of a lens model"),
+        ({"k1": 0.1}, "'k1' stands alone"),
+    ],
+)
+def test_names_that_are_not_read_are_refused(tmp_path: Path, changes: dict, words: str) -> None:
+    assert words in refusal(write(tmp_path, {**BY_NAME, **changes}))
+
+
 def test_opencv_without_size_takes_the_images(tmp_path: Path) -> None:
     path = write(tmp_path, {"camera_matrix": MATRIX, "dist_coeffs": list(BROWN)})
     check_is_the_sample(load_camera(path, size=(1024, 768)))

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import Any
 
 from slopecli.errors import InputError
@@ -35,7 +34,9 @@ def read(tree: values.Tree, size: values.Size | None) -> Camera:
     own_names = tree.get("model") in ("polynomial", "cahvor", "division")
     model: CameraModel = tree["model"] if own_names else marked_model(tree) or "brown"
     named = [key for key in values.BROWN_ORDER if key in tree]
-    given = _named(tree, named, model) if named else values.numbers(tree.get("distortion"), "distortion")
+    if named and "distortion" in tree:
+        raise InputError(f"both distortion and {named[0]} are given; keep one of them")
+    given = values.coefficients_by_name(tree if named else tree.get("distortion"), model, "distortion")
     counts = (0, MAX_COEFFICIENTS[model]) if own_names else (0, 4) if model == "fisheye" else (0, 4, 5, 8)
     coefficients = given + [0.0] * (next((c for c in counts if c >= len(given)), 0) - len(given))
     fx, fy, cx, cy = _intrinsics(tree)
@@ -43,21 +44,6 @@ def read(tree: values.Tree, size: values.Size | None) -> Camera:
     return values.make_camera(
         "native", own or size, (fx, fy, cx, cy), model, coefficients, note=note, size_given=own is not None
     )
-
-
-def _named(tree: values.Tree, named: Sequence[str], model: CameraModel) -> list[float]:
-    """Coefficients under names of their own, k1, k2, p1, ...; refused where programs differ in what these mean."""
-    if "distortion" in tree:
-        raise InputError(f"both distortion and {named[0]} are given; keep one of them")
-    if model == "fisheye":
-        values.refuse_nonzero(tree, ("p1", "p2", "k5", "k6"), "beyond k1 to k4 of a fisheye lens")
-    elif model != "brown":
-        raise InputError(f"{named[0]} of a {model} lens: list its coefficients as distortion")
-    elif not {"k5", "k6"} <= set(named) and values.number(tree.get("k4") or 0, "k4") != 0:
-        raise InputError(
-            f'k4 = {tree["k4"]} without k5 and k6 is none of OpenCV\'s lenses; of a fisheye lens add "model": "fisheye"'
-        )
-    return values.named_coefficients(tree, model)
 
 
 def _intrinsics(tree: values.Tree) -> values.Intrinsics:

@@ -69,7 +69,9 @@ def read(camera: Mapping[str, Any], size: values.Size | None) -> Camera:
     # many files call OpenCV's usual lens model a pinhole
     model = marked if marked == "fisheye" else "brown"
     fx, fy, cx, cy = values.intrinsics_of_matrix(value, key)
-    coefficients = values.numbers(lens, lens_key)
+    if isinstance(lens, Mapping) and set(values.BROWN_ORDER) & set(lens):
+        values.refuse_others(lens, "k1 k2 p1 p2 k3 k4 k5 k6 model type", lens_key)
+    coefficients = values.coefficients_by_name(lens, model, lens_key)
     own, turned = image_size(tree, (cx, cy), size)
     unmarked = marked is None and len(coefficients) == 4 and any(coefficients)
     note = "; ".join(filter(None, (FOUR if unmarked else "", turned)))

@@ -114,7 +114,11 @@ def intrinsics_of_matrix(value: Any, name: str) -> Intrinsics:
 
 
 def skewed_intrinsics(value: Any, name: str) -> tuple[float, float, float, float, float]:
-    """fx, fy, cx, cy and the skew, px, of a 3x3 intrinsic matrix."""
+    """fx, fy, cx, cy and the skew, px, of a 3x3 intrinsic matrix, or of its four numbers by their names."""
+    if isinstance(value, Mapping) and {"fx", "fy", "cx", "cy"} <= set(value):
+        refuse_others(value, "fx fy cx cy skew width height", name)
+        fx, fy, cx, cy = (number(value[key], key) for key in ("fx", "fy", "cx", "cy"))
+        return fx, fy, cx, cy, number(value.get("skew") or 0, "skew")
     k = numbers(value, name)
     if len(k) != 9:
         raise InputError(f"{name} has {len(k)} numbers, needed a 3x3 matrix")
@@ -155,6 +159,23 @@ def named_coefficients(values: Mapping[str, Any], model: CameraModel) -> list[fl
     return [number(values.get(name) or 0, name) for name in order]
 
 
+def coefficients_by_name(lens: Any, model: CameraModel, name: str) -> list[float]:
+    """Coefficients in OpenCV's order, of a list or a matrix, or each by its name: k1, k2, p1, ...; InputError for names
+    of which programs differ in what they mean."""
+    if not isinstance(lens, Mapping) or not set(BROWN_ORDER) & set(lens):
+        return numbers(lens, name)
+    first = next(key for key in BROWN_ORDER if key in lens)
+    if model == "fisheye":
+        refuse_nonzero(lens, ("p1", "p2", "k5", "k6"), "beyond k1 to k4 of a fisheye lens")
+    elif model not in ("pinhole", "brown"):
+        raise InputError(f"{first} of a {model} lens: list its coefficients as {name}")
+    elif not {"k5", "k6"} <= set(lens) and number(lens.get("k4") or 0, "k4") != 0:
+        raise InputError(
+            f'k4 = {lens["k4"]} without k5 and k6 is none of OpenCV\'s lenses; of a fisheye lens add "model": "fisheye"'
+        )
+    return named_coefficients(lens, model)
+
+
 def plain_key(key: Any) -> str:
     """A key without the separators and capitals in which files differ."""
     return re.sub(r"[_\-. ]", "", str(key)).lower()
@@ -176,6 +197,12 @@ def refuse_twice(names: Iterable[str]) -> None:
     """Refuse names of which one stands twice."""
     if (twice := first_twice(names)) is not None:
         raise InputError(f"has {twice!r} twice; keep one of them")
+
+
+def refuse_others(values: Tree, names: str, what: str) -> None:
+    """Refuse names beside those that are read: they may be coefficients, which are not none."""
+    if others := [key for key in values if str(key) not in names.split()]:
+        raise InputError(f"{what} holds {str(others[0])[:40]!r}, which is not understood; it may have {names}")
 
 
 def refuse_nonzero(values: Mapping[str, Any], names: Sequence[str], what: str) -> None:
