@@ -105,7 +105,7 @@ def _in_doubt(report: Report) -> Report:
 
 
 def _undecided(plane: _AnyPlane) -> _AnyPlane:
-    """A plane that nothing safe may be said of, unless it is unsafe, or taken as level."""
+    """The plane undecided and without P(safe), unless it is unsafe or taken as level."""
     return plane if plane.verdict in ("unsafe", None) else replace(plane, verdict="undecided", p_safe=None)
 
 
