@@ -96,7 +96,9 @@ def _with_focal(answer: Answer, given: Cameras, options: Options, again: Again) 
 
 
 def contradicted(test: CameraTest, prior: float) -> bool:
-    """Whether a test contradicts the camera, its focal length as far as that is known to a relative 1-sigma `prior`."""
+    """Whether a test contradicts the camera; prior: relative 1-sigma to which its focal length is known, 0 if exact."""
+    if prior == 0.0:
+        return test.centre or test.suspect
     focal_agrees = abs(test.step) < CERTAIN_SIGMAS * np.hypot(test.sigma, prior)
     return test.centre or test.only_contradicted or not focal_agrees
 

@@ -29,6 +29,7 @@ from slopecli.options import Options
 from slopecli.patches import Given
 from slopecli.pipeline import estimate, solve
 from slopecli.products import report_to_csv
+from slopecli.solving import contradicted
 from slopecli.study import Scene, field_of_view_camera, make_scene
 from slopecli.types import Camera, Report, Solution
 
@@ -365,6 +366,13 @@ def test_fewer_sigmas_are_enough_where_the_overview_contradicts(
     contradicts = iter([True])  # and no longer with the focal length found
     monkeypatch.setattr("slopecli.findings.camera_test._overview_contradicts", lambda *facts: next(contradicts, False))
     assert ("suspect-camera" in {d.code for d in report_of(scene, false).diagnostics}) is suspect
+
+
+def test_what_is_suspected_of_an_exact_focal_length_may_agree_with_one_known_to_a_few_percent() -> None:
+    test = CameraTest(step=0.06, sigma=0.03, suspect=True)
+    assert contradicted(test, prior=0.0)
+    assert not contradicted(test, prior=0.03)
+    assert contradicted(replace(test, step=0.2), prior=0.03)
 
 
 def test_a_contradiction_that_the_best_focal_length_leaves_is_said(monkeypatch: pytest.MonkeyPatch) -> None:
