@@ -231,6 +231,12 @@ def test_exposure_and_slow_shading_are_taken_out(grey: np.ndarray) -> None:
     assert np.abs(detrend(shaded, 15) - 0.7 * detrend(grey, 15))[inner].max() < 1.0
 
 
+def test_the_local_mean_that_is_taken_out_is_that_of_all_pixels_up_to_the_border(grey: np.ndarray) -> None:
+    window = np.ascontiguousarray(grey[50:150, 60:180])
+    mean = cv2.GaussianBlur(window, (0, 0), 16.0, borderType=cv2.BORDER_REFLECT)
+    assert np.abs(window - detrend(window, 16.0) - mean).max() < 0.2 * mean.std()
+
+
 def test_contrast_below_the_noise_is_not_blown_up() -> None:
     noise = np.random.default_rng(0).standard_normal((100, 100)).astype(np.float32)
     assert normalise(128 + 0.5 * NOISE_GREY * noise, 12).std() < 0.55

@@ -191,7 +191,8 @@ def local_mean(image: FloatImage, sigma: float) -> FloatImage:
     height, width = image.shape
     shrink = max(1, int(sigma / 3.0))  # the Gaussian has a sigma of at least 3 px: so wide, pixels do not show
     small = cv2.resize(image, (-(-width // shrink), -(-height // shrink)), interpolation=cv2.INTER_AREA)
-    smooth = cv2.GaussianBlur(small, (0, 0), sigma / shrink)
+    # mirrored at the edge of the image; at the middle of the first pixel, which is larger here, would be elsewhere
+    smooth = cv2.GaussianBlur(small, (0, 0), sigma / shrink, borderType=cv2.BORDER_REFLECT)
     return np.asarray(cv2.resize(smooth, (width, height), interpolation=cv2.INTER_LINEAR), np.float32)
 
 
