@@ -24,6 +24,8 @@ SHARES = ("safe", "unsafe", "undecided", "unknown")
 FILES = {"slopes.json", "planes.csv", "slope_map.tif", "slope_map.qml", "map.png", "map_sigma.png"}
 Run = tuple[Done, Path, Path]
 
+pytestmark = pytest.mark.usefixtures("_solved_once")
+
 
 @pytest.fixture(scope="module")
 def flight(tmp_path_factory: pytest.TempPathFactory) -> Run:

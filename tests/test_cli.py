@@ -228,9 +228,9 @@ def test_windows_keep_their_order_as_ids(tmp_path: Path) -> None:
     assert min(u for u, _ in first["polygon_px"]) > max(u for u, _ in second["polygon_px"])
 
 
-def test_options_reach_the_answer() -> None:
+def test_options_reach_the_answer(small: list[str]) -> None:
     up = ("--up", "0.1,0,-2", "--up-sigma", "0.5", "--altitude", "13", "--tolerance", "1", "--confidence", "0.9")
-    done = slopemap("estimate", *PAIR, *CAMERA, "--json", "--solver", "lh", *up)
+    done = slopemap("estimate", *small, "--json", "--solver", "lh", *up)
     assert done.returncode == 0, done.stderr
     result = json.loads(done.stdout)
     assert result["fit"]["solver"] == "lh"
@@ -241,22 +241,20 @@ def test_options_reach_the_answer() -> None:
     assert {"unsafe"} <= {plane["verdict"] for plane in result["planes"]}
 
 
-def test_field_of_view_and_intrinsics_stand_in_for_a_file() -> None:
-    camera = json.loads((DESCENT / "camera.json").read_text())
-    by_hand = ",".join(str(camera[key]) for key in ("fx", "fy", "cx", "cy"))
-    done = slopemap("estimate", *PAIR, "--intrinsics", by_hand, "--json")
+def test_field_of_view_and_intrinsics_stand_in_for_a_file(small: list[str]) -> None:
+    done = slopemap("estimate", *small[:2], "--intrinsics", "110.5,111,63.5,63.5", "--json")
     assert done.returncode == 0, done.stderr
-    assert json.loads(done.stdout)["cameras"][0]["fx"] == pytest.approx(camera["fx"])
-    assert slopemap("estimate", *PAIR, "--fov", "60", "--json").returncode == 0
+    assert json.loads(done.stdout)["cameras"][0]["fx"] == 110.5
+    assert slopemap("estimate", *small[:2], "--fov", "60", "--json").returncode == 0
 
 
-def test_second_camera_is_for_image_2(tmp_path: Path) -> None:
+def test_second_camera_is_for_image_2(small: list[str], tmp_path: Path) -> None:
     camera = json.loads((DESCENT / "camera.json").read_text())
     (tmp_path / "second.json").write_text(json.dumps({**camera, "cx": camera["cx"] + 1}))
-    done = slopemap("estimate", *PAIR, *CAMERA, "--camera2", str(tmp_path / "second.json"), "--json")
+    done = slopemap("estimate", *small, "--camera2", str(tmp_path / "second.json"), "--json")
     assert done.returncode == 0, done.stderr
     first, second = json.loads(done.stdout)["cameras"]
-    assert second["cx"] == pytest.approx(first["cx"] + 1)
+    assert second["cx"] == pytest.approx(first["cx"] + 0.16)  # of the intrinsics, which are scaled with the image
 
 
 def test_a_reader_that_leaves_is_no_failure(small: list[str]) -> None:
@@ -331,14 +329,11 @@ def test_camera_of_another_image_size(tmp_path: Path) -> None:
     assert "wide.json" in line
 
 
-def test_scaled_intrinsics_are_told_as_information(tmp_path: Path) -> None:
-    camera = json.loads((DESCENT / "camera.json").read_text())
-    doubled = {key: 2 * camera[key] for key in ("width", "height", "fx", "fy", "cx", "cy")}
-    (tmp_path / "double.json").write_text(json.dumps({**camera, **doubled}))
-    done = slopemap("estimate", *PAIR, "--camera", str(tmp_path / "double.json"), "--json")
-    (line,) = (line for line in done.stderr.splitlines() if f"{PAIR[0]} with " in line)
+def test_scaled_intrinsics_are_told_as_information(small: list[str]) -> None:
+    done = slopemap("estimate", *small, "--json")
+    (line,) = (line for line in done.stderr.splitlines() if f"{small[0]} with " in line)
     assert line.startswith("info: ")
-    assert line.endswith("intrinsics scaled by 0.5")
+    assert line.endswith("intrinsics scaled by 0.16")
 
 
 def test_an_empty_output_is_a_usage_error(tmp_path: Path) -> None:

@@ -24,17 +24,17 @@ from slopecli.io.cameras import CAMERA_FORMATS, CameraFileContent
 
 # kind: inputs in the ordinary run; 0.02 s of processor time each, for images and batches 0.1 to 0.4 s
 HOW_MANY = {
-    "camera": 75,
-    "metadata": 30,
-    "matches": 20,
-    "match_file": 20,
-    "pose": 20,
-    "list": 20,
+    "camera": 50,
+    "metadata": 20,
+    "matches": 15,
+    "match_file": 15,
+    "pose": 15,
+    "list": 15,
     "folder": 5,
-    "image": 18,
+    "image": 12,
     "record": 2,
-    "truth": 20,
-    "drawn": 30,
+    "truth": 15,
+    "drawn": 20,
 }
 PARTS = [(kind, k) for kind in HOW_MANY for k in seeds(10, 1)]
 

@@ -35,6 +35,8 @@ BODY = np.array([[0, 0, 1], [1, 0, 0], [0, 1, 0]])  # x ahead, y right, z down o
 NED_1 = Rotation.from_euler("ZYX", [YAW, PITCH, ROLL], degrees=True).as_matrix() @ BODY
 METRES_NORTH, METRES_EAST = 111_180.0, 75_440.0  # of a degree at this latitude
 
+pytestmark = pytest.mark.usefixtures("_solved_once")
+
 
 @pytest.fixture(scope="module")
 def scene() -> Pair:

@@ -233,11 +233,13 @@ def test_windows_keep_their_order_and_do_not_depend_on_it() -> None:
     assert normals_of(backwards)[::-1] == pytest.approx(normals_of(smooth_windows()), abs=1e-6)
 
 
+@pytest.mark.slow
 def test_exposure_does_not_matter() -> None:
     darker = run(image1=with_grey(IMAGE1, 0.8 * IMAGE1.grey))
     assert slopes_of(darker) == pytest.approx(slopes_of(nine_windows()), abs=0.15)
 
 
+@pytest.mark.slow
 def test_a_quarter_turn_of_image_2_changes_nothing_in_the_frame_of_image_1() -> None:
     report = run(image2=turned(IMAGE2), camera2=turned_camera())
     assert np.degrees(normal_angle(normals_of(report), normals_of(nine_windows()))).max() < 0.15
