@@ -142,6 +142,17 @@ def test_a_step_that_is_small_beside_the_width_of_the_surface_is_relief() -> Non
         assert len(merged(lattice_on(planes, two_sides()), pieces_of(two_sides(), planes), 1.0)) == count
 
 
+def test_a_step_counts_perpendicular_to_the_surface_not_along_the_ray() -> None:
+    street, number = np.array([0.0, 0.4, 0.06]), two_sides()  # from eye height, seen at 10 to 30 degrees
+    number[: SHAPE[0] // 2] = 0
+    width = np.sqrt(np.count_nonzero(number == 2)) * REGION.cell_px / FOCAL
+    for part, count in ((0.15, 1), (1.2, 2)):
+        planes = [street, street * (1 + part * width)]
+        assert len(merged(lattice_on(planes, number), pieces_of(number, planes), 50.0)) == count
+        across = [FACING, FACING * (1 + part * width)]
+        assert len(merged(lattice_on(across, number), pieces_of(number, across), 50.0)) == 2
+
+
 def test_parallel_planes_stay_apart_however_far_merging_may_reach() -> None:
     planes = [FACING, FACING * 1.1]
     assert len(merged(lattice_on(planes, two_sides()), pieces_of(two_sides(), planes), 50.0)) == 2

@@ -78,11 +78,22 @@ def _joined(lattice: CellLattice, one: _Member, other: _Member, limit: float) ->
         return None
     if np.degrees(normal_angle(large.piece.plane, small.piece.plane)) > REGION.parallel_deg:
         return None
-    offset = np.sqrt(np.mean((between / lattice.target[own]) ** 2))
-    unlike = float(offset / (REGION.relief * np.sqrt(small.count) * lattice.width))
+    unlike = float(_step_in_widths(lattice, small, between) / REGION.relief)
     if unlike > 1.0:
         return None
     return 1.0 + unlike, Piece(plane, _tolerance(lattice, plane, cells), cells)
+
+
+def _step_in_widths(lattice: CellLattice, small: _Member, between: FloatArray) -> float:
+    """Return the offset of another plane from that of a piece, perpendicular to it, in widths of its surface.
+
+    between (n,) : of the other plane from this one at the known cells of the piece, sigmas.
+    """
+    own = small.piece.cells & lattice.known
+    rows = lattice.rows[own].astype(float)
+    facing = np.abs(rows @ small.piece.plane) / (np.linalg.norm(rows, axis=1) * np.linalg.norm(small.piece.plane))
+    offset = np.sqrt(np.mean((between / lattice.target[own] * facing) ** 2))  # in distances
+    return float(offset / (np.sqrt(small.count / facing.mean()) * lattice.width))
 
 
 def _tolerance(lattice: CellLattice, plane: FloatArray, cells: BoolArray) -> float:
