@@ -197,6 +197,23 @@ def test_ground_that_is_partly_unmatched_is_in_more_doubt_the_rougher_it_is() ->
     assert sizes[0] <= sizes[1] < 0.2 * sizes[2]
 
 
+def test_ground_that_is_unmatched_tilts_the_more_the_more_of_it_lies_to_one_side() -> None:
+    depth = ground()[1]
+    rough = replace(depth, w=depth.w * np.exp(noise(9, 0.02, depth.w.shape, 1.0)), sure=np.ones_like(depth.sure))
+    cells = Cells(np.array([160]), np.array([120]), 20.0)
+    beside, across = np.arange(320) - 160, np.arange(240)[:, None] - 120
+    parts = (np.abs(beside) > 14) & (across < 999), (beside > 11) & (across < 999), np.hypot(beside, across) < 9
+    both, right, middle = (
+        float(gradient_parts(replace(rough, sure=~part), planes, no_jump(planes)).total[0, 0, 0, 0])
+        for part in parts
+        for planes in [planes_of(replace(rough, sure=~part), cells)]
+    )
+    least = float(gradient_parts(rough, planes_of(rough, cells), no_jump(planes_of(rough, cells))).total[0, 0, 0, 0])
+    assert both == pytest.approx(least, rel=0.05)
+    assert middle == pytest.approx(least, rel=0.05)
+    assert right > 2.5 * least
+
+
 # ---- steps ----
 
 

@@ -64,7 +64,8 @@ def map_cells(depth: DenseDepth, cells: Cells, roots: Sequence[Root], demand: De
     """
     planes = fit_footprints(depth.points, depth.known, depth.sure, cells, variance=depth.variance)
     jump = largest_jump(depth, planes)
-    gradient = gradient_parts(depth, planes, jump)
+    across = across_step(depth, planes, jump)
+    gradient = gradient_parts(depth, planes, np.where(across, jump, 0.0))
     covariance = normal_covariance(planes, roots[0], gradient.total)
     told = planes.answered & np.isfinite(covariance).all((-1, -2))
     under = [planes.scaled_normal, *(normals_under(planes, roots[0], root.R, root.T) for root in roots[1:])]
@@ -75,7 +76,7 @@ def map_cells(depth: DenseDepth, cells: Cells, roots: Sequence[Root], demand: De
     if demand.max_height is not None:
         both = [probability_low(height, demand.max_height, ground_px, demand.scale_sigma) for height in (above, below)]
         p_safe = p_safe * np.minimum(*both)
-    step = told & across_step(depth, planes, jump)
+    step = told & across
     p_safe = np.where(step, 0.0, p_safe)
     p_safe = np.where(beside_bare(depth, planes), np.minimum(p_safe, WITHHELD), p_safe)
     cells_of = _assembled(depth, planes, seen[0], told, demand, above, below, p_safe, step, ground_px)

@@ -28,7 +28,6 @@ class TiltTunables(NamedTuple):
 
     ramp_px: float = 16.0  # grid px, radius of the discs on which `shared_px` is measured
     edge_alike_px: float = 2.0  # grid px that share an error as large as a jump of depth
-    unmatched: float = 3.0  # 1-sigma of ground that is not matched, in the relief of its footprint
     # height of a step, of the footprint's diameter, from which on a slope across it has no meaning
     step_share: float = 0.25
     step_length: float = 0.15  # pixels on it, of the footprint's diameter
@@ -136,7 +135,10 @@ class GradientVariance(NamedTuple):
 
 
 def gradient_parts(depth: DenseDepth, planes: FootprintPlanes, jump: FloatArray) -> GradientVariance:
-    """Variance of the gradient of ln w by cause; jump: see `largest_jump`."""
+    """Variance of the gradient of ln w by cause.
+
+    jump (rows, columns) : of ln w at the step that a footprint lies across, 0 without a step.
+    """
     sums = disc_sums(error_layers(depth), planes.cells, COARSE)
     # the second moment of a disc about either axis is a fourth of its squared radius
     moment = np.maximum(sums[0], 1.0) * (planes.cells.radius_px / depth.focal_px) ** 2 / 4.0
@@ -218,11 +220,19 @@ def error_densities(sums: Sequence[FloatArray], rise: FloatArray) -> tuple[Float
 def _gap_variance(depth: DenseDepth, planes: FootprintPlanes, jump: FloatArray) -> FloatArray:
     """(rows, columns) variance of the gradient of ln w by ground that is not matched, or in doubt.
 
-    It may lie as far off the plane as the relief, or as the largest jump nearby.
+    All of it together may lie off the plane by as much as the relief of its footprint; what lies around the middle on
+    all sides tilts nothing. Across a step it may lie on the other side of the jump.
     """
-    relief = planes.relief / planes.middle[..., 2]
-    lever = (1.0 - planes.sure) * depth.focal_px / (2 * planes.cells.radius_px)
-    return np.asarray(lever**2 * ((TILT.unmatched * relief) ** 2 + jump**2))
+    cells, radius = planes.cells, planes.cells.radius_px
+    rows, columns = depth.w.shape
+    u, v = np.arange(columns, dtype=np.float32), np.arange(rows, dtype=np.float32)[:, None]
+    n, by_u, by_v = disc_sums((depth.sure, depth.sure * u, depth.sure * v), cells)
+    # a whole disc has its centre in its middle, so that the rest is as far off to one side as these are to the other
+    moment2 = (by_u - n * cells.u) ** 2 + (by_v - n * cells.v[:, None]) ** 2
+    # the second moment of a disc about either axis is a fourth of its squared radius
+    lever2 = moment2 * (4.0 * depth.focal_px / (disc_area(radius) * radius**2)) ** 2 / 2.0
+    at_step = (1.0 - planes.sure) * depth.focal_px / (2.0 * radius) * jump
+    return np.asarray(lever2 * (planes.relief / planes.middle[..., 2]) ** 2 + at_step**2)
 
 
 def rise_of(planes: FootprintPlanes, depth: DenseDepth) -> FloatArray:
