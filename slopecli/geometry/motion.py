@@ -64,7 +64,7 @@ def refine_motion(
 
     Geman-McClure weights, whose scale follows the residuals.
 
-    x1, x2 : (n, 2) normalised coordinates; some may be mismatches.  bounds : smallest and largest sigma believed,
+    x1, x2 : (n, 2) normalised coordinates; some may be mismatches.  bounds : of the robust sigma, in
         normalised coordinates. The upper bound guards against a majority of mismatches.
     """
     p1, p2 = homogeneous(x1), homogeneous(x2)
@@ -151,7 +151,7 @@ def find_lens_misfit(R: FloatArray, T: FloatArray, x1: FloatArray, x2: FloatArra
     """The radial term that explains the epipolar residuals; None unless it is significant and alike in both halves.
 
     R, T : the motion that fits the matches best.  x1, x2 : (n, 2) normalised coordinates, undistorted by the cameras'
-    own models; some may be mismatches.  floor : smallest robust sigma believed, normalised coordinates.
+    own models; some may be mismatches.  floor : lower bound of the robust sigma, normalised coordinates.
     """
     if len(x1) < 60:  # too few to tell a lens error from noise
         return None

@@ -47,7 +47,7 @@ def robust_plane(x1: FloatArray, w: FloatArray, leverage: FloatArray, floor: flo
     the larger part; relief without a step is averaged.
 
     x1 : (n, 2) normalised points of image 1, n >= 3.  w : (n,) inverse depths, 1/baseline, and their leverage (n,).
-    floor : smallest sigma believed, normalised coordinates of image 2.
+    floor : lower bound of the sigma of a residual, normalised coordinates of image 2.
     """
     rays = homogeneous(x1)
     planes = _triple_planes(rays, w)

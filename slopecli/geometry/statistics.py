@@ -52,7 +52,7 @@ def robust_least_squares(
     The scale of the weights follows the residuals: GATE_SIGMAS times their robust sigma in each system.
 
     rows : (..., n, p).  target : (..., n).  solution : (..., p) to start from.  rounds : number of reweightings.
-    bounds : smallest and largest sigma believed, in the unit of the target; equal for a known sigma.
+    bounds : least and largest value that the sigma is given, in the unit of the target; equal for a known sigma.
     """
     columns = np.swapaxes(rows, -1, -2)
     sigma = np.zeros(target.shape[:-1])

@@ -64,7 +64,7 @@ class Sequence:
         self._gates = FrameGates((camera.height, camera.width))
         self._memory = FeatureMemory()
         self._aligner: Aligner | None = None
-        self._strangers = 0  # frames that do not go with the first one, before there is an answer
+        self._unrelated = 0  # frames that do not show what the first one shows, before there is an answer
         self._first: Follower | None = None  # what follows the reference; it has the answer
         self._later: Follower | None = None  # what follows a later reference, which took its place
         self._next: ReferenceCandidate | LaterReference | None = None
@@ -91,14 +91,14 @@ class Sequence:
     ) -> FrameState:
         """Take in the next frame (h, w) uint8; never raises for what a frame shows: it is skipped, and why is said."""
         frame = np.ascontiguousarray(grey)
-        if self._strangers >= TRACKING.in_turn:
+        if self._unrelated >= TRACKING.in_turn:
             self._forget_reference()
         why = self._gates.check(frame)
         state = FrameState(len(self.frames) + 1, "skipped", why=why) if why else self._taken_or_skipped(frame)
         if state.status != "skipped":
             self._gates.accept(frame)
         elif self._first is None and state.why is not None and state.why.code in ("foreign", "blurred"):
-            self._strangers += 1
+            self._unrelated += 1
         used = state.status == "used" and not state.later
         if used and self._depth is not None and state.R is not None and state.T is not None:
             self._depth.add(frame, state.R, state.T)
@@ -118,7 +118,7 @@ class Sequence:
         why = Skipped("foreign", "shows other ground than the frames after it")
         self.frames = used_frames.without_reference(self.frames, why)
         self._gates = FrameGates((self.camera.height, self.camera.width))
-        self._aligner, self._strangers = None, 0
+        self._aligner, self._unrelated = None, 0
 
     def _taken_or_skipped(self, frame: Grey) -> FrameState:
         """Take in a frame; one whose numbers break a step is skipped, and the answer is as before.

@@ -33,8 +33,8 @@ def resect(
 ) -> Resection:
     """The motion of a view that shows points p (3, n) of inverse depths u (n,) at x (2, n), mismatches among them.
 
-    starts : motions to begin with; closed forms are added to them.  floor : least 1-sigma of a residual that is
-    believed, normalised coordinates.
+    starts : motions to begin with; closed forms are added to them.  floor : lower bound of the 1-sigma of a
+    residual, normalised coordinates.
     """
     if starts:
         near = min(starts, key=lambda motion: _score(p, x, u, *motion))
