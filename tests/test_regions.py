@@ -56,7 +56,7 @@ def off_deg(plane: Plane, normal: np.ndarray) -> float:
 
 
 def test_the_finders_are_named() -> None:
-    assert set(PLANE_FINDERS) == {"windows", "ransac", "regions"}
+    assert set(PLANE_FINDERS) >= {"windows", "ransac", "regions"}  # values that users have written down
 
 
 @pytest.mark.parametrize("finder", ["regions", "ransac"])
