@@ -56,11 +56,12 @@ def worst_px(pair: Pair, view: View, normal: FloatArray) -> float:
     [
         ({}, 0.01),
         ({"gain": 0.5, "offset": 20.0}, 0.02),
+        ({"gain": 0.25, "offset": 10.0}, 0.03),
         ({"gain": 1.5, "offset": -60.0}, 0.02),
         ({"noise": 4.0}, 0.03),
         ({"camera1": BROWN}, 0.01),
     ],
-    ids=["clean", "darker", "brighter", "noise", "lens"],
+    ids=["clean", "darker", "four times darker", "brighter", "noise", "lens"],
 )
 @pytest.mark.parametrize("off", [(0.0, 0.0, 0.0), (0.003, -0.002, 0.0), (0.006, -0.01, 0.008)])
 def test_a_plane_is_aligned_to_hundredths_of_a_pixel(
@@ -245,8 +246,10 @@ def test_contrast_below_the_noise_is_not_blown_up() -> None:
 def test_gain_is_the_ratio_of_contrasts_within_limits(grey: np.ndarray) -> None:
     ours, everywhere = detrend(grey, 15), np.ones(grey.shape, bool)
     assert gain_between(ours, np.float32(0.8) * ours, everywhere) == pytest.approx(1.25, rel=1e-3)
-    assert gain_between(ours, np.float32(0.01) * ours, everywhere) == 2.0
-    assert gain_between(ours, 0 * ours, everywhere) == 2.0
+    assert gain_between(ours, np.float32(0.25) * ours, everywhere) == pytest.approx(4.0, rel=1e-3)
+    assert gain_between(ours, np.float32(0.01) * ours, everywhere) == 10.0
+    assert gain_between(ours, 0 * ours, everywhere) == 10.0
+    assert gain_between(ours, ours, ~everywhere) == 1.0
 
 
 def test_correlation_is_one_for_alike_and_minus_one_where_hardly_anything_is_seen(grey: np.ndarray) -> None:

@@ -88,13 +88,13 @@ def match_exposure(pulled: FloatImage, grey: Grey, valid: NDArray[np.bool_]) -> 
     if valid.sum() < 16:
         return np.clip(pulled, 0, 255).astype(np.uint8)
     first, second = grey[valid], pulled[valid]
-    gain = contrast_ratio(first, second)
+    gain = contrast_ratio(float(first.std()), float(second.std()))
     return np.clip((pulled - float(second.mean())) * gain + float(first.mean()) + 0.5, 0, 255).astype(np.uint8)
 
 
-def contrast_ratio(first: NDArray[Any], second: NDArray[Any]) -> float:
-    """Contrast of grey values (n,) over that of others (m,), 0.1 to 10: beyond, noise is most of what is seen."""
-    return float(np.clip(first.std() / max(float(second.std()), 1e-3), 0.1, 10.0))
+def contrast_ratio(first: float, second: float) -> float:
+    """One contrast over another, RMS grey levels, 0.1 to 10: beyond, noise is most of what is seen."""
+    return float(np.clip(first / max(second, 1e-3), 0.1, 10.0))
 
 
 def dense_cells(

@@ -285,7 +285,7 @@ def _in_one_piece(mask: NDArray[np.bool_], side_px: int) -> NDArray[np.bool_]:
 
 def _exposed_alike(pulled: FloatImage, grey: FloatImage, valid: NDArray[np.bool_]) -> FloatImage:
     """Image 2 with the contrast of image 1, and with its shading."""
-    gain = contrast_ratio(grey[valid], pulled[valid]) if valid.any() else 1.0
+    gain = contrast_ratio(float(grey[valid].std()), float(pulled[valid].std())) if valid.any() else 1.0
     pulled = pulled * np.float32(gain)
     return pulled + local_mean(grey - pulled, DEPTH.shading_px)
 

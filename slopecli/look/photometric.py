@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from slopecli.geometry.epipolar import homogeneous
 from slopecli.geometry.statistics import GATE_SIGMAS, geman_mcclure, median, robust_sigma
+from slopecli.look.dense import contrast_ratio
 from slopecli.look.noise import NOISE_GREY, ROUNDING_GREY
 from slopecli.look.warp import (
     FloatImage,
@@ -101,9 +102,11 @@ def detrend(image: FloatImage, radius: float) -> FloatImage:
 
 
 def gain_between(first: FloatImage, second: FloatImage, valid: NDArray[np.bool_]) -> float:
-    """Factor, 0.5..2, that gives the second of two detrended images the contrast of the first where valid."""
-    ratio = float(np.sum(first[valid] ** 2)) / max(float(np.sum(second[valid] ** 2)), 1e-6)
-    return float(np.sqrt(np.clip(ratio, 0.25, 4.0)))
+    """Factor that gives the second of two detrended images the contrast of the first where valid; 1 if nowhere."""
+    if not valid.any():
+        return 1.0
+    ours, theirs = (float(np.sqrt(np.mean(grey[valid] ** 2))) for grey in (first, second))
+    return contrast_ratio(ours, theirs)
 
 
 def correlation(a: FloatImage, b: FloatImage, valid: NDArray[np.bool_]) -> float:
