@@ -47,6 +47,25 @@ def test_a_shaded_wall_has_the_orientation_of_the_textured_one_it_is_parallel_to
     assert bare.tilt_sigma_rad < np.radians(30)
 
 
+def test_a_wall_that_shines_into_one_camera_still_has_the_orientation_of_the_textured_one() -> None:
+    pair = room(1.15 * LEFT, 0.35)
+    shining = pair.grey2.astype(float)
+    shining[15:138, 36:162] += 8.0  # where image 2 shows the bare surface
+    bare = asked(replace(pair, grey2=shining.astype(np.uint8)))[2]
+    assert tilt_error_deg(bare, pair, LEFT) < 1.0
+    assert bare.tilt_sigma_rad < np.radians(10)
+
+
+def test_a_surface_perpendicular_to_two_walls_is_found_though_nothing_else_shows_it() -> None:
+    ceiling = np.cross(LEFT, RIGHT)
+    ceiling /= 5.5 * float(ceiling @ [0.0, -0.25, 1.0])  # 5.5 baselines off in its middle
+    walls = [Surface(RIGHT), Surface(LEFT, (0, 0, 110, 240)), Surface(ceiling, (110, 0, 95, 100), None, 0.35, 16.0)]
+    pair = render(R, T, walls, noise=1.0)
+    found = asked(pair, (*ASKED[:2], (125, 20, 64, 64)))[2]
+    assert tilt_error_deg(found, pair, ceiling) < 1.0
+    assert "perpendicular to window" in found.reason
+
+
 @pytest.mark.parametrize("normal", [tilted(0.3, 1.0, 5.5), tilted(1.6, 0.0, 5.5)])
 def test_an_orientation_that_nothing_else_shows_is_within_three_sigmas(normal: FloatArray) -> None:
     pair = room(normal, 0.35)
@@ -76,10 +95,21 @@ def test_faint_texture_led_to_a_wrong_plane_is_aligned_from_the_known_ones() -> 
     # as if flow had settled on the other wall
     wrong = replace(patches[2], matches=patches[1].matches, weight=patches[1].weight, score=0.6, tilt_sigma_rad=0.2)
     wrong = replace(wrong, unmatched_sigma_rad=0.0)
-    found = with_known_orientations([*patches[:2], wrong], scene, REMATCHERS["sift"])
+    found = with_known_orientations([*patches[:2], wrong], scene, REMATCHERS["sift"], Options().max_sigma_deg)
     assert found[:2] == patches[:2]
     assert found[2].origin == "own"
     assert tilt_error_deg(found[2], pair, LEFT) < 0.5
+
+
+@pytest.mark.parametrize(("most_sigma_deg", "origin"), [(10.0, "borrowed"), (30.0, "own")])
+def test_matches_that_leave_more_open_than_a_user_takes_give_way(most_sigma_deg: float, origin: str) -> None:
+    pair = room(1.1 * LEFT, 0.35)
+    scene, patches = scene_of(pair), asked(pair)
+    clear = patches[1].matches
+    shaken = clear.x2 + 0.02 * np.random.default_rng(0).standard_normal(clear.x2.shape)
+    noisy = replace(patches[2], matches=replace(clear, x2=shaken), weight=patches[1].weight, origin="own", score=0.95)
+    found = with_known_orientations([*patches[:2], noisy], scene, REMATCHERS["sift"], most_sigma_deg)
+    assert found[2].origin == origin
 
 
 def test_planes_of_clear_windows_are_known_before_those_of_the_scene() -> None:

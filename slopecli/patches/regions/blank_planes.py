@@ -27,7 +27,7 @@ from slopecli.look.warp import FloatImage, sample_grey
 from slopecli.patches.regions.cell_lattice import CellLattice
 from slopecli.patches.regions.plane_pieces import KnownTilt, Piece, tilt_sigma_rad
 from slopecli.patches.regions.region_tunables import REGION
-from slopecli.patches.windows.known_orientations import KNOWN, tilted_aside
+from slopecli.patches.windows.raw_grey import KNOWN, tilted_aside
 from slopecli.types import BoolArray, FloatArray, IntArray
 
 

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from slopecli.geometry.statistics import median
-from slopecli.look.matches import MIN_ON_PLANE, ON_PLANE_PX, Matches, thin
+from slopecli.look.matches import MIN_ON_PLANE, ON_PLANE_PX, Matches, pair_rays, thin
 from slopecli.look.noise import OVERVIEW_CELL_PX
 from slopecli.look.scene import Scene, view_of
 from slopecli.look.warp import covered
@@ -98,6 +98,20 @@ def from_elsewhere(patch: Patch, scene: Scene, matches: Matches, sigma: float, n
         code, why = _why_not(patch.window, scene, None)
     reason = f"{why}: orientation from elsewhere, that of {name}, its distance is not the window's"
     return _with_matches(patch.unmatched(reason, code), matches, sigma)
+
+
+def points_on(window: Window, plane: FloatArray, scene: Scene) -> Matches:
+    """Points of a plane (3,) in and around a window, in place of matches: few, as they tell nothing of the motion.
+
+    They cover nine times the window, so that the sigma of a match hardly tilts the plane.
+    """
+    x, y, w, h = window
+    u, v = np.meshgrid(np.linspace(x - w, x + 2 * w, 10), np.linspace(y - h, y + 2 * h, 10))
+    uv1 = np.stack([u, v], -1).reshape(-1, 2)
+    view = view_of(window, scene, TUNE.coarse_px, border=False)
+    uv2 = view.transfer(view.bundle(uv1), plane)
+    x1, x2, seen = pair_rays(scene.camera1, scene.camera2, uv1, uv2)
+    return Matches(uv1, uv2, x1, x2).take(seen & covered(uv1, scene.shape1) & covered(uv2, scene.shape2))
 
 
 def _with_matches(patch: Patch, matches: Matches, sigma: float) -> Patch:

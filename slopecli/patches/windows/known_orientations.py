@@ -9,87 +9,86 @@ chosen, but those that fit about as well are part of the spread, which is the si
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
 
-from slopecli.geometry.epipolar import homogeneous, tangent_basis
+from slopecli.geometry.epipolar import homogeneous
 from slopecli.geometry.motion import inverse_depth
-from slopecli.geometry.statistics import robust_sigma
 from slopecli.look.dense import CLEAR_AGREEMENT
-from slopecli.look.matches import LEAST_MATCHES, MIN_ON_PLANE, ON_PLANE_PX, Matches
-from slopecli.look.noise import MAX_GAIN, ROUNDING_GREY
+from slopecli.look.matches import MIN_ON_PLANE, ON_PLANE_PX, Matches
+from slopecli.look.noise import MAX_GAIN, ROUNDING_GREY, SAME_GROUND
 from slopecli.look.photometric import TILTS, View, align_plane
 from slopecli.look.scene import FINE_PX, Scene, view_of
-from slopecli.look.warp import covered, map_nodes, node_shape, sample_grey, sample_layer, spread_table
-from slopecli.options import MANY_WINDOWS, Options
+from slopecli.options import MANY_WINDOWS
 from slopecli.patches.patch import IN_DOUBT_DEG, Patch
-from slopecli.patches.windows.borrowed import angles, from_elsewhere, shares, similarity
+from slopecli.patches.windows.borrowed import angles, from_elsewhere, points_on, shares, similarity
+from slopecli.patches.windows.raw_grey import (
+    KNOWN,
+    Compared,
+    Exposure,
+    compared,
+    exposure_of,
+    misfit,
+    open_orientations,
+    swept_depths,
+    tilted_aside,
+)
 from slopecli.patches.windows.tunables import TUNE
 from slopecli.types import FloatArray
-
-
-class OrientationTunables(NamedTuple):
-    """When an orientation is known, which windows are compared with it, and how well they must fit."""
-
-    faint_score: float = 0.55  # own matches that agree less, and are in doubt, are chance as often as not
-    starts: int = 3  # known orientations that a faint window is aligned from, those of the least misfit
-    better: float = 0.05  # growth of the correlation by which another start is no chance
-    most_known: int = 12  # orientations compared: rooms and streets have fewer
-    # 1-sigma of the tilt of a plane whose orientation counts as known; those nearer than half of it are the same
-    sure_rad: float = float(np.radians(3.0))
-    parallel_rad: float = float(np.radians(10.0))  # orientations that shading does not tell from each other
-    least_seen: float = 0.75  # share of a window that image 2 must show: planes are compared on nearly the same pixels
-    alike: float = 0.02  # relative growth of the squared difference by which an orientation gets e times less likely
-    unknown: float = 0.3  # probability beforehand of an orientation that is not among the known
-
-
-KNOWN = OrientationTunables()
-
 
 Rematch = Callable[[Patch, Scene, FloatArray], Patch]
 
 
 class KnownPlane(NamedTuple):
-    """A plane of known orientation: scaled normal (3,), 1-sigma of its tilt, the matches on it, and what it is."""
+    """A plane of known orientation: scaled normal (3,), 1-sigma of its tilt, the matches on it, and what it is.
+
+    matches : None of an orientation that follows from others; its scaled normal is at no depth.
+    """
 
     normal: FloatArray
     sigma_rad: float
-    matches: Matches
+    matches: Matches | None
     name: str
 
 
-class Exposure(NamedTuple):
-    """Grey values of image 1 are gain times those of image 2 plus offset, to a 1-sigma of noise."""
-
-    gain: float
-    offset: float
-    noise: float
-
-
-def with_known_orientations(patches: list[Patch], scene: Scene, rematch: Rematch) -> list[Patch]:
+def with_known_orientations(patches: list[Patch], scene: Scene, rematch: Rematch, most_sigma_deg: float) -> list[Patch]:
     """The windows; those without matches, or with faint ones, have an orientation from elsewhere if that fits.
 
     rematch : matches a window anew, guided by a plane; used where texture aligns better from a known orientation.
+    most_sigma_deg : of a slope that is reported; matches that leave more open tell no tilt.
     """
     if len(patches) >= MANY_WINDOWS:
         return patches
-    faint, unmatched = [_is_faint(patch) for patch in patches], [_is_unmatched(patch, scene) for patch in patches]
+    faint, unmatched = (
+        [_is_faint(patch) for patch in patches],
+        [_is_unmatched(patch, scene, most_sigma_deg) for patch in patches],
+    )
     if not any(faint + unmatched):
         return patches
     known = known_planes(patches, scene)
     if not known:
         return patches
+    known += perpendicular_to_two(known)
     exposure, settled = exposure_of(scene), list(patches)
-    for k in range(len(patches)):
-        if faint[k]:
-            settled[k] = _realigned(settled[k], known, exposure, scene, rematch)
-        if unmatched[k] and _is_unmatched(settled[k], scene):
-            settled[k] = _settled(settled[k], known, exposure, scene)
+    normals = np.array([plane.normal for plane in known])
+    for k in np.flatnonzero(np.logical_or(faint, unmatched)):
+        view = view_of(patches[k].window, scene, TUNE.coarse_px // 2, border=False)
+        if min(view.grid.shape) < 8:  # px: too narrow to compare
+            continue
+        found = compared(view, normals, swept_depths(view, scene), exposure, 1.0)
+        again = _realigned(patches[k], found, scene, rematch)
+        # matches of a window that had none must leave less open than is reported
+        if faint[k] or again.tilt_sigma_rad < np.radians(most_sigma_deg):
+            settled[k] = again
+        if unmatched[k] and _is_unmatched(settled[k], scene, most_sigma_deg):
+            found = found._replace(prior=_prior(known, settled[k], scene))
+            settled[k] = _settled(settled[k], known, found, view, exposure, scene)
     return settled
 
 
-def _is_unmatched(patch: Patch, scene: Scene) -> bool:
+def _is_unmatched(patch: Patch, scene: Scene, most_sigma_deg: float) -> bool:
     """Whether a window that image 2 shows has no matches of its own, or such as agree by chance or tell no tilt.
 
     Textured ground without any match is not what image 2 shows there, and grey values that agree do so by chance.
@@ -97,7 +96,7 @@ def _is_unmatched(patch: Patch, scene: Scene) -> bool:
     if patch.origin != "own":
         return patch.code == "low-texture"
     by_chance = patch.score < KNOWN.faint_score and patch.tilt_sigma_rad > np.radians(IN_DOUBT_DEG)
-    return by_chance or _noise_rad(patch, scene) > np.radians(Options().max_sigma_deg)
+    return by_chance or _noise_rad(patch, scene) > np.radians(most_sigma_deg)
 
 
 def _noise_rad(patch: Patch, scene: Scene) -> float:
@@ -116,17 +115,19 @@ def _is_faint(patch: Patch) -> bool:
     )
 
 
-def _realigned(patch: Patch, known: list[KnownPlane], exposure: Exposure, scene: Scene, rematch: Rematch) -> Patch:
-    """The window matched anew from the known orientation that its texture aligns best from, if clearly better so."""
-    small, view = (view_of(patch.window, scene, side, border=False) for side in (TUNE.coarse_px // 2, FINE_PX))
-    if min(small.grid.shape) < 8:  # px: too narrow to compare
-        return patch
-    found = _compared(small, np.array([plane.normal for plane in known]), _swept(small, scene), exposure, 1.0)
+def _realigned(patch: Patch, found: Compared, scene: Scene, rematch: Rematch) -> Patch:
+    """The window matched anew from the known orientation that its texture aligns best from, if clearly better so.
+
+    found : the known orientations, compared with the window.
+    """
+    view = view_of(patch.window, scene, FINE_PX, border=False)
     starts = [k for k in np.argsort(found.misfit, kind="stable")[: KNOWN.starts] if np.isfinite(found.misfit[k])]
     fits = [align_plane(view, found.normals[k] * found.depth[k], 8) for k in starts]  # as for other starts
-    own = align_plane(view, own_plane(patch, scene), 8)
-    best = max(fits, key=lambda fit: fit.score, default=own)
-    if best.score < own.score + KNOWN.better:
+    score = SAME_GROUND
+    if patch.origin == "own":
+        score = max(score, align_plane(view, own_plane(patch, scene), 8).score + KNOWN.better)
+    best = max(fits, key=lambda fit: fit.score, default=None)
+    if best is None or best.score < score:
         return patch
     again = rematch(patch.unmatched(""), scene, best.normal)
     return again if again.origin == "own" and again.score > patch.score else patch
@@ -152,6 +153,26 @@ def known_planes(patches: Sequence[Patch], scene: Scene) -> list[KnownPlane]:
     return distinct
 
 
+def perpendicular_to_two(known: Sequence[KnownPlane]) -> list[KnownPlane]:
+    """The orientations perpendicular to two known ones, as floors are to walls, that are not known themselves."""
+    found = list[KnownPlane]()
+    units = [plane.normal / np.linalg.norm(plane.normal) for plane in known]
+    for k, one in enumerate(known):
+        for j, other in enumerate(known[:k]):
+            normal = np.cross(units[j], units[k])
+            sine = float(np.linalg.norm(normal))
+            if sine > 0.5:  # 30 degrees: less, and their errors count more than twice
+                sigma = float(np.hypot(one.sigma_rad, other.sigma_rad)) / sine
+                found.append(KnownPlane(normal, sigma, None, f"a plane perpendicular to {other.name} and {one.name}"))
+    found.sort(key=lambda plane: plane.sigma_rad)
+    distinct = list[KnownPlane]()
+    for plane in found:
+        apart = angles(np.array([plane.normal, *(other.normal for other in (*known, *distinct))]))[0, 1:]
+        if len(known) + len(distinct) < KNOWN.most_known and (apart > 2.0 * KNOWN.parallel_rad).all():
+            distinct.append(plane)
+    return distinct
+
+
 def _plane_of(patch: Patch, scene: Scene) -> KnownPlane | None:
     """The plane through the matches of a window; None if these are few, faint, or leave its orientation open."""
     if patch.origin != "own" or patch.score < TUNE.good_score or patch.share < TUNE.scarce_share:
@@ -173,75 +194,51 @@ def _tilt_sigma(rows: FloatArray, target: FloatArray, normal: FloatArray) -> flo
     return float(np.sqrt(0.5 * np.trace(covariance) * (residual @ residual) / max(len(target) - 3, 1))) / length
 
 
-def exposure_of(scene: Scene) -> Exposure:
-    """Gain and offset between the images, from the grey values of their matches, mismatches left out."""
-    first, second = scene.evidence.grey, sample_grey(scene.pyramid2.at(1.0).grey, scene.evidence.uv2)
-    gain, offset, kept = 1.0, 0.0, np.ones(len(first), bool)
-    for _ in range(4):  # settles in three
-        if kept.sum() < LEAST_MATCHES or np.ptp(second[kept]) < 1.0:
-            break
-        gain, offset = np.polyfit(second[kept], first[kept], 1)
-        residual = first - gain * second - offset
-        kept = np.abs(residual) <= 3.0 * robust_sigma(residual)
-    return Exposure(float(gain), float(offset), robust_sigma(first - gain * second - offset))
+# ---- choice ----
 
 
-# ---- comparison ----
+def _settled(
+    patch: Patch, known: list[KnownPlane], found: Compared, view: View, exposure: Exposure, scene: Scene
+) -> Patch:
+    """The window with the best of the known orientations; as it is if none fits, or its own matches fit better.
 
-
-class Compared(NamedTuple):
-    """Orientations (k, 3), scaled normals, with the least misfit (k,) over the depths, its depth, and a prior (k,)."""
-
-    normals: FloatArray
-    misfit: FloatArray
-    depth: FloatArray
-    prior: FloatArray
-
-    def joined(self, other: Compared) -> Compared:
-        """Both, one after the other."""
-        return Compared(*(np.concatenate(pair) for pair in zip(self, other, strict=True)))
-
-    def chance(self, variance: float) -> FloatArray:
-        """(k,) probability of each, one of them being right.
-
-        variance : of the window's grey values; differences tell less where not even the best explains it.
-        """
-        least, rounding = float(self.misfit.min()), ROUNDING_GREY**2
-        unit = KNOWN.alike * max(least, rounding) * (1.0 + least / max(variance, rounding))
-        likely = self.prior * np.exp(-(self.misfit - least) / unit)
-        return np.asarray(likely / max(float(likely.sum()), 1e-300))
-
-
-def _settled(patch: Patch, known: list[KnownPlane], exposure: Exposure, scene: Scene) -> Patch:
-    """The window with the best of the known orientations; as it is if none fits, or its own matches fit better."""
-    view = view_of(patch.window, scene, TUNE.coarse_px // 2, border=False)
-    if min(view.grid.shape) < 8:  # px: too narrow to compare
-        return patch
-    depths, n = _swept(view, scene), len(known)
-    normals = np.array([plane.normal for plane in known])
-    found = _compared(view, normals, depths, exposure, (1.0 - KNOWN.unknown) * _support(normals, patch, scene))
-    found = found.joined(_compared(view, _open_orientations(view), depths, exposure, KNOWN.unknown))
+    found : the known orientations, compared with the window.  view : of it, for comparing others.
+    """
+    depths, n = swept_depths(view, scene), len(known)
+    follows = np.array([plane.matches is None for plane in known])
+    unseen = KNOWN.unknown - float(found.prior[follows].sum())
+    found = found.joined(compared(view, open_orientations(view), depths, exposure, unseen))
     variance = float(view.grid.grey.var())
     # if no plane explains more than a uniform grey would, grey values tell nothing
-    if not float(found.misfit.min()) < variance + exposure.noise**2:
+    if not float(found.misfit.min()) < variance + ROUNDING_GREY**2:
         return patch
-    if patch.origin == "own":
+    own = patch.origin == "own"
+    if own:
         found = _beside_own(found, patch, view, exposure, scene)
     chance, apart = found.chance(variance), angles(found.normals)
     mass = (np.exp(-((apart / KNOWN.parallel_rad) ** 2)) @ chance)[:n]
+    mass *= own | ~follows | (mass >= 0.5)  # what nothing shows must be likelier than all that something does
     group = np.flatnonzero(apart[int(np.argmax(mass)), :n] < KNOWN.parallel_rad)
     sigma = np.array([known[k].sigma_rad for k in group])
     best = int(group[np.argmax(chance[group] / sigma)])
-    if patch.origin == "own":
+    if own:
         as_well = found.misfit[best] < (1.0 + KNOWN.alike) * found.misfit[-1]
         if mass.max() < (0.25 if as_well else 0.5):
             return patch
     elif _is_around(patch, found.normals[best], scene):
         return patch
     near = depths[np.abs(depths - found.depth[best]) < 6.0 * (depths[1] - depths[0])]
-    found = found.joined(_compared(view, tilted_aside(found.normals[best]), near, exposure, KNOWN.unknown))
-    spread = np.sqrt(found.chance(variance) @ angles(found.normals)[best] ** 2)
-    return from_elsewhere(patch, scene, known[best].matches, float(spread), known[best].name)
+    found = found.joined(compared(view, tilted_aside(found.normals[best]), near, exposure, KNOWN.unknown))
+    chance = found.chance(variance)
+    spread = np.sqrt(chance @ angles(found.normals)[best] ** 2)
+    if patch.origin == "borrowed" and spread > patch.tilt_sigma_rad:  # grey values leave more open than what is around
+        spread = np.sqrt(chance @ angles(np.vstack([own_plane(patch, scene), found.normals]))[0, 1:] ** 2)
+        return replace(patch, tilt_sigma_rad=max(patch.tilt_sigma_rad, float(spread)))
+    matches, name = known[best].matches, known[best].name
+    if matches is None:  # points have no errors, so that of the orientation is in none of them
+        matches = points_on(patch.window, found.normals[best] * found.depth[best], scene)
+        spread = np.hypot(spread, known[best].sigma_rad)
+    return from_elsewhere(patch, scene, matches, float(spread), name)
 
 
 def own_plane(patch: Patch, scene: Scene) -> FloatArray:
@@ -269,11 +266,19 @@ def _is_around(patch: Patch, normal: FloatArray, scene: Scene) -> bool:
 def _beside_own(found: Compared, patch: Patch, view: View, exposure: Exposure, scene: Scene) -> Compared:
     """The orientations, less likely the farther they are from the plane of the window's own matches; and that, last."""
     normal = own_plane(patch, scene)[None]
-    misfit = _misfit(view, normal, exposure)
     sigma = max(patch.tilt_sigma_rad, _noise_rad(patch, scene), KNOWN.sure_rad)
     apart = angles(np.vstack([found.normals, normal]))[-1, :-1]
     found = found._replace(prior=found.prior * np.exp(-0.5 * (apart / sigma) ** 2))
-    return found.joined(Compared(normal, misfit, np.zeros(1), np.array([KNOWN.unknown])))
+    return found.joined(Compared(normal, misfit(view, normal, exposure), np.zeros(1), np.array([KNOWN.unknown])))
+
+
+def _prior(known: list[KnownPlane], patch: Patch, scene: Scene) -> FloatArray:
+    """(k,) probability of each known orientation beforehand; as of one that nothing shows if it follows from others."""
+    seen = [plane.matches is not None for plane in known]
+    prior = np.full(len(known), KNOWN.unknown / (seen.count(False) + len(TILTS)))
+    normals = np.array([plane.normal for plane in known])[seen]
+    prior[seen] = (1.0 - KNOWN.unknown) * _support(normals, patch, scene)
+    return prior
 
 
 def _support(normals: FloatArray, patch: Patch, scene: Scene) -> FloatArray:
@@ -283,51 +288,3 @@ def _support(normals: FloatArray, patch: Patch, scene: Scene) -> FloatArray:
     support = 0.02 + around + shares(normals, scene, np.ones(len(scene.evidence)))
     support /= np.exp(-((angles(normals) / KNOWN.parallel_rad) ** 2)).sum(axis=1)  # parallel ones share theirs
     return np.asarray(support / support.sum())
-
-
-def _open_orientations(view: View) -> FloatArray:
-    """(k, 3) scaled normals of every tilt that a search for planes knows."""
-    centre = view.pixels.rays.mean(0)
-    return np.array([[x, y, 1.0 - x * centre[0] - y * centre[1]] for x, y in TILTS])
-
-
-def _swept(view: View, scene: Scene) -> FloatArray:
-    """(n,) inverse depths, 1/baseline, two thirds of a px of the grid apart."""
-    return scene.evidence.sweep_depths(1.5 * view.grid.mean_scale, 12, 100)
-
-
-def tilted_aside(normal: FloatArray) -> FloatArray:
-    """(8, 3) normals tilted from this one by what shading may not tell, and by twice as much, to four sides."""
-    unit = normal / np.linalg.norm(normal)
-    sides = tangent_basis(unit).T
-    angle = KNOWN.parallel_rad * np.array([1.0, -1.0, 2.0, -2.0])
-    return np.concatenate([np.cos(angle)[:, None] * unit + np.sin(angle)[:, None] * side for side in sides])
-
-
-def _compared(
-    view: View, normals: FloatArray, depths: FloatArray, exposure: Exposure, prior: FloatArray | float
-) -> Compared:
-    """Planes parallel to the normals (k, 3), each at the best of the inverse depths (n,) in the middle of the window.
-
-    prior : (k,) of each, or one number that all share.
-    """
-    facing = normals / (normals @ view.pixels.rays.mean(0))[:, None]
-    every = np.array([_misfit(view, depths[:, None] * one, exposure) for one in facing])
-    each = prior if isinstance(prior, np.ndarray) else np.full(len(normals), prior / len(normals))
-    return Compared(facing, every.min(axis=1), depths[every.argmin(axis=1)], each)
-
-
-def _misfit(view: View, planes: FloatArray, exposure: Exposure) -> FloatArray:
-    """(n,) mean squared difference, grey levels, of the window and image 2 through planes (n, 3); inf where unseen."""
-    nodes = view.bundle(map_nodes(view.grid))
-    layer, ours = view.pyramid2.at(1.0 / view.grid.mean_scale), view.grid.grey.astype(np.float32)
-    found = np.full(len(planes), np.inf)
-    for i, plane in enumerate(planes):
-        table = view.transfer(nodes, plane).reshape(*node_shape(view.grid.shape), 2)
-        mapping = spread_table(table, view.grid.shape)
-        seen = covered(mapping, view.shape2)
-        if seen.mean() < KNOWN.least_seen:
-            continue
-        off = exposure.gain * sample_layer(layer, mapping) + exposure.offset - ours
-        found[i] = np.minimum(off[seen] ** 2, TUNE.same_grey**2).mean()
-    return found

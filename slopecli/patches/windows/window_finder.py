@@ -36,7 +36,8 @@ def find_in_windows(scene: Scene, options: Options) -> Found:
     match = WINDOW_MATCHERS[options.features]
     with single_threaded():
         patches = [match(window_patch(window, k), scene) for k, window in enumerate(windows, 1)]
-        return Found(with_known_orientations(patches, scene, REMATCHERS[options.features]))
+        rematch = REMATCHERS[options.features]
+        return Found(with_known_orientations(patches, scene, rematch, options.max_sigma_deg))
 
 
 def wanted_windows(options: Options, width: int, height: int) -> list[Window]:
