@@ -11,6 +11,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from campaign import seeds
 
 from slopecli.errors import InputError, NoAnswer
 from slopecli.findings import beside
@@ -138,13 +139,13 @@ def test_terrain_that_is_one_plane_has_two_answers_and_uneven_terrain_has_one() 
 
 
 def test_what_the_first_of_two_answers_is_off_by_is_that_of_solved_pairs() -> None:
-    """RMS over 60 pairs of the first answer, of which about half are the wrong one by tens of degrees: within 25 %."""
+    """RMS over pairs of the first answer, of which about half are the wrong one by tens of degrees: within 25 %."""
     options = replace(PAPER, uneven_deg=0.0, points=100, noise_px=0.2)
     found = make_plan(CAMERA, SEEN, options)
     assert found.second_answer.first_error_deg > 20 * found.median_sigma_deg
     level = Flight(CAMERA, SEEN, along(45.0), np.tile(DOWN, (9, 1)), UP, points=100, noise_px=0.2, roughness=0.0)
     errors = []
-    for seed in range(60):
+    for seed in seeds(60, 30):
         solution = solve_planes(*trial(level, PAPER_BASELINE, np.random.default_rng([6, seed])))
         errors.append(np.degrees(measure_slopes(solution, UP).slope_rad))
     rms = float(np.median(np.sqrt(np.mean(np.square(errors), axis=0))))
@@ -158,7 +159,7 @@ def test_straight_at_level_ground_the_sigma_is_that_of_pairs_not_of_a_covariance
     assert found.sigma_source == "simulation"
     level = Flight(CAMERA, SEEN, DOWN, np.tile(DOWN, (9, 1)), UP, points=100, noise_px=0.2, roughness=0.0)
     errors = []
-    for seed in range(60):
+    for seed in seeds(60, 30):
         solution = solve_planes(*trial(level, PAPER_BASELINE, np.random.default_rng([6, seed])))
         errors.append(np.degrees(measure_slopes(solution, UP).slope_rad))
     assert found.median_sigma_deg == pytest.approx(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from campaign import seeds
 
 from slopecli.errors import InputError
 from slopecli.geometry import normal_angle, rotation_angle, rotation_from_vector, rotation_vector, solve_planes
@@ -86,7 +87,7 @@ def test_rotation_known_makes_a_descent_over_level_ground_as_sure_as_can_be() ->
 def test_rotation_that_is_right_leaves_the_windows_own_noise() -> None:
     """Of about 1.5 degrees RMS, which a descent over level ground leaves alone, about 0.4 remain."""
     alone, helped = [], []
-    for seed in range(60):
+    for seed in seeds(60, 20):
         scene = flat_descent(seed)
         alone.append(normal_angle(solved(scene).scaled_normals, scene.normals))
         known = MotionPrior.checked(scene.R, 0.1 * DEG)
@@ -98,7 +99,7 @@ def test_rotation_that_is_right_leaves_the_windows_own_noise() -> None:
 def test_covariance_with_a_prior_is_that_of_the_errors() -> None:
     """Squared errors in sigmas of 100 scenes have mean 1 within 15 %, the whole motion in them."""
     normalised = []
-    for seed in range(100):
+    for seed in seeds(100, 50):
         scene = flat_descent(seed, 20.0)
         found = solved(scene, measured(scene, seed, 0.1 * DEG, 0.5 * DEG))
         off = np.append(rotation_vector(found.R @ scene.R.T), found.tangent.T @ (found.T - scene.T))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from campaign import seeds
 
 from slopecli.geometry import (
     direction_angle,
@@ -29,7 +30,7 @@ def motion_chi2(solution: Solution, scene: Scene) -> float:
 @pytest.mark.parametrize("trajectory", [0.0, 45.0, 90.0])
 def test_clean_noise_is_estimated_and_nothing_is_thrown_away(trajectory: float) -> None:
     ratios, kept = [], []
-    for seed in range(20):
+    for seed in seeds(20, 8):
         scene = paper_scene(np.random.default_rng([1, seed]), trajectory, 0.3)
         solution = solve_planes(scene.x1, scene.x2, scene.patch)
         ratios.append(solution.noise / scene.noise)
@@ -44,7 +45,7 @@ def test_clean_noise_is_estimated_and_nothing_is_thrown_away(trajectory: float) 
 @pytest.mark.parametrize("free_points", [0, 100])
 def test_twenty_percent_mismatches_are_found(trajectory: float, free_points: int) -> None:
     chi2, ratios = [], []
-    for seed in range(15):
+    for seed in seeds(15, 5):
         scene = make_scene(
             np.random.default_rng([2, seed]), trajectory_deg=trajectory, outliers=0.2, free_points=free_points
         )
@@ -112,7 +113,7 @@ def test_noise_given_too_small_does_not_make_the_answer_too_sure(relief: bool) -
 
 def test_noise_in_both_images_is_absorbed() -> None:
     ratios = []
-    for seed in range(20):
+    for seed in seeds(20, 8):
         scene = make_scene(np.random.default_rng([7, seed]), noise_px=0.3, noise1_px=0.3)
         ratios.append(solve_planes(scene.x1, scene.x2, scene.patch).noise / scene.noise)
     assert np.mean(ratios) == pytest.approx(np.sqrt(2.0), rel=0.15)
@@ -122,7 +123,7 @@ def test_noise_in_both_images_is_absorbed() -> None:
 @pytest.mark.parametrize("trajectory", [0.0, 45.0, 90.0])
 def test_relief_is_measured_and_leaves_noise_and_motion_alone(trajectory: float, relief: float) -> None:
     noise, found, chi2 = [], [], []
-    for seed in range(12):
+    for seed in seeds(12, 4):
         scene = make_scene(np.random.default_rng([8, seed]), trajectory_deg=trajectory, relief=relief)
         solution = solve_planes(scene.x1, scene.x2, scene.patch, relief=True)
         noise.append(solution.noise / scene.noise)
