@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+from typing import Any
+
 import cv2
 import numpy as np
 import pytest
@@ -10,6 +13,7 @@ from scenery import render, to_grey, turn
 
 from slopecli.geometry import normal_angle, solve_views
 from slopecli.geometry.solver import ViewsSolution
+from slopecli.look import EFFORTS, match_sift
 from slopecli.options import Options
 from slopecli.pipeline import sequence as run_sequence
 from slopecli.sequence import Frame, Sequence, SettlingTest
@@ -100,6 +104,29 @@ def test_frames_are_found_again_after_a_gap() -> None:
     sequence = run(frame(0), frame(1), frame(2), frame(7), frame(8))
     assert [state.status for state in sequence.frames] == ["reference", *["used"] * 4]
     assert errors_deg(sequence).max() < 0.3
+
+
+def test_a_large_frame_after_a_gap_is_placed_by_the_coarse_features_alone(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Their places are as fine as the small image that they were found in; the finer ones take many times as long."""
+    pixels: list[float] = []
+
+    def with_places_of_a_small_image(*arguments: Any) -> Any:
+        pixels.append(arguments[2].max_pixels)
+        uv1, uv2, counts = match_sift(*arguments)
+        spacing = np.sqrt(arguments[0].size / pixels[-1])
+        return uv1, uv2 + np.random.default_rng(0).normal(0.0, 0.4 * spacing, uv2.shape), counts
+
+    monkeypatch.setattr("slopecli.sequence.coarse_motion.match_sift", with_places_of_a_small_image)
+    names = ("width", "height", "fx", "fy", "cx", "cy")
+    large = {name: 4 * getattr(CAMERA, name) + (1.5 if name in ("cx", "cy") else 0) for name in names}
+    sequence = Sequence(replace(CAMERA, **large), OPTIONS)
+    for number in (0, 1, 2, 7):
+        sequence.add(cv2.resize(frame(number), None, fx=4, fy=4, interpolation=cv2.INTER_CUBIC))
+    found = sequence.frames[-1]
+    assert found.status == "used"
+    np.testing.assert_allclose(found.T, 7 * STEP, atol=0.02)
+    assert len(pixels) == 1
+    assert pixels[0] < EFFORTS[0].max_pixels
 
 
 def test_without_parallax_there_is_no_answer_yet() -> None:
