@@ -47,6 +47,9 @@ def _followed(frame: Grey, aligner: Aligner, camera: KnownCamera, memory: Featur
         return move
     estimator = ViewEstimator(aligner.tracks, camera.used.focal_px)
     estimator.start(move.found, move.solution)
+    # once more under the planes found: what is left is smaller than under the depths of single points
+    found = aligner.find(frame, estimator.motion, estimator.normals, estimator.inverse_depth, estimator.alive)
+    estimator.found_again(found)
     coarse = CoarseMotion(camera.used, aligner.tracks, aligner.grey, memory)
     coarse.accept(frame, estimator.motion)
     return Follower(aligner, estimator, coarse, np.eye(3), np.zeros(3), 1.0, None, 1.0)

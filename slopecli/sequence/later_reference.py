@@ -191,6 +191,8 @@ class LaterReference:
         estimator.start_from(found, R, T / length, self.normals * length, self.u * length)
         if estimator.best.root.noise * camera.focal_px > ON_PLANE_PX:
             return None
+        planes, u = estimator.normals, estimator.inverse_depth
+        estimator.found_again(self.aligner.find(frame, estimator.motion, planes, u, estimator.alive))
         coarse = CoarseMotion(camera, self.aligner.tracks, self.aligner.grey)
         coarse.accept(frame, estimator.motion)
         return Follower(self.aligner, estimator, coarse, self.R, self.T, length, self.carried, 1.0)
