@@ -198,6 +198,15 @@ def test_a_false_focal_length_is_named_and_no_verdict_is_safe(factor: float) -> 
     assert all(plane.verdict != "safe" for plane in report.planes)
 
 
+@pytest.mark.parametrize("times", [0.38, 0.45, 2.2])
+def test_a_focal_length_off_by_more_than_a_factor_of_two_is_found(times: float) -> None:
+    """Beyond the steps that are tried, as the matches hold it; before, it was thrown away without a word."""
+    report = report_of(scene_of(6), changed(PINHOLE, "f", np.log(times)))
+    assert "suspect-camera" in {d.code for d in report.diagnostics}
+    assert report.fit.focal_factor == pytest.approx(1.0 / times, rel=0.02)
+    assert all(plane.verdict != "safe" for plane in report.planes)
+
+
 def test_a_false_principal_point_is_named() -> None:
     report = report_of(scene_of(3), changed(PINHOLE, "cx", 0.08))
     (warning,) = (d for d in report.diagnostics if d.code == "suspect-camera")

@@ -83,13 +83,14 @@ def focal_note(
         message += f"as if it were known to {100.0 * sigma:.2g} %"
         return [finding("focal-length", message, 1.0, "if you know it better, say so by --focal-sigma")]
     before, after = given[0].focal_px, used[0].focal_px
+    known = f"{after * sigma:.2g}" if after * sigma < 10.0 else f"{after * sigma:.0f}"
     why = "that the images prefer (--free-focal)" if options.free_focal else "that images and --focal-sigma agree on"
     if preferred_px is not None and not options.free_focal:
         why = (
             f"the mean, weighted by their sigmas, of the {preferred_px:.4g} px that the images prefer and the one given"
         )
     message = (
-        f"slopes were computed with a focal length of {after:.5g} ± {after * sigma:.2g} px, {why}: "
+        f"slopes were computed with a focal length of {after:.5g} ± {known} px, {why}: "
         f"{after / before:.4g} times the {before:.5g} px given; their sigmas include its own"
     )
     return [finding("focal-length", message, after / before)]

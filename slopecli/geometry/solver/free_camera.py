@@ -149,10 +149,14 @@ def free_focal(
 
 
 def _freed_again(every: Sightings, last: _Solved, steps: bool) -> Freed | None:
-    """The value that fits the points which fit `last`; None where there is none, or beyond the values tried."""
+    """The value that fits the points which fit `last`; None where there is none, or beyond the values tried, unless
+    residuals change by more than their noise with it: a focal length that nothing holds runs away."""
     kept = thinned(last.left.take(last.solution.inlier), gain=every.gain)
     freed = free_parameter(*with_planes(kept, Settled.of(last.solution)), "f", steps=steps)
-    if freed is None or abs(last.value + freed.value) > FOCAL_STEPS[-1]:  # beyond what is tried nothing holds it
+    if freed is None:
+        return None
+    beyond, held = abs(last.value + freed.value) / FOCAL_STEPS[-1], freed.score.px[0] > freed.score.noise_px
+    if beyond > (2.0 if held else 1.0):
         return None
     return freed._replace(value=last.value + freed.value)
 
