@@ -5,6 +5,8 @@ BIN := $(VENV)/bin
 DEMO := sample_data/descent
 # one process a core, whole files, as tests of a file share what takes long; tests/conftest.py gives the order
 PARALLEL := -n logical --dist loadfile --no-loadscope-reorder --durations=15
+# compiled tests are kept, whatever the environment says: to compile them takes each process seven seconds
+PYTEST := PYTHONDONTWRITEBYTECODE= $(BIN)/python -m pytest $(PARALLEL)
 
 .PHONY: help venv demo test test-all fuzz lint types bench sample-data docs site clean
 
@@ -37,10 +39,10 @@ demo: venv
 	$(BIN)/python sample_data/check_demo.py demo_output/map/slopes.json $(DEMO)/truth.json
 
 test: lint types
-	$(BIN)/python -m pytest $(PARALLEL)
+	$(PYTEST)
 
 test-all: lint types
-	SLOPEMAP_TEST_ALL=1 $(BIN)/python -m pytest $(PARALLEL)
+	SLOPEMAP_TEST_ALL=1 $(PYTEST)
 
 N ?= 10000
 SEED ?= 0

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from scipy import stats
+from scipy.special import ndtr
 
 from slopecli.geometry import disc_probability, rotation_from_vector, tangent_basis
 from slopecli.ground import Tilts, least_limit, normal_cdf, probability_low, slope_sigma, tilts
@@ -35,7 +35,7 @@ def some_tilts(seed: int, count: int = 400) -> tuple[FloatArray, ...]:
 
 def test_the_normal_distribution_is_that_of_scipy() -> None:
     x = np.linspace(-45.0, 45.0, 4001)
-    assert np.abs(normal_cdf(x) - stats.norm.cdf(x)).max() < 2e-7
+    assert np.abs(normal_cdf(x) - ndtr(x)).max() < 2e-7
     assert np.isnan(normal_cdf(np.array([np.nan]))).all()
     assert normal_cdf(np.array([-np.inf, np.inf])).tolist() == [0.0, 1.0]
 
