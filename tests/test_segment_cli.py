@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 import trimesh
 from command import Done, slopemap
+from remembered import forget
 from test_cli import ROOT
 
 from slopecli.cli import run
@@ -24,6 +25,8 @@ FILES = {"slopes.json", "planes.csv", "labels.png", "labels_colour.png", "overla
 KINDS = ("ground", "wall", "roof")
 CLEAR_SHARE, CLEAR_PURITY = 0.01, 0.75  # of image 1, and of a plane's pixels: what should be named as it is
 Run = tuple[Done, Path]
+
+pytestmark = pytest.mark.usefixtures("_solved_once")
 
 
 @pytest.fixture(scope="module")
@@ -95,6 +98,7 @@ def test_without_all_the_table_has_what_matters_and_counts_the_rest(tmp_path: Pa
 
 
 def test_verbose_prints_the_account_of_the_planes(pair: tuple[str, ...]) -> None:
+    forget()
     done = slopemap("segment", *pair, "--json", "-v")
     lines = [line for line in done.stderr.splitlines() if line.startswith("regions: ")]
     for word in ("match", "proposed", "merging", "labelled", "given up"):
