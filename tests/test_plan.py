@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import itertools
 import re
 import subprocess
 import sys
@@ -187,9 +186,12 @@ def test_the_same_plan_twice_is_the_same() -> None:
 @pytest.mark.parametrize(
     ("trajectory_deg", "of"),
     [
-        *itertools.product([0.0, 45.0, 90.0], ["worst"]),
+        (0.0, "worst"),
         (45.0, "median"),
-        *(pytest.param(trajectory_deg, "median", marks=pytest.mark.slow) for trajectory_deg in (0.0, 90.0)),
+        *(
+            pytest.param(trajectory_deg, of, marks=pytest.mark.slow)
+            for trajectory_deg, of in ((45.0, "worst"), (90.0, "worst"), (0.0, "median"), (90.0, "median"))
+        ),
     ],
 )
 def test_baseline_gives_the_sigma_and_a_shorter_one_does_not(of: str, trajectory_deg: float) -> None:
