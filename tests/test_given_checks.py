@@ -10,11 +10,12 @@ import numpy as np
 import pytest
 
 from slopecli.errors import InputError, NoAnswer
+from slopecli.geometry import rotation_from_vector
 from slopecli.options import Options
 from slopecli.patches import Given
 from slopecli.pipeline import solve
 from slopecli.study import Scene, make_scene
-from slopecli.types import Camera, IntArray, Report
+from slopecli.types import Camera, FloatArray, IntArray, Report
 
 FLIGHTS = (0.0, 45.0, 90.0)
 
@@ -46,6 +47,30 @@ def test_nine_planes_called_one_are_no_plane(flight: float, noise: float | None)
         assert (plane.status, plane.verdict) == ("poor", "undecided")
         assert "non-planar-patch" in warnings(report)
         assert noise is None or "poor-fit" in warnings(report)
+
+
+def _over(height: FloatArray, xy: FloatArray, rng: np.random.Generator, move: tuple[float, float, float]) -> Given:
+    """Rows of points at places (n, 2) and heights (n,), seen from 10 above by cameras that look down; 0.3 px noise."""
+    camera = Camera(1024, 768, 800.0, 800.0, 511.5, 383.5)
+    points = np.column_stack([xy, 10.0 - height])
+    turned = (points - np.array(move)) @ rotation_from_vector(np.array([0.01, -0.02, 0.015])).T
+    uv1, uv2 = (800.0 * p[:, :2] / p[:, 2:] + [camera.cx, camera.cy] for p in (points, turned))
+    return Given(uv1, uv2 + rng.normal(0.0, 0.3, uv2.shape), np.zeros(len(xy), np.int64), has_patch=False)
+
+
+@pytest.mark.parametrize("move", [(2.0, 0.0, 0.0), (1.5, 0.3, 1.5)])
+def test_one_plane_through_a_ridge_or_a_bowl_is_none(move: tuple[float, float, float]) -> None:
+    """Their mean is level, and the motion of a single plane takes part of what is off it across the lines, too."""
+    camera, steep = Camera(1024, 768, 800.0, 800.0, 511.5, 383.5), np.tan(np.radians(20.0))
+    for n in (20, 60):
+        rng = np.random.default_rng(n)
+        x, y = xy = rng.uniform([[-4.0], [-3.0]], [[4.0], [3.0]], (2, n))
+        for height in (-np.abs(x) * steep, x**2 * steep / 8.0, (x**2 + y**2) * steep / 8.0):
+            (plane,) = solve(_over(height, xy.T, rng, move), (camera, camera), Options(), None).planes
+            assert plane.verdict != "safe"
+        assert plane.status == "poor"  # the bowl
+        report = solve(_over(x * steep / 3.0, xy.T, rng, move), (camera, camera), Options(), None)
+        assert report.planes[0].status == "ok"
 
 
 def test_points_outside_the_image_are_counted_and_most_of_them_refused() -> None:

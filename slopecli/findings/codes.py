@@ -110,7 +110,7 @@ _ROWS: dict[Severity, dict[str, tuple[Any, ...]]] = {
             "chi-square by which the second answer fits worse",
         ),
         "non-planar-patch": (
-            "It is not one plane: relief, or a step. Its status is poor, and it is never called safe.",
+            "It is not one plane: relief, a step, a bent surface. Its status is poor, and it is never called safe.",
             "use smaller windows",
             "id of the window",
         ),

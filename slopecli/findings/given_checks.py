@@ -8,7 +8,7 @@ import numpy as np
 
 from slopecli.errors import NoAnswer
 from slopecli.findings.camera_checks import implausible_cameras
-from slopecli.findings.plane_checks import NON_PLANAR
+from slopecli.findings.plane_checks import NON_PLANAR, ROUGH
 from slopecli.findings.solution_checks import solver_remedy
 from slopecli.findings.wording import finding, listed
 from slopecli.geometry.camera import OFF_MIDDLE
@@ -153,8 +153,10 @@ def _off_plane_of(k: int, solved: GivenSolution, noise: float | None, growth: fl
         return "its rows lie nearly on a line, which does not determine its tilt"
     if solved.unchecked[k]:
         return f"{NON_PLANAR}: only {FEWEST} rows were kept, which fit any plane, so the mismatch may be among them"
-    bent = seen.shaped[k] or not solved.solution.relief.any()
-    if seen.off[k] and seen.along[k] > CLEARLY * seen.across and bent:
+    if seen.bent[k]:
+        return f"{NON_PLANAR}: its rows follow a curved surface, or several planes"
+    shaped = seen.shaped[k] or not solved.solution.relief.any()
+    if seen.off[k] and seen.along[k] > CLEARLY * seen.across and shaped:
         return f"{NON_PLANAR}: residuals of its rows along the epipolar lines exceed those across"
     return ""
 
@@ -177,7 +179,8 @@ def _beyond_the_noise(solved: GivenSolution, noise: float, unit: str, per: float
 
 def _rough(solved: GivenSolution, joined: Joined, reasons: list[str]) -> list[Diagnostic]:
     """Planes solved as rough ground because their rows are off them."""
-    ids = [patch.id for k, patch in enumerate(joined.patches) if solved.flatness.off[k] and not reasons[k]]
+    rough = solved.flatness.off & (solved.solution.relief <= ROUGH)
+    ids = [patch.id for k, patch in enumerate(joined.patches) if rough[k] and not reasons[k]]
     if not ids or not solved.solution.relief.any():
         return []
     message = (

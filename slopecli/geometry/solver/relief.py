@@ -167,6 +167,7 @@ class Flatness(NamedTuple):
     across : of all points, across their epipolar lines.  along (m,) : of each patch along them.  both (m,) : of each
     patch, both components.  off (m,) : whether along is significantly larger than across.
     shaped (m,) : whether, besides, neighbouring points are displaced alike.
+    bent (m,) : whether a curved surface explains most of both components, as of one plane through a ridge or a bowl.
     """
 
     across: float
@@ -174,6 +175,7 @@ class Flatness(NamedTuple):
     both: FloatArray
     off: BoolArray
     shaped: BoolArray
+    bent: BoolArray
 
 
 def flatness(solution: Solution, x1: FloatArray, x2: FloatArray, patch: IntArray, weights: FloatArray) -> Flatness:
@@ -198,7 +200,12 @@ def flatness(solution: Solution, x1: FloatArray, x2: FloatArray, patch: IntArray
     for k, own in enumerate(seen.slices()):
         shaped[k] |= off[k] and _shared_by_neighbours(places[own][kept[own]], along[own][kept[own]])
     both = np.sqrt((alongs + acrosses) / np.maximum(2.0 * count - 3.0, 1.0))
-    return Flatness(noise, sigma, both, off, shaped)
+    # alone, or one of few planes, a patch bends the motion as well, and then both components hold what is off the plane
+    residuals, bent = np.stack([along, across], axis=1), both > FINEST_RESIDUAL
+    for k, own in enumerate(seen.slices()):
+        mine = kept[own]
+        bent[k] &= _curved(places[own][mine], root[own][mine], residuals[own][mine])
+    return Flatness(noise, sigma, both, off, shaped, bent)
 
 
 def _larger(variance: FloatArray, freedom: FloatArray, other: float, other_freedom: float) -> BoolArray:
@@ -209,6 +216,26 @@ def _larger(variance: FloatArray, freedom: FloatArray, other: float, other_freed
     ratio = np.cbrt(variance / max(other, np.finfo(float).tiny))
     a, b = 2.0 / (9.0 * np.maximum(freedom, 1.0)), 2.0 / (9.0 * other_freedom)
     return np.asarray((1.0 - b) * ratio - (1.0 - a) > 4.0 * np.sqrt(b * ratio**2 + a))
+
+
+def _curved(places: FloatArray, root: FloatArray, residuals: FloatArray) -> bool:
+    """Whether residuals (n, 2) at places (n, 2), times the root of their weights, are those of a curved surface.
+
+    Terms of second order must explain significantly more than chance, and so much that residuals about the curved
+    surface are less than half of those about the plane.
+    Source: analysis of variance of nested regressions (Fisher 1925).
+    """
+    n = len(places)
+    x, y = ((places - places.mean(axis=0)) / np.maximum(places.std(axis=0), np.finfo(float).tiny)).T if n else places.T
+    terms = np.stack([np.ones(n), x, y, x * x, x * y, y * y], axis=1) * root[:, None]
+    if n <= terms.shape[1]:
+        return False
+    parts = (np.linalg.qr(terms)[0].T @ residuals) ** 2
+    level, second = float(parts[:3].sum()), float(parts[3:].sum())
+    rest = max(float((residuals**2).sum()) - level - second, 0.0)
+    spent, spare = float(parts[3:].size), float((n - len(parts)) * 2)
+    significant = _larger(np.array([second / spent]), np.array([spent]), rest / spare, spare)
+    return bool(significant[0]) and second > 3.0 * rest
 
 
 def _shared_by_neighbours(places: FloatArray, values: FloatArray) -> bool:
