@@ -239,6 +239,19 @@ def test_a_view_off_the_line_decides_between_two_answers_for_one_plane() -> None
     assert np.degrees(normal_angle(one.scaled_normals, normal)).max() < 0.5
 
 
+def test_errors_of_interpolation_do_not_decide_between_two_answers() -> None:
+    """Of hundreds of points, a hundredth of a pixel each seems to rule out one motion: here the right one."""
+    slope = np.radians(22.94)
+    normal = np.array([np.sin(slope) * np.cos(3.927), np.sin(slope) * np.sin(3.927), np.cos(slope)]) / 12.0
+    pair = render(turn(-0.55, -0.4, 0.747), np.array([0.994, 0.0, 0.994]), [normal], noise=1.0, noise_seed=7, seed=7)
+    two = run(pair.grey1, pair.grey2).solution()
+    assert two.status == "unresolved"
+    assert two.alternative is not None
+    off = [np.degrees(normal_angle(one.scaled_normals, normal[None])).max() for one in (two, two.alternative)]
+    assert min(off) < 1.0
+    assert max(off) > 30.0
+
+
 def test_a_motion_that_fits_badly_is_not_taken() -> None:
     """A jump to another place and attitude is found again, or skipped; the answer does not follow a wrong motion."""
     glide, aside = np.array([0.7, 0.0, 0.7]), np.array([0.0, 0.8, 0.2])

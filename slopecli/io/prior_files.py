@@ -57,7 +57,7 @@ def _number(path: str, line: int, name: str, cell: str) -> float:
         value = math.nan
     if not math.isfinite(value) or abs(value) > 1e9:
         raise InputError(f"{path}: line {line} has {cell[:40]!r} as {name}; needed a number, or an empty cell")
-    if name in POSITIVE and value <= 0.0:
+    if name in POSITIVE and value < 1e-9:
         raise InputError(f"{path}: line {line} has {cell[:40]} as {name}; needed a number above 0, or an empty cell")
     return value
 

@@ -24,7 +24,7 @@ from slopecli.geometry.solver.view_roots import judged
 from slopecli.geometry.solver.views import Summed, ViewPoints, ViewState
 from slopecli.geometry.statistics import CHI2
 from slopecli.look.matches import ON_PLANE_PX
-from slopecli.look.noise import correlation_gain
+from slopecli.look.noise import SYSTEMATIC_PX, correlation_gain
 from slopecli.patches.windows.tunables import TUNE
 from slopecli.sequence.frame_alignment import Found
 from slopecli.sequence.fused_planes import Ground, fused_normals
@@ -263,7 +263,13 @@ class ViewEstimator:
         noise = max(lines[0].root.noise, self._floor)
         gain = self._gain(lines[0])
         roots = [line.root._replace(noise=noise) for line in lines]
-        return judged(lines[0].points, roots, noise * gain, gain)
+        found = judged(lines[0].points, roots, noise * gain, gain)
+        # what lens models, interpolation and shading leave may make the wrong one of two fit better, as in a pair
+        shown = int(np.count_nonzero(lines[0].points.weight))
+        floor = shown * (SYSTEMATIC_PX / (noise * gain * self._focal_px)) ** 2
+        if found.status == "resolved" and (found.delta_chi2 or 0.0) < floor:
+            found = replace(found, status="unresolved")
+        return found
 
     def _resampled(self, found: ViewsSolution, line: Line) -> ViewsSolution:
         """A solution with the covariance that the points of every window have among themselves, as they show it.
