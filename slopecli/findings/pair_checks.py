@@ -77,13 +77,14 @@ def contradicting_matches(pair: PairFacts) -> list[Diagnostic]:
     evidence = pair.scene.evidence
     share = 1 - len(evidence) / max(evidence.n_given, 1)
     found = f"{100 * share:.0f} % of the dense matches contradict the"
+    cover = "paint black what is fixed to the camera or the image, as landing gear or a logo"
     if share > 0.5:
-        remedy = "give two images of the same ground, neither mirrored, and the camera they were taken with"
+        remedy = f"give two images of the same ground, neither mirrored, and the camera they were taken with; {cover}"
         raise NoAnswer("no-overlap", f"{found} best motion of the camera", remedy, value=share)
     if share < LIMITS["dense-shadow-or-motion"]:
         return []
     message = f"{found} motion of the camera: shadows, vehicles or mismatches"
-    remedy = "distrust windows where something moved, or take both images in quick succession"
+    remedy = f"distrust windows where something moved, or take both images in quick succession; {cover}"
     return [finding("dense-shadow-or-motion", message, share, remedy)]
 
 
