@@ -16,6 +16,7 @@ import numpy as np
 from slopecli.geometry.epipolar import normal_angle
 from slopecli.geometry.statistics import GATE_SIGMAS, geman_mcclure
 from slopecli.look.gradient_components import Labels
+from slopecli.look.warp import FloatImage
 from slopecli.patches.labelling.depth_planes import solve_regular
 from slopecli.patches.regions.cell_lattice import CellLattice, component_of_cells
 from slopecli.patches.regions.plane_pieces import KnownTilt, Piece, tilt_sigma_rad
@@ -52,7 +53,8 @@ def find_common_planes(lattice: CellLattice, components: Labels, pieces: Sequenc
 class _Parts:
     """The matched cells (n,) of k components as equations of planes.
 
-    inside (h, w) : the component of every cell.  numbers (k,) : of the components in it.  part (n,) : 0..k-1.
+    inside (h, w) : the component of every cell.  numbers (k,) : of the components in it.  part (n,) : 0..k-1 of each
+    cell, member (n, k) : 1 there, else 0.
     rows (n, 3), target (n,) : as in the lattice.
     """
 
@@ -60,6 +62,7 @@ class _Parts:
     inside: Labels
     numbers: IntArray
     part: IntArray
+    member: FloatImage
     rows: FloatArray
     target: FloatArray
 
@@ -81,7 +84,9 @@ class _Parts:
         """Return the components of these numbers."""
         own = lattice.known & np.isin(inside, numbers)
         rows, target = lattice.rows[own].astype(float), lattice.target[own].astype(float)
-        return cls(lattice, inside, numbers, np.searchsorted(numbers, inside[own]), rows, target)
+        part = np.searchsorted(numbers, inside[own])
+        member = np.equal.outer(part, np.arange(len(numbers))).astype(np.float32)
+        return cls(lattice, inside, numbers, part, member, rows, target)
 
     def without(self, held: BoolArray) -> _Parts:
         """Return the parts but those (k,) held."""
@@ -120,9 +125,8 @@ class _Parts:
     def held(self, planes: FloatArray) -> BoolArray:
         """Return (p, k) whether most cells of each part lie on each plane (p, 3), and save what a plane costs."""
         off = np.abs(planes @ self.rows.T - self.target)
-        member = np.equal.outer(self.part, np.arange(len(self.numbers))).astype(float)
-        saved = np.asarray(self.lattice.unexplained - self.lattice.cost(off.astype(np.float32), 1.0), float) @ member
-        share = (off < GATE_SIGMAS) @ member / member.sum(0)
+        saved = (self.lattice.unexplained - self.lattice.cost(off.astype(np.float32), 1.0)) @ self.member
+        share = (off < GATE_SIGMAS).astype(np.float32) @ self.member / self.member.sum(0)
         return np.asarray((share >= REGION.compact) & (saved > self.lattice.price))
 
 
