@@ -124,8 +124,9 @@ def test_patches_that_contradict_one_another_are_said(moved: int, seed: int) -> 
         x2[scene.patch == k] += rng.uniform(-1.0, 1.0, 2) * 60.0 / focal
     uv1, uv2 = (x * focal + [scene.camera.cx, scene.camera.cy] for x in (scene.x1, x2))
     report = solve(Given(uv1, uv2, scene.patch), (scene.camera, scene.camera), Options())
-    said = [d.message for d in report.diagnostics if d.code == "poor-fit"]
+    said = [d.message for d in report.diagnostics if d.code == "planes-contradict"]
     assert any("contradict one another, and no single one is to blame" in message for message in said)
+    assert all(message.endswith("; no verdict is safe") for message in said)
     assert not any(plane.verdict == "safe" for plane in report.planes)
 
 

@@ -160,6 +160,15 @@ _ROWS: dict[Severity, dict[str, tuple[Any, ...]]] = {
             "check the camera file and its distortion, and that nothing in view moved",
             "noise of the matches, px",
         ),
+        "planes-contradict": (
+            "Each window or region fits a plane, and together they fit no motion of one camera: matches miss their "
+            "epipolar lines by more than 0.5 px, and by twice what they miss their own planes by, and no single one "
+            "is to blame. Several of them moved, belong to the camera (landing gear, a logo), or are mismatched, and "
+            "they pull the motion, and so all slopes, with them. Or the camera file is wrong.",
+            "check the camera file and its distortion; if they are right, leave out what moved or is mismatched",
+            "noise of the matches, px",
+            True,
+        ),
         "metadata-contradicted": (
             "The motion that the images show is not the one that their metadata state: it goes another way than from "
             "one position to the other, or turns by another angle than the gimbal did. Where one of the images would "

@@ -41,7 +41,7 @@ def large_residuals(facts: AnswerFacts) -> list[Diagnostic]:
             f"the patches contradict one another, and no single one is to blame: each alone fits a plane to "
             f"{alone_px:.2g} px, together they miss their epipolar lines by {noise_px:.2g} px"
         )
-        remedy = "check the camera file and its distortion; if they are right, leave out what moved or is mismatched"
+        return [finding("planes-contradict", message, noise_px)]
     else:
         message = f"matches miss their epipolar lines by {noise_px:.2f} px, good pairs by less than {POOR_FIT_PX:g} px"
         remedy = "check the camera file and its distortion; blur, a rolling shutter and moving things do the same"
