@@ -114,7 +114,8 @@ def sequence(ctx: click.Context, frames: tuple[str, ...], **parameters: Any) -> 
     runner.options_of = options_at_end
     answer = _answer(runner, parameters, talk)
     written = _written(answer, runner, parameters, talk)
-    _print(answer, written, talk, parameters)
+    _say_dense(answer.report, runner.report(), talk)
+    _print(answer, written, talk, parameters["as_json"])
     if problem is not None:
         raise problem
     if interrupted:
@@ -233,7 +234,6 @@ def _run(
                 if film is not None:
                     film.add(step, runner)
                 say(_line(step, len(runner.windows)))
-                parameters["last"] = step.report or parameters.get("last")
                 if talk.verbose:
                     talk.say(_pace(step.state.frame, time.monotonic() - began, source.total))
         except KeyboardInterrupt:
@@ -293,10 +293,9 @@ def _answer(runner: Sequence, parameters: dict[str, Any], talk: Talk) -> Sequenc
     return runner.answer(ground.report, ground)
 
 
-def _print(answer: SequenceAnswer, written: list[Path], talk: Talk, parameters: dict[str, Any]) -> None:
+def _print(answer: SequenceAnswer, written: list[Path], talk: Talk, as_json: bool) -> None:
     """The table, or slopes.json, and with a map its landing sites."""
-    _say_dense(answer.report, parameters.get("last"), talk)
-    if parameters["as_json"]:
+    if as_json:
         from slopecli.products.sequence_files import sequence_to_json
 
         print_result(sequence_to_json(answer))
@@ -308,9 +307,9 @@ def _print(answer: SequenceAnswer, written: list[Path], talk: Talk, parameters: 
         say_ground(answer.map, talk)
 
 
-def _say_dense(report: Report, last: Report | None, talk: Talk) -> None:
-    """Say of which windows the answer at the end differs from the last line of a frame, and why."""
-    before = {plane.id: plane.slope_deg for plane in last.planes} if last is not None else {}
+def _say_dense(report: Report, tracked: Report, talk: Talk) -> None:
+    """Say of which windows the answer differs from that by the points tracked, which the lines of frames are of."""
+    before = {plane.id: plane.slope_deg for plane in tracked.planes}
     dense = [str(plane.id) for plane in report.planes if before.get(plane.id, plane.slope_deg) != plane.slope_deg]
     if dense:
         talk.say(
