@@ -58,7 +58,8 @@ class KnownCamera:
         """After one more test, by the points that the last frame shows. baseline : of the pair, in first moves.
 
         A doubt stands until a pair that tells the focal length better has none: of many tests of a right camera one
-        errs more often than the best of them. What no focal length explains is a doubt whatever was told before.
+        errs more often than the best of them. What no focal length explains is a doubt whatever was told before, of a
+        pair that tells nearly as much or more.
         """
         if self._tells_less(joined, solution):
             return replace(self, tested=baseline)
