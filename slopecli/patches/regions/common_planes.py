@@ -21,7 +21,7 @@ from slopecli.patches.labelling.depth_planes import solve_regular
 from slopecli.patches.regions.cell_lattice import CellLattice, component_of_cells
 from slopecli.patches.regions.plane_pieces import KnownTilt, Piece, tilt_sigma_rad
 from slopecli.patches.regions.region_tunables import REGION
-from slopecli.patches.windows.known_orientations import KNOWN
+from slopecli.patches.windows.raw_grey import KNOWN
 from slopecli.types import BoolArray, FloatArray, IntArray
 
 

@@ -37,7 +37,7 @@ from slopecli.patches.regions.merging import merged
 from slopecli.patches.regions.plane_pieces import KnownTilt, Piece, fewest_pieces, grown_pieces
 from slopecli.patches.regions.region_match import match_labelled, match_regions, on_known_orientation
 from slopecli.patches.regions.region_tunables import REGION
-from slopecli.patches.windows.known_orientations import KNOWN
+from slopecli.patches.windows.raw_grey import KNOWN
 from slopecli.types import Segmentation
 
 
