@@ -16,7 +16,6 @@ import numpy as np
 from slopecli.geometry.epipolar import normal_angle
 from slopecli.geometry.statistics import GATE_SIGMAS, geman_mcclure
 from slopecli.look.gradient_components import Labels
-from slopecli.look.warp import FloatImage
 from slopecli.patches.labelling.depth_planes import solve_regular
 from slopecli.patches.regions.cell_lattice import CellLattice, component_of_cells
 from slopecli.patches.regions.plane_pieces import KnownTilt, Piece, tilt_sigma_rad
@@ -53,8 +52,7 @@ def find_common_planes(lattice: CellLattice, components: Labels, pieces: Sequenc
 class _Parts:
     """The matched cells (n,) of k components as equations of planes.
 
-    inside (h, w) : the component of every cell.  numbers (k,) : of the components in it.  part (n,) : 0..k-1 of each
-    cell, member (n, k) : 1 there, else 0.
+    inside (h, w) : the component of every cell.  numbers (k,) : of the components in it.  part (n,) : 0..k-1, rising.
     rows (n, 3), target (n,) : as in the lattice.
     """
 
@@ -62,7 +60,6 @@ class _Parts:
     inside: Labels
     numbers: IntArray
     part: IntArray
-    member: FloatImage
     rows: FloatArray
     target: FloatArray
 
@@ -83,10 +80,10 @@ class _Parts:
     def _of_numbers(cls, lattice: CellLattice, inside: Labels, numbers: IntArray) -> _Parts:
         """Return the components of these numbers."""
         own = lattice.known & np.isin(inside, numbers)
-        rows, target = lattice.rows[own].astype(float), lattice.target[own].astype(float)
         part = np.searchsorted(numbers, inside[own])
-        member = np.equal.outer(part, np.arange(len(numbers))).astype(np.float32)
-        return cls(lattice, inside, numbers, part, member, rows, target)
+        order = np.argsort(part, kind="stable")
+        rows, target = lattice.rows[own][order].astype(float), lattice.target[own][order].astype(float)
+        return cls(lattice, inside, numbers, part[order], rows, target)
 
     def without(self, held: BoolArray) -> _Parts:
         """Return the parts but those (k,) held."""
@@ -124,10 +121,21 @@ class _Parts:
 
     def held(self, planes: FloatArray) -> BoolArray:
         """Return (p, k) whether most cells of each part lie on each plane (p, 3), and save what a plane costs."""
-        off = np.abs(planes @ self.rows.T - self.target)
-        saved = (self.lattice.unexplained - self.lattice.cost(off.astype(np.float32), 1.0)) @ self.member
-        share = (off < GATE_SIGMAS).astype(np.float32) @ self.member / self.member.sum(0)
-        return np.asarray((share >= REGION.compact) & (saved > self.lattice.price))
+        at_once = 1 + 2**22 // len(self.rows)  # 32 MB of distances
+        blocks = [planes[k : k + at_once] for k in range(0, len(planes), at_once)]
+        return np.concatenate([self._lie_on(np.abs(some @ self.rows.T - self.target)) for some in blocks])
+
+    def held_each(self, planes: FloatArray) -> BoolArray:
+        """Return (k,) the same of each part and its own plane (k, 3)."""
+        return self._lie_on(np.abs((self.rows * planes[self.part]).sum(1) - self.target))
+
+    def _lie_on(self, off: FloatArray) -> BoolArray:
+        """Return (..., k) the same by the distances (..., n) of cells from planes, sigmas."""
+        first = np.searchsorted(self.part, np.arange(len(self.numbers)))
+        saved = np.asarray(self.lattice.unexplained - self.lattice.cost(off.astype(np.float32), 1.0), float)
+        near = np.add.reduceat((off < GATE_SIGMAS).astype(float), first, axis=-1)
+        most = near >= REGION.compact * np.bincount(self.part)
+        return np.asarray(most & (np.add.reduceat(saved, first, axis=-1) > self.lattice.price))
 
 
 def _settled(parts: _Parts, plane: FloatArray) -> tuple[int, FloatArray, BoolArray] | None:
@@ -140,7 +148,7 @@ def _settled(parts: _Parts, plane: FloatArray) -> tuple[int, FloatArray, BoolArr
         if np.count_nonzero(held) < 2:
             return None
         plane, others = parts.fitted(plane, held)
-        now = parts.held(plane[None])[0] & np.diagonal(parts.held(others))
+        now = parts.held(plane[None])[0] & parts.held_each(others)
         if np.array_equal(now, held):
             return int((np.abs(parts.rows @ plane - parts.target) < GATE_SIGMAS)[held[parts.part]].sum()), plane, held
         held = now
