@@ -9,7 +9,8 @@ import numpy as np
 
 from slopecli.errors import DegenerateConfiguration
 from slopecli.findings.camera_checks import with_aspect
-from slopecli.findings.camera_test import Again, Cameras, CameraTest, examine_cameras, suspicion
+from slopecli.findings.camera_suspicion import Again, suspicion
+from slopecli.findings.camera_test import Cameras, CameraTest, examine_cameras
 from slopecli.findings.focal_use import focal_note, focal_to_use, prior_sigma, refocused
 from slopecli.findings.given_checks import refuse_unrelated, review
 from slopecli.findings.known_motion import contradiction, motion_prior

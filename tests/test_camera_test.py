@@ -384,10 +384,12 @@ def test_what_is_suspected_of_an_exact_focal_length_may_agree_with_one_known_to_
     assert contradicted(replace(test, step=0.2), prior=0.03)
 
 
-def test_a_contradiction_that_the_best_focal_length_leaves_is_said(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_contradiction_that_the_focal_length_to_use_leaves_is_said(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("slopecli.findings.camera_test._overview_contradicts", lambda *facts: True)
-    (warning,) = (d for d in report_of(scene_of(13, noise_px=0.9), PINHOLE).diagnostics if d.code == "suspect-camera")
+    scene = scene_of(13, noise_px=0.9)
+    (warning,) = (d for d in report_of(scene, PINHOLE, free_focal=True).diagnostics if d.code == "suspect-camera")
     assert "no focal length explains both" in warning.message
+    assert "suspect-camera" not in {d.code for d in report_of(scene, PINHOLE).diagnostics}  # mismatches may be it
 
 
 def test_a_contradiction_that_no_focal_length_explains_is_said(monkeypatch: pytest.MonkeyPatch) -> None:

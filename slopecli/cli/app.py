@@ -74,13 +74,7 @@ def run(command: click.Command, arguments: Sequence[str]) -> int:
     try:
         return command.main(list(arguments), prog_name="slopemap", standalone_mode=False, obj=talk) or 0
     except click.ClickException as error:
-        usage = StringIO()
-        error.show(usage)
-        for line in usage.getvalue().rstrip("\n").split("\n"):
-            tell(line)
-        if isinstance(error, click.NoSuchOption) and isinstance(getattr(error.ctx, "command", None), click.Group):
-            tell(f"Options of a command follow it: slopemap COMMAND {error.option_name} ...")
-        return error.exit_code
+        return _misused(error)
     except SlopemapError as error:
         return _end(str(error), error.exit_code)
     except (click.Abort, KeyboardInterrupt):
@@ -102,6 +96,17 @@ def run(command: click.Command, arguments: Sequence[str]) -> int:
         return _unexpected(error, talk)
     finally:
         talk.clear()
+
+
+def _misused(error: click.ClickException) -> int:
+    """Say how the command line is to be used; returns the exit status."""
+    usage = StringIO()
+    error.show(usage)
+    for line in usage.getvalue().rstrip("\n").split("\n"):
+        tell(line)
+    if isinstance(error, click.NoSuchOption) and isinstance(getattr(error.ctx, "command", None), click.Group):
+        tell(f"Options of a command follow it: slopemap COMMAND {error.option_name} ...")
+    return error.exit_code
 
 
 def _prepare_process() -> None:

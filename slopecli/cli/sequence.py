@@ -96,8 +96,8 @@ FILES = (
 def sequence(ctx: click.Context, frames: tuple[str, ...], **parameters: Any) -> None:
     """Slopes of windows of the first of many images, of a folder or a video.
 
-    Prints a line a frame, then the table; -o DIR also writes sequence.jsonl while it runs, and slopes.json, overlay.png
-    and trajectory.txt at the end. Ctrl-C ends it early.
+    Prints a line a frame, then the table; -o DIR also writes both, the lines while it runs, and more at the end. Ctrl-C
+    ends it early.
 
     \b
     Example:

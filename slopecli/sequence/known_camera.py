@@ -6,7 +6,8 @@ from dataclasses import dataclass, field, replace
 
 from slopecli.errors import DegenerateConfiguration, expect
 from slopecli.findings.camera_checks import with_aspect
-from slopecli.findings.camera_test import Cameras, CameraTest, examine_cameras, suspicion
+from slopecli.findings.camera_suspicion import suspicion
+from slopecli.findings.camera_test import Cameras, CameraTest, examine_cameras
 from slopecli.findings.focal_use import focal_note, focal_to_use, prior_sigma, refocused
 from slopecli.geometry.solver.intrinsics import Settled, score_camera, with_planes
 from slopecli.geometry.solver.solve import solve_planes
