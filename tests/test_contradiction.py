@@ -112,21 +112,21 @@ def test_a_lens_that_folds_leaves_out_what_it_has_no_picture_of() -> None:
 # ---- cells that are borne out ----
 
 
-def share_borne_out(pair: Pair) -> float:
+def share_confirmed(pair: Pair) -> float:
     return float(confirmed_cells(lattice(BOX), SIDE_PX, GROUND, scene_of(pair)).mean())
 
 
-def test_unmatched_ground_that_image_2_shows_on_the_plane_is_borne_out() -> None:
-    assert share_borne_out(render(R, T, [GROUND], noise=2.0)) > 0.7
+def test_unmatched_ground_that_image_2_shows_on_the_plane_is_confirmed() -> None:
+    assert share_confirmed(render(R, T, [GROUND], noise=2.0)) > 0.7
 
 
-def test_what_stands_off_the_plane_is_not_borne_out() -> None:
+def test_what_stands_off_the_plane_is_not_confirmed() -> None:
     standing = replace(replace_depth(20.0), box=BOX)
-    assert share_borne_out(render(R, T, [GROUND, standing], noise=2.0)) < 0.1
+    assert share_confirmed(render(R, T, [GROUND, standing], noise=2.0)) < 0.1
     here, there = render(R, T, [GROUND], seed=0), render(R, T, [GROUND], seed=1)
-    assert share_borne_out(replace(here, grey2=there.grey2)) < 0.1
+    assert share_confirmed(replace(here, grey2=there.grey2)) < 0.1
 
 
-def test_bare_ground_is_not_borne_out() -> None:
+def test_bare_ground_is_not_confirmed() -> None:
     bare = replace(replace_depth(0.0), box=(110, 70, 100, 100), contrast=0.0)
-    assert share_borne_out(render(R, T, [GROUND, bare], noise=1.0)) < 0.1
+    assert share_confirmed(render(R, T, [GROUND, bare], noise=1.0)) < 0.1

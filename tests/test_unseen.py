@@ -142,10 +142,10 @@ def test_ground_that_bends_beside_a_gap_is_no_step() -> None:
     assert beside_deg(left_part(244), evidence_of(20.0)) < 0.5
 
 
-def test_a_gap_that_is_borne_out_is_no_step() -> None:
+def test_a_gap_that_is_confirmed_is_no_step() -> None:
     uv1 = left_part(220)
     gaps = gaps_of(WINDOW, uv1, len(uv1) / len(matches()))
-    held = replace(gaps, borne_out=~gaps.seen)
+    held = replace(gaps, confirmed=~gaps.seen)
     assert beside_rad(gaps, LEVEL, terrace(220, 0.3), FOCAL) > 0.05
     assert beside_rad(held, LEVEL, terrace(220, 0.3), FOCAL) == 0.0
     assert unseen_rad(held, 5.0, evidence_of(10.0)) < unseen_rad(gaps, 5.0, evidence_of(10.0))
