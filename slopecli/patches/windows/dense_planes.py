@@ -33,8 +33,7 @@ class DenseTunables(NamedTuple):
     rough_px: float = 0.5  # RMS relief of the matches, px on the ground, from which on a window is not flat
     # share of a window's pixels that must be matched without doubt; the rest is in the covariance
     least_sure: float = 0.6
-    # times the relief of the matches: with more, were all pixels in doubt, these show what the matches left out
-    same_ground: float = 1.6
+    same_ground: float = 1.6  # times the relief of the matches: with more, the pixels show what the matches left out
     # times the variance of the plane through the matches, which lacks that of the ground they leave out: with more, the
     # pixels are too faint to take its place
     as_sure: float = 4.0
@@ -135,9 +134,11 @@ def _better(dense: WindowPlanes, solution: Solution, joined: Joined, index: IntA
     sparse = sparse + np.array([joined.patches[k].tilt_sigma_rad ** 2 for k in index])
     units = [one / np.linalg.norm(one, axis=1, keepdims=True) for one in (normals, dense.normal)]
     apart = 2.0 * np.arcsin(np.minimum(np.linalg.norm(units[0] - units[1], axis=1) / 2.0, 1.0))
-    # rocks that the matches leave out are matched pixel by pixel without doubt; recesses of facades are not
-    doubtful = (1.0 - dense.planes.sure[0]) * ((dense.relief / solution.relief[index]) ** 2 - 1.0)
-    same = dense.told & (dense.planes.sure[0] >= DENSE.least_sure) & (doubtful < DENSE.same_ground**2 - 1.0)
+    same = (
+        dense.told
+        & (dense.planes.sure[0] >= DENSE.least_sure)
+        & (dense.relief < DENSE.same_ground * solution.relief[index])
+    )
     return np.asarray(same & (own < as_sure * sparse) & (apart**2 < CHI2[2, 0.99] * (own + sparse)))
 
 
