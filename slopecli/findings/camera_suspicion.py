@@ -9,7 +9,7 @@ import numpy as np
 
 from slopecli.errors import SlopemapError
 from slopecli.findings.camera_test import TEST, Cameras, CameraTest
-from slopecli.findings.pair_checks import check_lens
+from slopecli.findings.pair_checks import COVER, check_lens
 from slopecli.findings.wording import finding
 from slopecli.geometry.motion import LensMisfit
 from slopecli.geometry.solver.free_camera import Freed
@@ -68,7 +68,7 @@ def suspicion(
         return known
     found = _explained(test)
     if test.only_contradicted and (found is None or found.name in ("", "f")):
-        return [*known, finding("suspect-camera", UNEXPLAINED, None, CHECK_FILE)]
+        return [*known, finding("suspect-camera", UNEXPLAINED, None, f"{CHECK_FILE}; {COVER}")]
     if found is None:
         return [*known, finding("suspect-camera", UNTOLD, test.focal_factor, CHECK_FILE)]
     others = [one for one in known if one.code != "suspect-distortion"]

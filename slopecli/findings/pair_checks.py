@@ -17,6 +17,7 @@ from slopecli.types import Camera, Diagnostic, FloatArray, Image, IntArray
 
 INLIER_SHARE = 0.12  # of the tentative matches: fewer agree on a motion by chance
 MIRRORED = 1 / 3  # share of triangles that keep their orientation: half of them by chance, nearly all of a right pair
+COVER = "paint black what is fixed to the camera or the image, as landing gear or a logo"
 REACHED = 0.8  # of the corner's distance from the axis, to which matches must reach for the distortion to be told there
 
 
@@ -77,14 +78,13 @@ def contradicting_matches(pair: PairFacts) -> list[Diagnostic]:
     evidence = pair.scene.evidence
     share = 1 - len(evidence) / max(evidence.n_given, 1)
     found = f"{100 * share:.0f} % of the dense matches contradict the"
-    cover = "paint black what is fixed to the camera or the image, as landing gear or a logo"
     if share > 0.5:
-        remedy = f"give two images of the same ground, neither mirrored, and the camera they were taken with; {cover}"
+        remedy = f"give two images of the same ground, neither mirrored, and the camera they were taken with; {COVER}"
         raise NoAnswer("no-overlap", f"{found} best motion of the camera", remedy, value=share)
     if share < LIMITS["dense-shadow-or-motion"]:
         return []
     message = f"{found} motion of the camera: shadows, vehicles or mismatches"
-    remedy = f"distrust windows where something moved, or take both images in quick succession; {cover}"
+    remedy = f"distrust windows where something moved, or take both images in quick succession; {COVER}"
     return [finding("dense-shadow-or-motion", message, share, remedy)]
 
 
