@@ -109,6 +109,14 @@ def test_rows_that_make_a_system_exactly_singular_are_said_to_determine_nothing(
     assert "do not determine" in err
 
 
+def test_equations_beyond_the_numbers_of_a_computer_are_refused(tmp_path: Path, ask: Ask) -> None:
+    rows = ["0,0,0,0,1", "0,0,0,0,1", "0,0,0,1,1", "0,1,0,1000000000,1", "1,0,0,0,1"]
+    (tmp_path / "m.csv").write_text("\n".join(["x1,y1,x2,y2,patch", *rows]) + "\n", "utf-8")
+    status, _, err = ask(tmp_path / "m.csv", "--json")
+    assert status == 3
+    assert "too far apart" in err
+
+
 def test_rays_need_no_camera_and_have_residuals_in_milliradians(tmp_path: Path, ask: Ask) -> None:
     scene = scene_of(noise_px=0.3)
     status, out, _ = ask(write_rows(tmp_path / "m.csv", scene, rays=True), "--json")

@@ -11,6 +11,7 @@ from typing import NamedTuple, TypeVar
 
 import numpy as np
 
+from slopecli.errors import DegenerateConfiguration
 from slopecli.geometry.epipolar import LEVI_CIVITA, skew
 from slopecli.geometry.solver.observations import QuadraticForm
 from slopecli.types import BoolArray, FloatArray, IntArray
@@ -121,11 +122,20 @@ def _free_part(R: FloatArray, T: FloatArray, AE: FloatArray, gE: FloatArray, cen
 
 
 def _solve_blocks(V: FloatArray, X: FloatArray) -> FloatArray:
-    """V^-1 X for every plane; the least-squares solution if a block is exactly singular (a patch at the epipole)."""
+    """V^-1 X for every plane; the least-squares solution if a block is exactly singular (a patch at the epipole).
+
+    Raises
+    ------
+    DegenerateConfiguration : a block is beyond the numbers of a computer, as of points a million images away.
+    """
     try:
         return np.asarray(np.linalg.solve(V, X), dtype=np.float64)
     except np.linalg.LinAlgError:
-        return np.asarray(np.linalg.pinv(V, hermitian=True) @ X, dtype=np.float64)
+        try:
+            return np.asarray(np.linalg.pinv(V, hermitian=True) @ X, dtype=np.float64)
+        except np.linalg.LinAlgError as error:
+            message = "the points of a plane lie too far apart, or at infinity; check the correspondences"
+            raise DegenerateConfiguration(message) from error
 
 
 def optimal_normals(R: FloatArray, T: FloatArray, form: QuadraticForm) -> tuple[State, FloatArray]:
