@@ -156,8 +156,11 @@ def test_a_process_that_dies_is_known_by_its_input(tmp_path: Path) -> None:
 @pytest.mark.skipif(sys.platform != "linux", reason="reads /proc")
 def test_a_process_without_processor_time_is_not_taken_for_stuck() -> None:
     loops = subprocess.Popen([sys.executable, "-c", "while True: pass"])
-    waits = subprocess.Popen([sys.executable, "-c", "input()"], stdin=subprocess.PIPE)
+    program = "print(flush=True); input()"
+    waits = subprocess.Popen([sys.executable, "-c", program], stdin=subprocess.PIPE, stdout=subprocess.PIPE)
     try:
+        assert waits.stdout is not None
+        waits.stdout.readline()  # it has started, and only input() is left
         while state_of(loops.pid)[1] == 0.0 or state_of(waits.pid)[0] == "R":
             pass
         assert state_of(loops.pid)[0] == "R"

@@ -107,7 +107,8 @@ def box_sums(layer: NDArray[Any], parts: IntArray) -> FloatArray:
 def _matching(depth: DenseDepth, parts: IntArray, planes: FootprintPlanes) -> FloatArray:
     """(n, 3, 2, 2) variance of the gradient of ln w of windows: by errors of matches, by edges of relief, and 0 for
     ground without matches."""
-    sums = [box_sums(layer, parts) for layer in error_layers(depth, SYSTEMATIC_PX)]
+    # half as much again as lenses and interpolation leave of a match: with less, windows among rocks are too sure
+    sums = [box_sums(layer, parts) for layer in error_layers(depth, 1.5 * SYSTEMATIC_PX)]
     # the second moment of a rectangle about either axis is a twelfth of its squared side
     sides = np.diff(parts, axis=-1)[:, ::-1, 0] / depth.focal_px
     moments = np.maximum(sums[0], 1.0)[:, None] * sides**2 / 12.0
