@@ -27,7 +27,7 @@ from slopecli.look.warp import FloatImage, sample_grey
 from slopecli.patches.regions.cell_lattice import CellLattice
 from slopecli.patches.regions.plane_pieces import KnownTilt, Piece, tilt_sigma_rad
 from slopecli.patches.regions.region_tunables import REGION
-from slopecli.patches.windows.raw_grey import KNOWN, tilted_aside
+from slopecli.patches.windows.raw_grey import KNOWN, fitted_exposure, swept_depths, tilted_aside
 from slopecli.types import BoolArray, FloatArray, IntArray
 
 
@@ -60,13 +60,7 @@ class _Greys:
         evidence = scene.evidence
         first = sample_grey(self.first, view.grid.inside(evidence.uv1))
         second = sample_grey(self._second, (evidence.uv2 + 0.5) * self._layer.scale - 0.5)
-        self._gain, self._offset, kept = 1.0, 0.0, np.ones(len(first), bool)
-        for _ in range(4):  # settles in three
-            if np.ptp(second[kept]) < 1.0:
-                break
-            self._gain, self._offset = np.polyfit(second[kept], first[kept], 1)
-            residual = first - self._gain * second - self._offset
-            kept = np.abs(residual) <= 3.0 * robust_sigma(residual)
+        self._gain, self._offset, kept = fitted_exposure(first, second)
         self.noise = robust_sigma((first - self._gain * second - self._offset)[kept], ROUNDING_GREY)
 
     def misfit(self, planes: FloatArray, points: Bundle, grey: FloatArray) -> FloatArray:
@@ -168,7 +162,7 @@ def find_blank_planes(
     normals, sigmas = _known(pieces, lattice)
     if not wanted or not len(normals):
         return []
-    greys, depths, found = _Greys(view, scene), scene.evidence.sweep_depths(1.5 * view.grid.mean_scale, 12, 100), []
+    greys, depths, found = _Greys(view, scene), swept_depths(view, scene), []
     for k in wanted:
         evidence = _Evidence(components == k, (middle == k) & lattice.known, lattice, greys, view)
         best = _best(evidence, normals, sigmas, depths)

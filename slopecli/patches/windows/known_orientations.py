@@ -61,10 +61,8 @@ def with_known_orientations(patches: list[Patch], scene: Scene, rematch: Rematch
     """
     if len(patches) >= MANY_WINDOWS:
         return patches
-    faint, unmatched = (
-        [_is_faint(patch) for patch in patches],
-        [_is_unmatched(patch, scene, most_sigma_deg) for patch in patches],
-    )
+    faint = [_is_faint(patch) for patch in patches]
+    unmatched = [_is_unmatched(patch, scene, most_sigma_deg) for patch in patches]
     if not any(faint + unmatched):
         return patches
     known = known_planes(patches, scene)
@@ -145,12 +143,7 @@ def known_planes(patches: Sequence[Patch], scene: Scene) -> list[KnownPlane]:
         on = evidence.take(evidence.misfit_px(normal) < ON_PLANE_PX)
         if len(on) >= 2 * MIN_ON_PLANE:
             found.append(KnownPlane(normal, KNOWN.sure_rad, on, "a plane of the scene"))
-    distinct = list[KnownPlane]()
-    for plane in found:
-        apart = angles(np.array([plane.normal, *(other.normal for other in distinct)]))[0, 1:]
-        if len(distinct) < KNOWN.most_known and (apart > 0.5 * KNOWN.sure_rad).all():
-            distinct.append(plane)
-    return distinct
+    return _distinct(found, (), 0.5 * KNOWN.sure_rad)
 
 
 def perpendicular_to_two(known: Sequence[KnownPlane]) -> list[KnownPlane]:
@@ -165,10 +158,16 @@ def perpendicular_to_two(known: Sequence[KnownPlane]) -> list[KnownPlane]:
                 sigma = float(np.hypot(one.sigma_rad, other.sigma_rad)) / sine
                 found.append(KnownPlane(normal, sigma, None, f"a plane perpendicular to {other.name} and {one.name}"))
     found.sort(key=lambda plane: plane.sigma_rad)
+    return _distinct(found, known, 2.0 * KNOWN.parallel_rad)
+
+
+def _distinct(found: Sequence[KnownPlane], known: Sequence[KnownPlane], least_rad: float) -> list[KnownPlane]:
+    """The planes found, in their order, that are so far apart from those known and from one another, up to the most."""
     distinct = list[KnownPlane]()
     for plane in found:
-        apart = angles(np.array([plane.normal, *(other.normal for other in (*known, *distinct))]))[0, 1:]
-        if len(known) + len(distinct) < KNOWN.most_known and (apart > 2.0 * KNOWN.parallel_rad).all():
+        others = [*known, *distinct]
+        apart = angles(np.array([plane.normal, *(other.normal for other in others)]))[0, 1:]
+        if len(others) < KNOWN.most_known and (apart > least_rad).all():
             distinct.append(plane)
     return distinct
 

@@ -18,7 +18,7 @@ from slopecli.look.photometric import TILTS, View
 from slopecli.look.scene import Scene
 from slopecli.look.warp import covered, map_nodes, node_shape, sample_grey, sample_layer, spread_table
 from slopecli.patches.windows.tunables import TUNE
-from slopecli.types import FloatArray
+from slopecli.types import BoolArray, FloatArray
 
 
 class OrientationTunables(NamedTuple):
@@ -55,6 +55,12 @@ class Exposure(NamedTuple):
 def exposure_of(scene: Scene) -> Exposure:
     """Gain and offset between the images, from the grey values of their matches, mismatches left out."""
     first, second = scene.evidence.grey, sample_grey(scene.pyramid2.at(1.0).grey, scene.evidence.uv2)
+    gain, offset, _ = fitted_exposure(first, second)
+    return Exposure(gain, offset, robust_sigma(first - gain * second - offset))
+
+
+def fitted_exposure(first: FloatArray, second: FloatArray) -> tuple[float, float, BoolArray]:
+    """Gain and offset that take grey values (n,) of image 2 to those of image 1, and which (n,) they were fitted to."""
     gain, offset, kept = 1.0, 0.0, np.ones(len(first), bool)
     for _ in range(4):  # settles in three
         if kept.sum() < LEAST_MATCHES or np.ptp(second[kept]) < 1.0:
@@ -62,7 +68,7 @@ def exposure_of(scene: Scene) -> Exposure:
         gain, offset = np.polyfit(second[kept], first[kept], 1)
         residual = first - gain * second - offset
         kept = np.abs(residual) <= 3.0 * robust_sigma(residual)
-    return Exposure(float(gain), float(offset), robust_sigma(first - gain * second - offset))
+    return float(gain), float(offset), kept
 
 
 class Compared(NamedTuple):
