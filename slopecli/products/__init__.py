@@ -34,6 +34,7 @@ class Product:
     choice : name of the user's choice to have it, "" if it is always made; several files may share one.
     by_default : whether it is made unless declined.
     of_origin : whether the encoder is given the `Origin` as well.
+    part : attribute of the answer of a sequence that the encoder is given in place of the answer.
     requires : attribute of an answer without which there is no such file: planes found in the image, a segmentation,
         a map; "place": the place and heading of camera 1, and metres; "placed map": both.
     """
@@ -45,6 +46,7 @@ class Product:
     by_default: bool = True
     requires: Literal["", "found", "segmentation", "map", "place", "placed map"] = ""
     of_origin: bool = False
+    part: Literal["", "report", "map"] = ""
 
     @property
     def parameter(self) -> str:
@@ -68,7 +70,8 @@ class Product:
         """Return the content of the file; `image` is image 1, `origin` what a page says besides the answer."""
         module, function = self.encoder.split(":")
         more = (origin,) if self.of_origin else ()
-        content = getattr(import_module(f"{__name__}.{module}"), function)(answer, image, *more)
+        of = getattr(answer, self.part) if self.part else answer
+        content = getattr(import_module(f"{__name__}.{module}"), function)(of, image, *more)
         if isinstance(content, bytes):
             return content
         from slopecli.products.drawing.canvas import encode_picture
@@ -131,21 +134,21 @@ MAP_PRODUCTS = (
     _PolygonStyle(),
     Product(RESULT, "the answer, complete, but for the cells of the map", "slopes_json:encode_map"),
 )
-_OfMap = partial(Product, requires="map")
-_OfPlacedMap = partial(Product, requires="placed map")
+_OfMap = partial(Product, requires="map", part="map")
+_OfPlacedMap = partial(Product, requires="placed map", part="map")
 SEQUENCE_PRODUCTS = (
-    _OfMap(MAP_PICTURE, "the first frame with the slope of every place", "sequence_files:draw_map_picture"),
-    _OfMap("map_sigma.png", "the first frame with the 1-sigma of these slopes", "sequence_files:draw_map_sigma"),
-    _OfMap("slope_map.tif", "the map as bands of numbers", "sequence_files:encode_map_tiff"),
-    _OfMap("slope_map.qml", "its colours in QGIS", "sequence_files:encode_map_style"),
-    _OfPlacedMap(
-        "slope_map_geo.tif", "the map from above, at its place on the earth", "sequence_files:encode_map_geotiff"
-    ),
-    _OfPlacedMap("slope_map_geo.qml", "its colours in QGIS", "sequence_files:encode_map_style"),
+    _OfMap(MAP_PICTURE, "the first frame with the slope of every place", "map_picture:draw_map"),
+    _OfMap("map_sigma.png", "the first frame with the 1-sigma of these slopes", "map_picture:draw_sigma"),
+    _OfMap("slope_map.tif", "the map as bands of numbers", "map_tiff:encode"),
+    _OfMap("slope_map.qml", "its colours in QGIS", "map_style:encode"),
+    _OfPlacedMap("slope_map_geo.tif", "the map from above, at its place on the earth", "map_geotiff:encode"),
+    _OfPlacedMap("slope_map_geo.qml", "its colours in QGIS", "map_style:encode"),
     _Page(encoder="sequence_files:encode_page"),
-    Product(OVERLAY, "the first frame with slopes, sigmas and verdicts", "sequence_files:draw_last", "overlay"),
+    Product(
+        OVERLAY, "the first frame with slopes, sigmas and verdicts", "overlay:draw_overlay", "overlay", part="report"
+    ),
     Product("trajectory.txt", "where the camera was, in TUM format", "sequence_files:encode_trajectory"),
-    _Csv(encoder="sequence_files:encode_planes"),
+    _Csv(encoder="planes_csv:encode", part="report"),
     _GeoJson(encoder="sequence_files:encode_places"),
     _PolygonStyle(),
     Product(RESULT, "the last answer, with the motions of all frames", "sequence_files:encode_sequence"),

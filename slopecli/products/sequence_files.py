@@ -7,13 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from slopecli.errors import InputError
-from slopecli.ground.slope_map import SlopeMap
-from slopecli.products import geojson, map_geotiff, map_style, map_tiff, planes_csv
-from slopecli.products.drawing.canvas import Picture
-from slopecli.products.map_picture import draw_map, draw_sigma
+from slopecli.products import geojson
 from slopecli.products.origin import Origin
-from slopecli.products.overlay import draw_overlay
 from slopecli.products.page import report_page
 from slopecli.products.slopes_json import map_keys, plain, report_document, to_json
 from slopecli.sequence.frame import SequenceAnswer, SequenceStep
@@ -31,45 +26,9 @@ def sequence_to_json(answer: SequenceAnswer) -> str:
     return to_json({**report_document(answer.report), **of_map, "motions": answer.motions})
 
 
-def draw_map_picture(answer: SequenceAnswer, image: Image) -> Picture:
-    """map.png of a sequence."""
-    return draw_map(_map_of(answer), image)
-
-
-def draw_map_sigma(answer: SequenceAnswer, image: Image) -> Picture:
-    """map_sigma.png of a sequence."""
-    return draw_sigma(_map_of(answer), image)
-
-
-def encode_map_tiff(answer: SequenceAnswer, image: Image) -> bytes:
-    """slope_map.tif of a sequence."""
-    return map_tiff.encode(_map_of(answer), image)
-
-
-def encode_map_geotiff(answer: SequenceAnswer, image: Image) -> bytes:
-    """slope_map_geo.tif of a sequence."""
-    return map_geotiff.encode(_map_of(answer), image)
-
-
-def encode_map_style(answer: SequenceAnswer, image: Image) -> bytes:
-    """slope_map.qml of a sequence, and that of the map from above."""
-    return map_style.encode(_map_of(answer), image)
-
-
-def encode_planes(answer: SequenceAnswer, image: Image) -> bytes:
-    """planes.csv of the last state."""
-    return planes_csv.encode(answer.report, image)
-
-
 def encode_places(answer: SequenceAnswer, image: Image) -> bytes:
     """slopes.geojson of the last state, with the landing sites of its map."""
     return geojson.encode(answer.report, image) if answer.map is None else geojson.encode_map(answer.map, image)
-
-
-def _map_of(answer: SequenceAnswer) -> SlopeMap:
-    if answer.map is None:
-        raise InputError("no map was asked for")
-    return answer.map
 
 
 def encode_page(answer: SequenceAnswer, image: Image, origin: Origin | None = None) -> bytes:
@@ -77,11 +36,6 @@ def encode_page(answer: SequenceAnswer, image: Image, origin: Origin | None = No
     if answer.map is not None:
         return report_page.encode_map(answer.map, image, origin)
     return report_page.encode(answer.report, image, origin)
-
-
-def draw_last(answer: SequenceAnswer, image: Image) -> Picture:
-    """The overlay of the last state on the first frame."""
-    return draw_overlay(answer.report, image)
 
 
 def encode_trajectory(answer: SequenceAnswer, image: Image) -> bytes:
