@@ -287,6 +287,18 @@ def test_an_answer_of_lengths_that_overflow_is_refused_in_one_line(
     assert "1e+200" in done.stderr
 
 
+@pytest.mark.parametrize(("key", "value"), [("height", 0.034), ("width", 96.5), ("height", 0), ("width", -1)])
+def test_an_answer_of_images_without_such_a_size_is_refused_in_one_line(
+    answer: Path, tmp_path: Path, key: str, value: float
+) -> None:
+    document = json.loads((answer / "slopes.json").read_text())
+    document["cameras"][0][key] = value
+    (tmp_path / "slopes.json").write_text(json.dumps(document))
+    done = slopemap("validate", str(tmp_path), "--depth", as_npy(tmp_path / "d.npy", depth()))
+    assert (done.returncode, len(done.stderr.splitlines())) == (1, 1), done.stderr
+    assert "is no answer of slopemap" in done.stderr
+
+
 @pytest.mark.parametrize(
     "options",
     [

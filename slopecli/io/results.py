@@ -43,7 +43,7 @@ def read_result(path: str | PathLike[str]) -> Result:
 
 def _result(document: dict[str, Any], folder: Path) -> Result:
     cameras = tuple(_camera(one) for one in document["cameras"])
-    if len(cameras) != 2 or not cameras[0].width:
+    if len(cameras) != 2 or not all(camera.width for camera in cameras):
         raise InputError(f"{folder}: the answer has no camera with an image size, as of rays; {WANTED}")
     options = document["options"]
     return Result(
@@ -60,15 +60,16 @@ def _result(document: dict[str, Any], folder: Path) -> Result:
 
 
 def _camera(values: dict[str, Any]) -> Camera:
-    width, height = (int(_number(values[name] or 0)) for name in ("width", "height"))
+    width, height = (_number(values[name] or 0) for name in ("width", "height"))
     lens = tuple(map(_number, values["distortion"]))
     model = values["model"]
-    if model not in get_args(CameraModel) or not 0 <= min(width, height) <= max(width, height) < 1 << 20:
-        raise ValueError(f"a camera {width}x{height} px, {model!r}")
+    known = width == height == 0 or 1 <= min(width, height) <= max(width, height) < 1 << 20
+    if model not in get_args(CameraModel) or not known or width % 1 or height % 1:
+        raise ValueError(f"a camera {width:g}x{height:g} px, {model!r}")
     fx, fy, cx, cy = (_number(values[name]) for name in ("fx", "fy", "cx", "cy"))
     if not min(fx, fy) > 0:
         raise ValueError(f"a camera of the focal length {fx:g}, {fy:g}")
-    return Camera(width, height, fx, fy, cx, cy, model, lens)
+    return Camera(int(width), int(height), fx, fy, cx, cy, model, lens)
 
 
 def _number(value: Any) -> float:
