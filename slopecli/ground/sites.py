@@ -15,6 +15,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from slopecli.ground.footprints import disc_halves
 from slopecli.ground.lander import Stand, local_ground, within, worst_stand
 from slopecli.ground.slope_map import Site
 from slopecli.options import Lander, MapOptions
@@ -214,7 +215,7 @@ def least_within(values: FloatArray, radius: float) -> FloatArray:
     """Least value (rows, columns) within a radius, in cells, of every cell; beyond the border the values are 0."""
     reach, (height, width) = int(radius + 1e-9), values.shape
     rows = np.arange(-reach, reach + 1)
-    halves = _half_widths(radius, rows)
+    halves = disc_halves(radius + 1e-9)
     row = np.pad(values, reach)  # least value of a row within as many cells as the loop has come to
     least = np.full(values.shape, np.inf)
     for half in range(reach + 1):
@@ -232,14 +233,9 @@ def least_around(values: FloatArray, row: IntArray, column: IntArray, radius: fl
     """As `least_within`, for the cells of these rows and columns alone."""
     reach = int(radius + 1e-9)
     rows = np.arange(-reach, reach + 1)
-    dy, dx = np.nonzero(np.abs(rows) <= _half_widths(radius, rows)[:, None])
+    dy, dx = np.nonzero(np.abs(rows) <= disc_halves(radius + 1e-9)[:, None])
     padded = np.pad(values, reach)
     return np.asarray([padded[y + dy, x + dx].min() for y, x in zip(row, column, strict=True)])
-
-
-def _half_widths(radius: float, rows: IntArray) -> IntArray:
-    """How many cells a disc of a radius reaches to either side, in each of its rows."""
-    return np.floor(np.sqrt(np.maximum((radius + 1e-9) ** 2 - rows**2, 0.0))).astype(np.int64)
 
 
 def set_down(ground: Ground, place: Place, lander: Lander) -> Trial:

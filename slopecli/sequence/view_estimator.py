@@ -14,9 +14,9 @@ from slopecli.geometry.solver.many_views import (
     heights_of,
     information_of_relief,
     noise_of,
+    off_planes,
     refine,
     relief_of,
-    standing_off,
 )
 from slopecli.geometry.solver.resection import Motion, resect
 from slopecli.geometry.solver.summed_views import sum_up
@@ -220,7 +220,7 @@ class ViewEstimator:
             state, terms, system, converged, iterations = refine(points, state, q, most=most, tolerance=1e-2)
             noise = max(noise_of(points, terms, system)[0], self._floor)
             heights = heights_of(points, system, state, noise)
-            off = standing_off(points, heights)
+            off = off_planes(points, heights)
             relief = relief_of(points, heights, off | ~self.alive)
             q = np.where(off | ~self.alive, 0.0, information_of_relief(points, state.N, relief, noise))
         return Line(points, Root(state, terms, system, relief, q, noise, converged or iterations >= most, iterations))

@@ -14,6 +14,7 @@ from slopecli.geometry.epipolar import direction_angle, normal_angle
 from slopecli.geometry.statistics import MAD_FACTOR, median
 from slopecli.ground.footprint_planes import fit_footprints
 from slopecli.ground.footprints import Cells
+from slopecli.ground.sites import plane_of
 from slopecli.look.matches import MIN_ON_PLANE
 from slopecli.options import Options
 from slopecli.types import FloatArray
@@ -194,9 +195,7 @@ def _fit(truth: Truth) -> TruePlane:
         normal = -N / np.linalg.norm(N)
         middle = rays.mean(axis=0) / (rays.mean(axis=0) @ N)
     else:
-        offsets = points - middle
-        normal = np.linalg.eigh(offsets.T @ offsets)[1][:, 0]
-        normal = -normal if normal @ middle > 0 else normal
+        normal, _ = plane_of(points)
     rms = float(np.sqrt((((points - middle) @ normal) ** 2).mean()))
     return TruePlane(normal, middle, rms, len(points))
 

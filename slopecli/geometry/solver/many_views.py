@@ -12,6 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from slopecli.geometry.epipolar import tangent_basis
+from slopecli.geometry.solver.relief import standing_off
 from slopecli.geometry.solver.solve import EXACT_RESIDUAL
 from slopecli.geometry.solver.views import (
     Reduced,
@@ -20,10 +21,10 @@ from slopecli.geometry.solver.views import (
     ViewState,
     motion_basis,
     normal_equations_of_views,
+    regular,
     take_step,
     view_terms,
 )
-from slopecli.geometry.statistics import median, robust_sigma
 from slopecli.types import Ambiguity, BoolArray, FloatArray, Solution
 
 MOST_JOINT = 100  # planes whose covariances with each other are computed; of more those through the pair's motion
@@ -121,21 +122,10 @@ def heights_of(points: ViewPoints, system: Reduced, state: ViewState, noise: flo
     return Heights(height, np.where(known, noise / np.sqrt(V) / distance, 0.0), known)
 
 
-def standing_off(points: ViewPoints, heights: Heights) -> BoolArray:
-    """(n,) outliers of each plane, more than 4 sigmas off it and less than a quarter of its points, such as rocks."""
-    off = np.zeros(len(heights.height), bool)
-    for first, count in zip(points.first, points.count, strict=True):
-        own = slice(int(first), int(first + count))
-        kept = heights.known[own]
-        if np.count_nonzero(kept) < 6:
-            continue
-        h = heights.height[own]
-        centre = median(h[kept])
-        scale = robust_sigma(h[kept] - centre)
-        far = kept & (np.abs(h - centre) > 4.0 * np.hypot(scale, heights.sigma[own]))
-        if np.count_nonzero(far) < 0.25 * np.count_nonzero(kept):  # a larger share is the shape of the terrain
-            off[own] = far
-    return off
+def off_planes(points: ViewPoints, heights: Heights) -> BoolArray:
+    """(n,) outliers of each plane, such as rocks: see `relief.standing_off`."""
+    slices = [slice(int(first), int(first + count)) for first, count in zip(points.first, points.count, strict=True)]
+    return standing_off(heights.height, heights.sigma, heights.known, slices)
 
 
 def relief_of(points: ViewPoints, heights: Heights, left_out: BoolArray) -> FloatArray:
@@ -241,7 +231,7 @@ def _diagonal(blocks: FloatArray) -> FloatArray:
 def solution_of(points: ViewPoints, root: Root, unit: float, gain: float = 1.0) -> ViewsSolution:
     """A root with its covariance; unit : 1-sigma of a residual of weight 1 that the covariance is to hold for."""
     system, d = root.system, len(motion_basis(points, root.state.T)[0])
-    response = np.linalg.solve(_lifted(system.plane), system.cross.transpose(1, 2, 0))
+    response = np.linalg.solve(regular(system.plane), system.cross.transpose(1, 2, 0))
     left = system.S - np.einsum("dma,mae->de", system.cross, response)
     C = unit**2 * _inverse(left)
     kept = points.weight > 0.0
@@ -264,11 +254,6 @@ def solution_of(points: ViewPoints, root: Root, unit: float, gain: float = 1.0) 
         iterations=root.iterations,
         noise_gain=gain,
     )
-
-
-def _lifted(blocks: FloatArray) -> FloatArray:
-    lift = 1e-13 * np.trace(blocks, axis1=1, axis2=2) + np.finfo(float).tiny
-    return blocks + lift[:, None, None] * np.eye(3)
 
 
 def _inverse(information: FloatArray) -> FloatArray:

@@ -19,10 +19,10 @@ from slopecli.geometry.solver.many_views import (
     heights_of,
     information_of_relief,
     noise_of,
+    off_planes,
     refine,
     relief_of,
     solution_of,
-    standing_off,
 )
 from slopecli.geometry.solver.mismatches import gate_squared, noise_at_least
 from slopecli.geometry.solver.one_thread import one_blas_thread
@@ -192,7 +192,7 @@ def _root_from(points: ViewPoints, start: ViewState, noise: float | None, relief
     for _ in range(8 if relief else 0):
         before = one.root
         heights = heights_of(one.points, before.system, before.state, before.noise)
-        off = standing_off(points, heights) if robust else np.zeros(len(before.q), bool)
+        off = off_planes(points, heights) if robust else np.zeros(len(before.q), bool)
         r = relief_of(one.points, heights, off)
         q = np.where(off, 0.0, information_of_relief(points, before.state.N, r, before.noise))
         one = _fitted(one.points, before.state, q, r, noise)

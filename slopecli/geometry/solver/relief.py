@@ -8,6 +8,7 @@ to point; on bent or broken ground, or several planes, neighbouring points are d
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from typing import NamedTuple
 
 import numpy as np
@@ -60,7 +61,8 @@ def estimate_relief(
     # one unit of relative height moves the point by this much in image 2
     lever = gain * prediction.inverse_depth[index]
     if robust:
-        keep &= ~_standing_off(observations, along, lever, noise, keep)
+        reach = np.maximum(lever, 1e-150)  # finite heights also at the epipole and behind the camera
+        keep &= ~standing_off(along / reach, noise / reach, keep, observations.slices())
     relative = _relative_relief(observations, along, lever, noise, keep)
     return _weights(observations, prediction, index, noise, relative, Kept(keep, keep_free))
 
@@ -82,23 +84,22 @@ def _match_gate(
     return inside[: len(across)], inside[len(across) :]
 
 
-def _standing_off(
-    observations: Observations, along: FloatArray, lever: FloatArray, noise: float, keep: BoolArray
-) -> BoolArray:
-    """(n,) outliers of each patch, more than 4 sigmas off its plane and less than a quarter of it, such as rocks."""
-    lever = np.maximum(lever, 1e-150)  # finite heights also at the epipole and behind the camera
-    height, noise_height = along / lever, noise / lever
+def standing_off(height: FloatArray, noise: FloatArray, keep: BoolArray, planes: Iterable[slice]) -> BoolArray:
+    """(n,) outliers of each plane, more than 4 sigmas off it and less than a quarter of its points, such as rocks.
+
+    height (n,): of points off their planes, with its noise (n,).  keep (n,): points that count.  planes: those of each.
+    """
     off = np.zeros(len(keep), dtype=bool)
-    for patch in observations.slices():
-        kept = keep[patch]
-        if kept.sum() < 6:
+    for plane in planes:
+        kept = keep[plane]
+        if np.count_nonzero(kept) < 6:
             continue
-        h = height[patch]
+        h = height[plane]
         centre = median(h[kept])
         scale = robust_sigma(h[kept] - centre)
-        far = kept & (np.abs(h - centre) > 4.0 * np.hypot(scale, noise_height[patch]))
-        if far.sum() < 0.25 * kept.sum():  # a larger share is the shape of the terrain
-            off[patch] = far
+        far = kept & (np.abs(h - centre) > 4.0 * np.hypot(scale, noise[plane]))
+        if np.count_nonzero(far) < 0.25 * np.count_nonzero(kept):  # a larger share is the shape of the terrain
+            off[plane] = far
     return off
 
 

@@ -311,7 +311,7 @@ class Move(NamedTuple):
 
 def take_step(points: ViewPoints, state: ViewState, system: Reduced, damping: float) -> Move:
     """Gauss-Newton step of motions, z and normals, motions damped, and the best inverse depths after it."""
-    response = np.linalg.solve(_regular(system.plane), _flat(system))
+    response = np.linalg.solve(regular(system.plane), _flat(system))
     left = system.S - np.einsum("dma,mae->de", system.cross, response[:, :, :-1])
     gradient = system.gradient - np.einsum("dma,ma->d", system.cross, response[:, :, -1])
     scale = np.diag(system.S).copy()
@@ -343,7 +343,7 @@ def _flat(system: Reduced) -> FloatArray:
     return np.concatenate([system.cross.transpose(1, 2, 0), system.plane_gradient[:, :, None]], axis=2)
 
 
-def _regular(blocks: FloatArray) -> FloatArray:
+def regular(blocks: FloatArray) -> FloatArray:
     """Blocks (m, 3, 3) lifted by 1e-13 of their trace, so that one without information can be inverted."""
     lift = 1e-13 * np.trace(blocks, axis1=1, axis2=2) + np.finfo(float).tiny
     return blocks + lift[:, None, None] * np.eye(3)
