@@ -34,10 +34,10 @@ class WrongArgument(InputError, TypeError):
     """An argument of a Python function is of a wrong type, missing, or unknown. The message says what is wanted."""
 
 
-def expect(name: str, value: object, kind: type, whence: str) -> None:
-    """Raise WrongArgument unless an argument is of its kind; `whence` says where one comes from."""
+def expect(name: str, value: object, kind: type, remedy: str) -> None:
+    """Raise WrongArgument unless an argument is of its kind; `remedy` says how to get one."""
     if not isinstance(value, kind):
-        raise WrongArgument(f"{name} is of type {type(value).__name__}, needed a {kind.__name__}, {whence}")
+        raise WrongArgument(f"{name} is of type {type(value).__name__}, needed a {kind.__name__}, {remedy}")
 
 
 class DiskFull(InputError):

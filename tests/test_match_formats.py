@@ -208,7 +208,7 @@ DATABASES: dict[str, tuple[tuple[str, ...], dict[str, Any], str]] = {
     "other pair ids": (
         (f"UPDATE two_view_geometries SET pair_id = pair_id / {MAX_IDS} * {MAX_IDS + 1} + pair_id % {MAX_IDS}",),
         {},
-        "is of no two images in it",
+        "does not name two of its images",
     ),
     "only raw matches": ((), {"verified": False}, "of its 2 matched pairs none is verified"),
     "nothing matched": (("DELETE FROM matches", "DELETE FROM two_view_geometries"), {}, "has no matches"),
@@ -220,7 +220,7 @@ DATABASES: dict[str, tuple[tuple[str, ...], dict[str, Any], str]] = {
     ),
     "three columns": (("UPDATE keypoints SET cols = 3",), {}, "has 3 columns, needed 2 or 4 or 6"),
     "64 bits": (("UPDATE keypoints SET data = CAST(data || data AS BLOB)",), {}, "bytes long and should be"),
-    "a text": (("UPDATE two_view_geometries SET data = 'abc'",), {}, "has an array that is none"),
+    "a text": (("UPDATE two_view_geometries SET data = 'abc'",), {}, "has a damaged array of numbers"),
     "another program's": (("DROP TABLE keypoints",), {}, "has no table keypoints; needed a database.db of COLMAP"),
     "a view": (
         ("ALTER TABLE keypoints RENAME TO k", "CREATE VIEW keypoints AS SELECT * FROM k"),

@@ -68,7 +68,7 @@ class LevelOdds(NamedTuple):
         return 1.0 / (1.0 + math.exp(-max(min(self.log_odds, 50.0), -50.0)))
 
 
-class _Clue(NamedTuple):
+class _LevelEvidence(NamedTuple):
     """Logarithm of a ratio of probabilities, and what was seen if it is negative."""
 
     log_ratio: float
@@ -151,7 +151,7 @@ def _planes_of_points(seen: Seen) -> Seen:
     return seen._replace(normals=-normals / length[:, None], distance=1.0 / length, area=counts)
 
 
-def _sum(clues: Sequence[_Clue], prior: float, needed: float, upright: FloatArray) -> LevelOdds:
+def _sum(clues: Sequence[_LevelEvidence], prior: float, needed: float, upright: FloatArray) -> LevelOdds:
     against = sorted((clue for clue in clues if clue.log_ratio < -0.3 and clue.words), key=lambda clue: clue.log_ratio)
     log_odds = prior + sum(clue.log_ratio for clue in clues)
     return LevelOdds(log_odds, needed, upright, tuple(clue.words for clue in against))
@@ -161,7 +161,7 @@ def _gauss(x: float, sigma: float) -> float:
     return math.exp(-0.5 * (x / sigma) ** 2) / (math.sqrt(2.0 * math.pi) * sigma)
 
 
-def _attitude(up: FloatArray) -> _Clue:
+def _attitude(up: FloatArray) -> _LevelEvidence:
     """Attitude of a camera under either explanation, as densities over the directions of the plane's normal, 1/sr.
 
     Looking down: straight, to 4 deg, or obliquely with a level horizon, to 8 deg. Upright: the facade faces any way
@@ -174,15 +174,15 @@ def _attitude(up: FloatArray) -> _Clue:
     facade = _gauss(raised, 0.21) / 2.8 / max(math.cos(raised), 0.2)  # seen from up to 80 deg to either side
     any_way = 0.1 / (2.0 * math.pi)
     log_ratio = math.log((0.3 * square + 0.6 * oblique + any_way) / (0.2 * square + 0.7 * facade + any_way))
-    return _Clue(log_ratio, "the camera would be rolled, as by its own frame it is upright before a facade")
+    return _LevelEvidence(log_ratio, "the camera would be rolled, as by its own frame it is upright before a facade")
 
 
-def _below(up: FloatArray, distance: float, seen: Seen) -> _Clue:
+def _below(up: FloatArray, distance: float, seen: Seen) -> _LevelEvidence:
     """Nothing lies below the ground; a facade has recesses, and a street leads past it."""
     share = _share_behind(up, distance, seen)
     if share < 0.01:
-        return _Clue(0.6)
-    return _Clue(-1.4 if share > 0.1 else 0.0, f"{100 * share:.0f} % of what is seen lies below it")
+        return _LevelEvidence(0.6)
+    return _LevelEvidence(-1.4 if share > 0.1 else 0.0, f"{100 * share:.0f} % of what is seen lies below it")
 
 
 def _share_behind(normal: FloatArray, distance: float, seen: Seen) -> float:
@@ -192,26 +192,28 @@ def _share_behind(normal: FloatArray, distance: float, seen: Seen) -> float:
     return float((height < -APART).mean()) if len(height) else 0.0
 
 
-def _edges_on_plane(up: FloatArray, upright: FloatArray, segments: Segments | None) -> tuple[_Clue, FloatArray]:
+def _edges_on_plane(
+    up: FloatArray, upright: FloatArray, segments: Segments | None
+) -> tuple[_LevelEvidence, FloatArray]:
     """Edges that lie on a plane: on a facade they are vertical and horizontal, on the ground they run any way.
 
     Returns `upright` as well, turned onto the edges where these are vertical.
     """
     if segments is None or len(segments.length) < LEAST_SEGMENTS:
-        return _Clue(0.0), upright
+        return _LevelEvidence(0.0), upright
     along, side = np.cross(segments.normals, up), np.cross(up, upright)
     angle = np.degrees(np.arctan2(along @ side, along @ upright))
     share, peak = _peak(angle, segments.length)
     if share < LEAST_CONCENTRATION:
-        return _Clue(0.0), upright
+        return _LevelEvidence(0.0), upright
     tilt = math.degrees(math.acos(max(min(-up[2], 1.0), -1.0)))
     # seen obliquely, a facade's verticals are off the image's up by what the camera is raised
     if abs(peak) <= 6.0 + 6.0 * min(tilt / 20.0, 1.0):
         turned = math.cos(math.radians(peak)) * upright + math.sin(math.radians(peak)) * side
-        return _Clue(
+        return _LevelEvidence(
             _doubt_by_edges(share), "its edges run along and across the image's up direction, as a facade's do"
         ), turned
-    return _Clue(min(1.5 + 10.0 * (share - LEAST_CONCENTRATION), 3.0) if tilt < 20.0 else 0.0), upright
+    return _LevelEvidence(min(1.5 + 10.0 * (share - LEAST_CONCENTRATION), 3.0) if tilt < 20.0 else 0.0), upright
 
 
 def _peak(angle_deg: FloatArray, weight: FloatArray) -> tuple[float, float]:
@@ -235,13 +237,13 @@ def _doubt_by_edges(share: float) -> float:
     return float(np.interp(share, [LEAST_CONCENTRATION, 0.5, 0.8], [-1.0, -2.0, -2.8]))
 
 
-def _vertical_edges(segments: Segments | None) -> tuple[_Clue, FloatArray]:
+def _vertical_edges(segments: Segments | None) -> tuple[_LevelEvidence, FloatArray]:
     """Edges that converge to a vertical vanishing point within 30 deg of the image's up, and horizontal ones.
 
     Of edges that run any way, 1 in 20 does so. Returns that vanishing point's direction as well.
     """
     if segments is None or len(segments.length) < LEAST_SEGMENTS:
-        return _Clue(0.0), IMAGE_UP
+        return _LevelEvidence(0.0), IMAGE_UP
     pitch, roll = np.meshgrid(np.radians(np.arange(-30, 31, 3)), np.radians(np.arange(-6, 7, 3)))
     ways = np.stack([np.sin(roll) * np.cos(pitch), -np.cos(roll) * np.cos(pitch), np.sin(pitch)], axis=-1).reshape(
         -1, 3
@@ -251,14 +253,14 @@ def _vertical_edges(segments: Segments | None) -> tuple[_Clue, FloatArray]:
     angle = np.degrees(np.arctan2(segments.normals[:, 1], segments.normals[:, 0]))
     share, peak = _peak(angle, segments.length)
     if share < LEAST_CONCENTRATION or abs(peak) > 6.0:
-        return _Clue(0.0), upright
-    return _Clue(
+        return _LevelEvidence(0.0), upright
+    return _LevelEvidence(
         _doubt_by_edges(share),
         "edges of the image are vertical and horizontal, as those of a facade before an upright camera",
     ), upright
 
 
-def _floor(upright: FloatArray, up: FloatArray, seen: Seen) -> tuple[_Clue, FloatArray | None]:
+def _floor(upright: FloatArray, up: FloatArray, seen: Seen) -> tuple[_LevelEvidence, FloatArray | None]:
     """A plane that faces `upright` to 20 deg and below which nothing lies: the ground before an upright camera.
 
     Returns its normal as well, None without one. A house seen from above has no such wall: its roof lies behind it.
@@ -267,11 +269,11 @@ def _floor(upright: FloatArray, up: FloatArray, seen: Seen) -> tuple[_Clue, Floa
     for k in np.flatnonzero(faces_up & (seen.area >= 0.02 * seen.area.sum())):
         if _share_behind(seen.normals[k], float(seen.distance[k]), seen) < 0.03:
             words = "a plane at right angles to it lies below everything else in view, as the ground does"
-            return _Clue(-2.5, words), seen.normals[k]
-    return _Clue(0.0), None
+            return _LevelEvidence(-2.5, words), seen.normals[k]
+    return _LevelEvidence(0.0), None
 
 
-def _faces(up: FloatArray, upright: FloatArray, seen: Seen, least_deg: float, by_edges: bool) -> _Clue:
+def _faces(up: FloatArray, upright: FloatArray, seen: Seen, least_deg: float, by_edges: bool) -> _LevelEvidence:
     """Which way the other planes face: hardly anything faces down, seen from an upright camera; walls face sideways.
 
     Walls and roofs that are seen from above face every way, and rather towards the camera.  least_deg : from up, of
@@ -280,7 +282,7 @@ def _faces(up: FloatArray, upright: FloatArray, seen: Seen, least_deg: float, by
     other = seen.normals @ up < math.cos(math.radians(least_deg))
     normals, area = seen.normals[other], seen.area[other]
     if not len(normals) or area.sum() < 0.005 * seen.area.sum():
-        return _Clue(0.0)
+        return _LevelEvidence(0.0)
     rise = normals @ upright
     wall = np.abs(rise) < (0.05 if by_edges else 0.17)  # upright to 3 deg, or to 10
     log_ratio = np.where(rise < -0.17, math.log(0.4 / 0.04), np.where(wall, math.log(0.3 / 0.7), 0.14))
@@ -288,7 +290,7 @@ def _faces(up: FloatArray, upright: FloatArray, seen: Seen, least_deg: float, by
     # the sides of a niche lean both ways as well, to a camera before it, but are upright
     both_ways = 1.5 if _lean_both_ways(up, normals[~wall] if by_edges else normals) else 0.0
     words = "what is not level by it faces sideways, as walls round an upright camera do"
-    return _Clue(mean * min(_distinct(normals, area), 3) + both_ways, words)
+    return _LevelEvidence(mean * min(_distinct(normals, area), 3) + both_ways, words)
 
 
 def _lean_both_ways(up: FloatArray, normals: FloatArray) -> bool:

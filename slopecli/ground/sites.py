@@ -23,7 +23,7 @@ from slopecli.types import BoolArray, FloatArray, IntArray
 
 MOST_FAILURES = 300  # places where the lander cannot stand before no more are tried: half a second
 STEP_OF_FAILURE = 0.125  # of the lander's diameter around such a place, where no other is tried
-BRIM = 1.2  # times the lander's radius around a site whose ground is looked at: headroom for oblique views
+SURROUNDINGS = 1.2  # radii of the lander around a site whose ground is compared: oblique views stretch a disc
 
 
 @dataclass(frozen=True, eq=False)
@@ -153,11 +153,11 @@ class Places:
         return Place(*place, self._wanted_px, float(self._rank[place]))
 
     def take(self, place: Place) -> None:
-        """Leave to every other cell the disc that does not overlap this one."""
+        """Shrink the discs of all other cells until they do not overlap this one, which is now a site."""
         self.radius_px = np.minimum(self.radius_px, self._apart(place) - place.radius_px)
 
     def forget(self, place: Place, reach_px: float) -> None:
-        """Leave no disc to a cell and those around it."""
+        """Rule out a cell and those within a reach, px, as sites."""
         self.radius_px = np.where(self._apart(place) <= reach_px, -np.inf, self.radius_px)
 
     def _apart(self, place: Place) -> FloatArray:
@@ -246,7 +246,7 @@ def set_down(ground: Ground, place: Place, lander: Lander) -> Trial:
     if place.radius_px * least < radius:
         return Trial(None, False, least)
     pixel = largest / float(ground.grid_scale.min())
-    points = ground.disc(centre_px, BRIM * (radius + pixel) / least)
+    points = ground.disc(centre_px, SURROUNDINGS * (radius + pixel) / least)
     around = local_ground(points, ground.points[place.row, place.column], ground.up)
     stand = worst_stand(lander, around[within(around, radius + pixel)], pixel)
     low = ground.max_height is None or stand.clearance <= ground.max_height

@@ -27,7 +27,7 @@ class FusionTunables(NamedTuple):
     # baseline, of the distance, at which the displacement that makes a step (`DEPTH.step_gradient`) tells steps from
     # slopes: with three times as much all ground seen at an angle would be one
     steps_at: float = 0.15
-    beside_px: int = 5  # grid px to either side over which a depth to begin with is smoothed, see `to_begin_with`
+    beside_px: int = 5  # grid px to either side over which a depth to begin with is smoothed, see `start_for_farther`
 
 
 FUSION = FusionTunables()
@@ -77,7 +77,7 @@ def fuse_depths(depths: Sequence[DenseDepth], baselines: Sequence[float]) -> Den
     )
 
 
-def to_begin_with(depths: Sequence[DenseDepth], baselines: Sequence[float]) -> FloatImage:
+def start_for_farther(depths: Sequence[DenseDepth], baselines: Sequence[float]) -> FloatImage:
     """(h, w) inverse depth, one over the unit of the baselines, for the alignment of an image from farther away.
 
     The longest baseline first. Noise would stay where that image has little texture, so it is smoothed, but not across

@@ -28,7 +28,7 @@ TRIALS = 20  # simulated pairs that show whether there are two answers
 class Forecast:
     """What a pair with a given baseline will tell; (m,) arrays over the windows, NaN where there is no answer.
 
-    sigma_rad : 1-sigma of the slopes.  source : whence: the solver's covariance, or simulated pairs, where two answers
+    sigma_rad : 1-sigma of the slopes.  source : the solver's covariance, or simulated pairs, where two answers
         run into each other and a covariance says too much.
     share : of each window seen in image 2.  unseen_rad : 1-sigma that the rest adds in `estimate`, as it may tilt
         otherwise; not NaN anywhere, and not in sigma_rad.  parallax_px : median in each window.

@@ -11,7 +11,7 @@ from slopecli.geometry.solver.views import predict_views
 from slopecli.look.dense import Cells
 from slopecli.look.dense_depth import DEPTH, DenseDepth, measure_depth
 from slopecli.look.features import Grey
-from slopecli.look.fused_depth import fuse_depths, to_begin_with
+from slopecli.look.fused_depth import fuse_depths, start_for_farther
 from slopecli.look.matches import LEAST_MATCHES, Evidence
 from slopecli.look.scene import Scene
 from slopecli.look.warp import FloatImage, Pyramid
@@ -85,7 +85,7 @@ class DepthFrames:
             own = measure_depth(scenes[k], max_pixels=max_pixels, start=begin)
             depths[k] = _in_unit_of_points(own, scenes[k].evidence)
             longest = sorted(depths, key=lambda j: -length[j])
-            start = to_begin_with([depths[j] for j in longest], [length[j] for j in longest])
+            start = start_for_farther([depths[j] for j in longest], [length[j] for j in longest])
         every = range(len(frames))
         return FusedScene(scenes[0], fuse_depths([depths[k] for k in every], [length[k] for k in every]))
 

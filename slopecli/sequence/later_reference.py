@@ -77,7 +77,7 @@ class Follower:
         return self.shown < TRACKING.new_reference or self.zoom > TRACKING.most_zoom
 
     @property
-    def strides(self) -> bool:
+    def moves_far(self) -> bool:
         """Whether the last two frames are so far apart that one could be the reference of the other."""
         return _tells_depth(self.coarse.step, self.estimator.inverse_depth, self.aligner.camera)
 

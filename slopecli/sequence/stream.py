@@ -194,7 +194,7 @@ class Sequence:
                 self._change_reference(current, self._next, begun)
         elif current.is_left and not current.estimator.is_open:
             self._next = ReferenceCandidate.of(len(self.frames) + 1, frame, current, motion)
-            if self._next is not None and current.strides:
+            if self._next is not None and current.moves_far:
                 self._next = self._next.prepared(self.camera, self.windows)
 
     def _change_reference(self, current: Follower, reference: LaterReference, begun: Follower) -> None:

@@ -58,7 +58,7 @@ def _merged(
     groups = coplanar_groups(solution.scaled_normals, joint, candidates)
     if not groups:
         return replace(solution, normal_covariance=_blocks(joint, len(solution.scaled_normals))), []
-    return held_together(solution, joint, groups), groups
+    return constrained(solution, joint, groups), groups
 
 
 def joint_covariance(solution: Solution, tilt_sigma_rad: FloatArray | None = None) -> FloatArray:
@@ -165,7 +165,7 @@ def _inverse(spread: FloatArray) -> FloatArray:
     return np.asarray((vectors / values) @ vectors.T)
 
 
-def held_together(solution: Solution, joint: FloatArray, groups: list[Group]) -> Solution:
+def constrained(solution: Solution, joint: FloatArray, groups: list[Group]) -> Solution:
     """The solution nearest to this one, in its covariance, under the constraints of every group.
 
     To first order in the noise this is the constrained maximum likelihood: the motion changes with the normals, and the

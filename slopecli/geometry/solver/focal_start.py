@@ -42,7 +42,7 @@ def start_by_lines(sightings: Sightings, noise: float, most: float) -> Start | N
     noise : of the matches, normalised.  None where no focal length within reach is better than its neighbours.
     """
     if any(camera.distortion for camera in sightings.cameras):
-        lines, step = _straightest(sightings, noise, most), 0.0
+        lines, step = _lines_through_lens(sightings, noise, most), 0.0
     else:
         lines = _fitted(sightings, 0.0, noise)
         step = _focal_of(lines.F, most) if lines else math.nan
@@ -68,7 +68,7 @@ class _Lines(NamedTuple):
     noise_px: float
 
 
-def _straightest(sightings: Sightings, noise: float, most: float) -> _Lines | None:
+def _lines_through_lens(sightings: Sightings, noise: float, most: float) -> _Lines | None:
     """The lines of a lens with distortion, by steps of the focal length for as long as points come nearer to them."""
     best = _fitted(sightings, 0.0, noise)
     for step in (_SEARCH.through_lens, -_SEARCH.through_lens):

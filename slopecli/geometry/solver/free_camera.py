@@ -40,7 +40,7 @@ MOST_RISES = 2  # of the cost in a row, after which steps to one side end
 LONGEST_STEP = {"f": 0.3, "cx": 0.1, "cy": 0.1, "k1": 0.2}  # of Gauss-Newton, in the units of `intrinsics.changed`
 
 
-class _Anew(NamedTuple):
+class _FocalSearch(NamedTuple):
     """When a search begins where epipolar lines say, and how long it goes on."""
 
     points: int = 1500  # by which the lines are fitted: fewer miss them where mismatches are many
@@ -50,7 +50,7 @@ class _Anew(NamedTuple):
     rounds: int = 8  # of choosing the points anew
 
 
-_ANEW = _Anew()
+_FOCAL_SEARCH = _FocalSearch()
 
 
 class Freed(NamedTuple):
@@ -95,7 +95,7 @@ class ByLines(NamedTuple):
     @property
     def elsewhere(self) -> bool:
         """Whether it is another focal length than the one given, farther off than Gauss-Newton finds."""
-        return self.start is not None and abs(self.start[0]) >= _ANEW.least
+        return self.start is not None and abs(self.start[0]) >= _FOCAL_SEARCH.least
 
     @property
     def near(self) -> bool:
@@ -105,7 +105,7 @@ class ByLines(NamedTuple):
 
 def focal_by_lines(every: Sightings, noise: float) -> ByLines:
     """The focal length by epipolar lines of all points, mismatches included; noise: of the matches, normalised."""
-    return ByLines(start_by_lines(thinned(every, _ANEW.points), noise, FOCAL_STEPS[-1]))
+    return ByLines(start_by_lines(thinned(every, _FOCAL_SEARCH.points), noise, FOCAL_STEPS[-1]))
 
 
 def free_focal_nearby(sightings: Sightings, start: Settled) -> Freed | None:
@@ -132,8 +132,8 @@ def free_focal(
     if given is None:
         return None
     lines = lines or focal_by_lines(every, given.solution.noise)
-    last = _begun_anew(every, given, lines)
-    for number in range(_ANEW.rounds):
+    last = _from_epipolar_lines(every, given, lines)
+    for number in range(_FOCAL_SEARCH.rounds):
         first = not number and last is given
         freed = _freed_again(every, last, steps=first and not lines.near)
         if freed is None:
@@ -150,7 +150,7 @@ def free_focal(
 
 def _freed_again(every: Sightings, last: _Solved, steps: bool) -> Freed | None:
     """The value that fits the points which fit `last`; None where there is none, or beyond the values tried, unless
-    residuals change by more than their noise with it: a focal length that nothing holds runs away."""
+    residuals change by more than their noise with it: a focal length that the points leave open grows without end."""
     kept = thinned(last.left.take(last.solution.inlier), gain=every.gain)
     freed = free_parameter(*with_planes(kept, Settled.of(last.solution)), "f", steps=steps)
     if freed is None:
@@ -178,7 +178,7 @@ class _Solved(NamedTuple):
         """Mean negative log likelihood of the points, less a constant; a mismatch is anywhere within its reach."""
         fit = float(self.solution.inlier.mean())
         floor = FINEST_RESIDUAL * self.left.cameras[1].focal_px
-        return fit * math.log(max(self.noise_px, floor)) + (1.0 - fit) * math.log(_ANEW.mismatch_px)
+        return fit * math.log(max(self.noise_px, floor)) + (1.0 - fit) * math.log(_FOCAL_SEARCH.mismatch_px)
 
 
 def _solved(every: Sightings, value: float, start: Motion) -> _Solved | None:
@@ -190,10 +190,10 @@ def _solved(every: Sightings, value: float, start: Motion) -> _Solved | None:
     return _Solved(value, left, solution)
 
 
-def _begun_anew(every: Sightings, given: _Solved, lines: ByLines) -> _Solved:
+def _from_epipolar_lines(every: Sightings, given: _Solved, lines: ByLines) -> _Solved:
     """The solution from where epipolar lines say, where it explains the points clearly better; else that given."""
     solved = _solved(every, *lines.start) if lines.start and lines.elsewhere else None
-    return solved if solved and solved.cost < given.cost - _ANEW.gain else given
+    return solved if solved and solved.cost < given.cost - _FOCAL_SEARCH.gain else given
 
 
 def _stepped(sightings: Sightings, middle: _Tried) -> _Tried:

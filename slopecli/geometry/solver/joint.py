@@ -15,7 +15,7 @@ from slopecli.geometry.solver.observations import Observations, Prediction, Quad
 from slopecli.geometry.solver.priors import MotionPrior
 from slopecli.geometry.solver.refinement import Refined, State, System, levenberg_marquardt, optimal_normals
 from slopecli.geometry.solver.relief import Relief, estimate_relief
-from slopecli.geometry.solver.starts import FEW_FREEDOM, hopeless, starting_states, states_of
+from slopecli.geometry.solver.starts import FEW_FREEDOM, largest_worth_trying, starting_states, states_of
 from slopecli.types import BoolArray, FloatArray
 
 Motion = tuple[FloatArray, FloatArray]  # R (3, 3) and T (3,)
@@ -29,7 +29,7 @@ class WeighedPrior(NamedTuple):
     prior: MotionPrior
     noise: float
 
-    def favour(self, state: State) -> float:
+    def worse_by_prior(self, state: State) -> float:
         """Chi-square of the prior at the second root less that at the first."""
         chi2 = self.prior.terms(state.R[:2], state.T[:2], 1.0)[:, 6, 6]
         return float(chi2[1] - chi2[0])
@@ -144,7 +144,7 @@ def ranked(
     best, *others = _equal_by_rotation(order, cost, visible, refined.state.R, observations)
     roots = visible & refined.converged
     if prior is None:
-        roots &= refined.system.chi2 <= hopeless(refined.system.chi2[best], observations.residual_count())
+        roots &= refined.system.chi2 <= largest_worth_trying(refined.system.chi2[best], observations.residual_count())
     kept = refined.state.distinct([best, *(i for i in others if roots[i])])
     system = System(*(a[kept] for a in refined.system))
     converged = refined.converged[kept] & visible[kept]

@@ -47,7 +47,7 @@ class Root(NamedTuple):
 
     @property
     def cost(self) -> float:
-        """By which roots are compared, in units of noise^2; `noise` must be the same."""
+        """What roots are compared by, in units of noise^2; only roots of the same `noise` can be."""
         q, V = self.q, self.system.V
         loose = np.isfinite(q) & (q > 0.0) & (V > 0.0)
         spread = float(np.log1p(V[loose] / q[loose]).sum())
@@ -59,7 +59,9 @@ def refine(
 ) -> tuple[ViewState, Terms, Reduced, bool, int]:
     """Levenberg-Marquardt from a state to the minimum of chi-square under fixed information q of the planes.
 
+    most : number of iterations.
     tolerance : the iteration ends when the decrease promised is below this part of the variance of a residual.
+    Returns the state, its terms and reduced system, whether it converged, and the iterations taken.
     """
     terms = view_terms(points, state.R, state.T, state.u)
     system = normal_equations_of_views(points, state, q, terms)

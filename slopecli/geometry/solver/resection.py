@@ -1,4 +1,8 @@
-"""The motion of one view from points whose inverse depths in the reference are known: closed forms, then refinement."""
+"""The motion of one view from points whose inverse depths in the reference are known: closed forms, then refinement.
+
+The model is x ~ R (p - T u): p the homogeneous rays of the reference, u their inverse depths, x the places in the view,
+all in normalised coordinates.
+"""
 
 from __future__ import annotations
 

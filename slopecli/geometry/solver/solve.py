@@ -27,11 +27,11 @@ from slopecli.geometry.solver.priors import MotionPrior
 from slopecli.geometry.solver.uncertainty import (
     by_chance,
     covariance_of,
-    reaching_across,
     roots_are_joined,
     rules_out,
     separate_freedom,
     small_sample,
+    widened_to_second_root,
 )
 from slopecli.types import Ambiguity, FloatArray, IntArray, Solution
 
@@ -123,7 +123,7 @@ def _most_likely(fit: Fit, scale: _Scale, prior: MotionPrior | None) -> Solution
     grown = float(known.cost[0] - fit.cost[0]) / scale.unit**2
     solution = _with_ambiguity(known, "mle", scale)
     if len(known.cost) == 1 < len(fit.cost):
-        solution = replace(solution, ambiguity=_given_up(known, fit, solution, scale))
+        solution = replace(solution, ambiguity=_root_without_prior(known, fit, solution, scale))
     return replace(solution, prior_chi2=max(grown, 0.0))
 
 
@@ -232,7 +232,7 @@ def _with_ambiguity(fit: Fit, solver: str, scale: _Scale) -> Solution:
     if len(fit.cost) == 1:
         return _solution(fit, 0, solver, scale)
     worse_by = float(fit.cost[1] - fit.cost[0]) / scale.unit**2
-    by_prior = 0.0 if fit.prior is None else fit.prior.favour(fit.state)
+    by_prior = 0.0 if fit.prior is None else fit.prior.worse_by_prior(fit.state)
     chance = by_chance(separate_freedom(fit), scale.freedom)
     status: Literal["resolved", "unresolved"] = "resolved" if rules_out(worse_by, by_prior, chance) else "unresolved"
     joined = status == "unresolved" and roots_are_joined(fit, scale.noise * scale.gain * scale.widening)
@@ -240,7 +240,7 @@ def _with_ambiguity(fit: Fit, solver: str, scale: _Scale) -> Solution:
     return replace(best, ambiguity=Ambiguity(status, worse_by, alternative, by_prior if fit.prior else None, joined))
 
 
-def _given_up(known: Fit, free: Fit, solution: Solution, scale: _Scale) -> Ambiguity:
+def _root_without_prior(known: Fit, free: Fit, solution: Solution, scale: _Scale) -> Ambiguity:
     """Second root without the prior, for a prior so sharp that only one root is left with it.
 
     known, free : the fits with and without the prior.  solution : the root that is left.
@@ -276,7 +276,7 @@ def _solution(fit: Fit, index: int, solver: str, scale: _Scale, joined: bool = F
     observations, state = fit.observations, fit.state
     covariance = covariance_of(fit.system, state.T[index], index, scale.noise * scale.gain * scale.widening)
     if joined:
-        covariance = reaching_across(covariance, state, index)
+        covariance = widened_to_second_root(covariance, state, index)
     return Solution(
         R=state.R[index],
         T=state.T[index],

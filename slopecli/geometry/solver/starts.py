@@ -78,15 +78,15 @@ def states_of(observations: Observations, motions: list[tuple[FloatArray, FloatA
     return state.pick(np.flatnonzero(np.isfinite(chi2)).tolist())
 
 
-def hopeless(best: float, n_residuals: int) -> float:
+def largest_worth_trying(best: float, n_residuals: int) -> float:
     """Chi-square beyond which a start or root is left out: ten times the best one and by more than 1000."""
     return (10.0 + 1000.0 / n_residuals) * _least([best], n_residuals)
 
 
 def _plausible(chi2: FloatArray, dof: int) -> list[int]:
-    """Starts by chi-square, best first, without hopeless ones."""
+    """Starts by chi-square, best first, without those beyond `largest_worth_trying`."""
     values = chi2.tolist()
-    limit = hopeless(min(values), dof)
+    limit = largest_worth_trying(min(values), dof)
     return [i for i in sorted(range(len(values)), key=values.__getitem__) if values[i] <= limit]
 
 

@@ -194,7 +194,7 @@ def roots_are_joined(fit: Fit, noise: float) -> bool:
     return cost - float(fit.system.chi2[0]) < CHI2[1, 0.99] * noise**2
 
 
-def reaching_across(covariance: Covariance, state: State, index: int) -> Covariance:
+def widened_to_second_root(covariance: Covariance, state: State, index: int) -> Covariance:
     """Widen the covariance of root `index` (0 or 1), so that two sigmas span the distance to the other root."""
     other = 1 - index
     turn, move = rotation_vector(state.R[other] @ state.R[index].T), state.T[other] - state.T[index]

@@ -45,7 +45,7 @@ def judged(points: ViewPoints, roots: list[Root], unit: float, gain: float) -> V
     ruled_out = worse_by > by_chance(separate_freedom_of_views(points, roots[0], roots[1]))
     joined = not ruled_out and are_joined(points, roots[0], roots[1], unit)
     if joined:
-        solutions = [_reaching(solutions[0], solutions[1]), _reaching(solutions[1], solutions[0])]
+        solutions = [_widened_to(solutions[0], solutions[1]), _widened_to(solutions[1], solutions[0])]
     status = "resolved" if ruled_out else "unresolved"
     return replace(solutions[0], alternative=solutions[1], status=status, delta_chi2=worse_by, joined=joined)
 
@@ -139,7 +139,7 @@ def _without(system: Reduced, held: str) -> Reduced:
     return system._replace(S=system.S + 1e9 * np.diag(np.diag(system.S)))
 
 
-def _reaching(own: ViewsSolution, other: ViewsSolution) -> ViewsSolution:
+def _widened_to(own: ViewsSolution, other: ViewsSolution) -> ViewsSolution:
     """A root with a covariance so wide that two sigmas span the distance to the other one."""
     half = 0.5 * (other.scaled_normals - own.scaled_normals)
     d = own.motion_covariance.shape[0]

@@ -53,8 +53,8 @@ def read(camera: tuple[Version, values.Tree], image: values.Size | None) -> Came
     middle = size[0] / 2, size[1] / 2
     if version < (1, 2, 1):
         x, y = x - middle[0], y - middle[1]
-    whence = "a corner" if version < (1, 2, 1) else "there"
-    values.refuse_off_middle((x, y), size, f"files of version {'.'.join(map(str, version))} measure it from {whence}")
+    origin = "a corner" if version < (1, 2, 1) else "there"
+    values.refuse_off_middle((x, y), size, f"files of version {'.'.join(map(str, version))} measure it from {origin}")
     given = values.numbers(tree.get("distortionParams") or [], "distortionParams")
     if not names and any(given):
         raise InputError(f"distortionParams are given, but the camera is a {tree.get('type')} without distortion")

@@ -36,7 +36,7 @@ LOOKS_LIKE_DISTORTION = "coef|distor|^r?dist(?!ance)|radial|tangential|lensparam
 
 
 class Bounds(NamedTuple):
-    """What no camera is beyond. The middle of a pinhole's range is far narrower: `findings.camera_checks`."""
+    """Limits beyond which a value is of no camera; `findings.camera_checks` warns of what is unusual within them."""
 
     focal: tuple[float, float] = (0.15, 1000.0)  # over the longer side of the image; millimetres, shares fall below
     least_wide_focal: float = 0.06  # the same of fisheye lenses
@@ -54,13 +54,13 @@ def lens_model(name: Any, what: str = "lens model") -> CameraModel:
     for model, names in LENS_NAMES.items():
         if plain in names.split():
             return model
-    shown, meant = repr(name)[:60], _meant(plain)
+    shown, meant = repr(name)[:60], _mistyped(plain)
     advice = f"did you mean {meant!r}?" if meant else "undistort the images first"
     raise InputError(f"{what} {shown} is not supported, only {LENSES_KNOWN} lenses are; {advice}")
 
 
-def _meant(plain: str) -> str:
-    """The name of a lens model that another one is a slip of the keyboard away from, "" where there is none."""
+def _mistyped(plain: str) -> str:
+    """The known lens model that a name is most likely a misspelling of, "" where there is none."""
     known = [name for names in LENS_NAMES.values() for name in names.split() if len(name) > 4]
     near = [] if re.search(r"\d", plain) else get_close_matches(plain, known, n=1, cutoff=0.9)
     spelled = {"plumbbob": "plumb_bob", "rationalpolynomial": "rational_polynomial"}  # as ROS does
@@ -182,7 +182,8 @@ def plain_key(key: Any) -> str:
 
 
 def refuse_unread_distortion(keys: Collection[Any], read: Collection[str], remedy: str) -> None:
-    """Refuse a distortion under one of the `keys` of a camera that its format does not `read`: it is not none."""
+    """Refuse a distortion under one of the `keys` of a camera that its format does not `read`:
+    the lens would count as one without distortion."""
     for key in keys:
         if key not in read and re.search(LOOKS_LIKE_DISTORTION, plain_key(key)):
             raise InputError(f"{key!r} is not understood; {remedy}")
@@ -200,7 +201,7 @@ def refuse_twice(names: Iterable[str]) -> None:
 
 
 def refuse_others(values: Tree, names: str, what: str) -> None:
-    """Refuse names beside those that are read: they may be coefficients, which are not none."""
+    """Refuse names beside those that are read: they may be coefficients, which would count as 0."""
     if others := [key for key in values if str(key) not in names.split()]:
         raise InputError(f"{what} holds {str(others[0])[:40]!r}, which is not understood; it may have {names}")
 
@@ -213,7 +214,7 @@ def refuse_nonzero(values: Mapping[str, Any], names: Sequence[str], what: str) -
 
 
 def refuse_off_middle(offset: Sequence[float], size: Size, why: str) -> None:
-    """Refuse a principal point, px from the middle of the image, that is measured from elsewhere; `why` says whence."""
+    """Refuse a principal point, px, that is not measured from the middle of the image; `why` says from where."""
     if any(abs(off) > OFF_MIDDLE * side for off, side in zip(offset, size, strict=True)):
         raise InputError(
             f"the principal point is {offset[0]:.6g}, {offset[1]:.6g} px off the middle of the image; {why}"

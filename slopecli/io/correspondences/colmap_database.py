@@ -1,7 +1,8 @@
 """Verified matches of a pair of images in COLMAP's database.db, with the cameras where these were given to COLMAP.
 
-Source: COLMAP's documentation, "Database Format". Keypoints have pixel centres at (0.5, 0.5). A pair has one number,
-made of those of its images, the smaller first. COLMAP 4 has more tables and columns, which are not asked for.
+Source: COLMAP's documentation, "Database Format". Keypoints have pixel centres at (0.5, 0.5). The number of a
+pair is first image_id x (2^31 - 1) + second, the smaller image_id first. Tables and columns
+that only COLMAP 4 has are not read.
 """
 
 from __future__ import annotations
@@ -122,7 +123,9 @@ def _pairs(
     ):
         first, second = divmod(pair_id, COLMAP.ids) if _are_integers(pair_id, rows, config) else (-1, -1)
         if first not in images or second not in images or first >= second:
-            raise source.refused(f"its pair {str(pair_id)[:20]} is of no two images in it; needed COLMAP's pair_id")
+            raise source.refused(
+                f"its pair {str(pair_id)[:20]} does not name two of its images; needed COLMAP's pair_id"
+            )
         pairs[images[first][0], images[second][0]] = pair_id, rows, config
     if not pairs:
         matched = database.execute("SELECT count(*) FROM sqlite_master WHERE type = 'table' AND name = 'matches'")
@@ -151,7 +154,7 @@ def _array(source: MatchSource, row: Any, dtype: np.dtype[Any], widths: tuple[in
     """The array of a row (rows, cols, data) of a table, of one of these widths."""
     rows, cols, data = row or (0, widths[0], b"")
     if not _are_integers(rows, cols) or not isinstance(data, bytes):
-        raise source.refused("has an array that is none; copy it again")
+        raise source.refused("has a damaged array of numbers; copy it again")
     if cols not in widths:
         raise source.refused(f"an array in it has {str(cols)[:20]} columns, needed {' or '.join(map(str, widths))}")
     if rows < 0 or len(data) != rows * cols * dtype.itemsize:

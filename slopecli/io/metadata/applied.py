@@ -68,11 +68,11 @@ def apply_metadata(
     options, stated = wanted.frame(options, stated, attitude)
     options, stated = wanted.scale(options, stated, moved)
     options = wanted.focal_sigma(options, cameras)
-    return replace(options, stated=_off(pair[0], options, replace(stated, notes=wanted.notes())))
+    return replace(options, stated=_with_differences(pair[0], options, replace(stated, notes=wanted.notes())))
 
 
-def _off(image1: Metadata, options: Options, stated: Stated) -> Stated:
-    """With how much the up and the position that were given are off those that image 1 states, where it states them."""
+def _with_differences(image1: Metadata, options: Options, stated: Stated) -> Stated:
+    """`stated` with the differences of the user's up and position from those of image 1, where it states these."""
     if image1.attitude is not None and isinstance(options.up, tuple) and not stated.up:
         up = checked_direction("up", options.up)
         # who knows that a program turned the pixels by quarters gives the angles of what there is
@@ -98,7 +98,7 @@ def displacement(pair: Pair) -> Displacement | None:
     if heights[0] is not None and heights[1] is not None:
         climb, sigma_up = heights[1] - heights[0], min(FIX.climb, 2 * apart)
     elif one.altitude_m is not None and two.altitude_m is not None:
-        climb, sigma_up = two.altitude_m - one.altitude_m, 2 * apart  # satellites tell height half as well
+        climb, sigma_up = two.altitude_m - one.altitude_m, 2 * apart  # heights of satellite fixes have twice the sigma
     places = (one.latitude_deg, one.longitude_deg, two.latitude_deg, two.longitude_deg)
     return Displacement(ned_displacement(*places, climb), np.array([apart, apart, sigma_up]))
 

@@ -3,7 +3,7 @@
 Sources: DJI's and Parrot's documentation of metadata, Pix4D's of its angles. Autel writes the names of Pix4D, newer
 firmware those of DJI.
 
-Angles of an aircraft with a gimbal are not read: it turns the camera by angles of its own.
+Angles of the body of an aircraft are not read where it has a gimbal, which turns the camera by its own angles.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ PARROT = "http://www.parrot.com/drone-parrot/1.0/"
 @dataclass(frozen=True)
 class AttitudeSigmas:
     """1-sigma of angles, degrees. In flights whose level and motion many images tell, gimbals were off by 1 degree and
-    bodies of fixed wings by 4.5; a compass beside motors is good to some 5."""
+    bodies of fixed wings by 4.5; a compass beside motors has 5."""
 
     gimbal: float = 1.0
     body: float = 5.0  # and any heading
@@ -33,8 +33,8 @@ class AttitudeSource:
     """One set of names for the angles of a camera.
 
     name : in messages and in docs/drone.md.  namespace : of XMP.  angles : the names of yaw, pitch and roll.
-    of_body : whether the angles are those of a body whose camera looks out of its floor with the top of the image
-    ahead, in place of those of a gimbal, whose camera looks ahead at zero.
+    of_body : whether the angles are those of a body whose camera looks straight down from it, the top of the
+    image ahead, in place of those of a gimbal, whose camera looks ahead at zero.
     """
 
     name: str

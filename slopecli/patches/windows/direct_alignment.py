@@ -19,7 +19,7 @@ from slopecli.patches.windows.tunables import TUNE
 from slopecli.types import FloatArray
 
 
-def polish(patch: Patch, scene: Scene, cell: int) -> Patch:
+def align_directly(patch: Patch, scene: Scene, cell: int) -> Patch:
     """Replace the matches of a planar window by those of cells measured around a plane aligned on all pixels.
 
     Flow matches small patches and smooths between them; the plane has only three parameters, so its alignment also

@@ -51,7 +51,7 @@ def with_unmatched_parts(patch: Patch, measured: Patch, scene: Scene) -> Patch:
 
 @dataclass(frozen=True, eq=False)
 class Gaps:
-    """A window divided into cells, and which of them hold a match.
+    """A window divided into cells, and which of them hold a match; k cells, g of them without one.
 
     at, uv1 (k, 2): centres of the cells, px from the window's middle, and px of image 1; seen (k,): holds a match;
     shape: rows and columns of cells; cell_px: side of one; matched (n, 2): px of the matches; per_px: how many of them

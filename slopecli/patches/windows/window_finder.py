@@ -22,7 +22,7 @@ from slopecli.look.warp import covered, resample, sample_map
 from slopecli.options import MIN_SIDE_PX, Options
 from slopecli.patches.patch import Found, Patch, overdispersion, weight_of, window_footprint
 from slopecli.patches.windows.borrowed import borrow
-from slopecli.patches.windows.direct_alignment import polish
+from slopecli.patches.windows.direct_alignment import align_directly
 from slopecli.patches.windows.known_orientations import with_known_orientations
 from slopecli.patches.windows.tunables import TUNE
 from slopecli.patches.windows.unmatched_parts import with_unmatched_parts
@@ -108,11 +108,11 @@ def _search_plane(window: Window, scene: Scene) -> list[FloatArray]:
     if best is None or best.score <= TUNE.fair_score:
         # too little of the window is in image 2 to compare, but some of that may have overview matches
         return [candidates[0]] if candidates[0] is not None else []
-    best = _sharpen(best, window, scene)
+    best = _align_finer(best, window, scene)
     return [best.normal] if _normal_is_determined(best) else []
 
 
-def _sharpen(fit: PlaneFit, window: Window, scene: Scene) -> PlaneFit:
+def _align_finer(fit: PlaneFit, window: Window, scene: Scene) -> PlaneFit:
     """The plane aligned again at finer resolutions, up to that of the window."""
     for side in (TUNE.coarse_px * 2, FINE_PX):
         if max(window[2:]) > 0.6 * side:
@@ -151,7 +151,7 @@ def _densely_matched(patch: Patch, scene: Scene, normal: FloatArray) -> Patch:
         smooth = flow_matched(FULL_SMOOTHINGS)  # faint texture needs them
         # smoothing extends the flow from textured ground into bare ground, where it is not a match
         matched = smooth if matched.origin == "own" or smooth.share >= TUNE.part_share else matched
-    return with_unmatched_parts(polish(matched, scene, cell), matched, scene)
+    return with_unmatched_parts(align_directly(matched, scene, cell), matched, scene)
 
 
 def with_cells(patch: Patch, cells: Cells, scene: Scene, possible: float) -> Patch:

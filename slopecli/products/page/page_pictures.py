@@ -35,7 +35,7 @@ from slopecli.report.kinds import many_windows
 from slopecli.types import FloatArray, Image, Plane, Report
 
 
-class Sheet(NamedTuple):
+class ClassPicture(NamedTuple):
     """A picture and the classes of its colours, for a legend: (name, colour) each."""
 
     source: str
@@ -43,14 +43,14 @@ class Sheet(NamedTuple):
 
 
 def data_uri(picture: Picture) -> str:
-    """Return an RGB picture as the address of a JPEG image in itself."""
+    """Return an RGB picture as a data: URI that holds it as JPEG."""
     encoded = cv2.imencode(
         ".jpg", cv2.cvtColor(picture, cv2.COLOR_RGB2BGR), [cv2.IMWRITE_JPEG_QUALITY, PAGE.jpeg_quality]
     )[1]
     return "data:image/jpeg;base64," + base64.b64encode(encoded.tobytes()).decode("ascii")
 
 
-def sheets_of(report: Report, image: Image) -> tuple[Sheet, Sheet]:
+def class_pictures(report: Report, image: Image) -> tuple[ClassPicture, ClassPicture]:
     """Draw slope and 1-sigma of every plane over image 1, with ids and the edge at the tolerance."""
     frame, classes, sigmas = map_frame(image), classes_of(report), sigma_classes()
     known = [plane for plane in report.planes if plane.slope_known]
@@ -74,7 +74,7 @@ def sheets_of(report: Report, image: Image) -> tuple[Sheet, Sheet]:
     for cells, kinds in ((slope, classes), (sigma, sigmas)):
         picture = painted(image, frame, cells, kinds)
         draw_tolerance_edge(picture, steep, slope >= 0, 1.0, 2 * frame.text_px)
-        both.append(Sheet(data_uri(_numbered(picture, report, frame)), _legend(kinds, cells)))
+        both.append(ClassPicture(data_uri(_numbered(picture, report, frame)), _legend(kinds, cells)))
     return both[0], both[1]
 
 
@@ -87,7 +87,7 @@ def _numbered(picture: Picture, report: Report, frame: Frame) -> Picture:
     return draw_labels(picture, place_numbers(footprints, shape, 2 * frame.text_px), 2 * frame.text_px)
 
 
-def map_sheets(slope_map: SlopeMap, image: Image) -> tuple[Sheet, Sheet]:
+def map_class_pictures(slope_map: SlopeMap, image: Image) -> tuple[ClassPicture, ClassPicture]:
     """Draw slope and 1-sigma of a map over image 1, with landing sites and the edge at the tolerance."""
     frame, classes, sigmas = map_frame(image), slope_classes(slope_map), sigma_classes()
     side = slope_map.spacing_px * frame.scale
@@ -99,7 +99,7 @@ def map_sheets(slope_map: SlopeMap, image: Image) -> tuple[Sheet, Sheet]:
         picture = painted(image, frame, spread(cells, (frame.height, frame.width), side, UNKNOWN), named)
         draw_tolerance_edge(picture, slope >= (classes.steep_from or 0), slope >= 0, side, 2 * frame.text_px)
         draw_sites(picture, slope_map.sites, frame)
-        both.append(Sheet(data_uri(picture), _legend(named, cells)))
+        both.append(ClassPicture(data_uri(picture), _legend(named, cells)))
     return both[0], both[1]
 
 
@@ -162,7 +162,7 @@ def _rays(report: Report, frame: Frame) -> FloatArray:
 def _pair(
     report: Report, image: Image, image2: Image, frame: Frame, rays: FloatArray, inverse_depth: FloatArray
 ) -> tuple[str, str]:
-    """Both images, as addresses; inverse_depth (h, w): 1/z of the ground at every pixel, NaN where there is none."""
+    """Both images, as data: URIs; inverse_depth (h, w): 1/z of the ground at every pixel, NaN where there is none."""
     motion, camera2 = report.motion, report.cameras[1]
     R = motion.rotation_cam2_from_cam1
     moved = rays @ R.T - inverse_depth[..., None] * (R @ motion.baseline_cam1)

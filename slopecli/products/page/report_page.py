@@ -47,7 +47,7 @@ def encode(report: Report, image: Image, origin: Origin | None = None) -> bytes:
 
     origin, facts = origin or Origin(), dict[str, Any]()
     if image.grey.size and report.labels.size:
-        facts["sheets"] = page_pictures.sheets_of(report, image)
+        facts["sheets"] = page_pictures.class_pictures(report, image)
         if origin.image2 is not None:
             facts["pair"] = page_pictures.seen_from_1(report, image, origin.image2)
         facts["viewer"] = _packed(model_viewer.viewer_of_report(report, image))
@@ -66,7 +66,7 @@ def encode_map(slope_map: SlopeMap, image: Image, origin: Origin | None = None) 
     if origin.image2 is not None:
         facts["pair"] = page_pictures.map_seen_from_1(slope_map, image, origin.image2)
     facts["viewer"] = _packed(model_viewer.viewer_of_map(slope_map, image))
-    facts["sheets"] = page_pictures.map_sheets(slope_map, image)
+    facts["sheets"] = page_pictures.map_class_pictures(slope_map, image)
     facts["sites"] = [_site_row(slope_map, k) for k in range(len(slope_map.sites))]
     return _rendered(report, origin, verdicts=page_texts.verdict_of_map(slope_map), whys=whys, **facts)
 
