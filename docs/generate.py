@@ -1,12 +1,13 @@
 """Write what the documents quote: docs/cli.md, tables of rows, the examples and the pictures. `make docs` runs it.
 
-`docs/generate.py tables` writes docs/cli.md and the tables only, which takes a second.
+`docs/generate.py tables` writes docs/cli.md, the schema of slopes.json and the tables only, which takes a second.
 The tests call the same functions and compare, so that neither can drift from what the program does.
 """
 
 from __future__ import annotations
 
 import csv
+import json
 import re
 import shlex
 import subprocess
@@ -15,14 +16,20 @@ import tempfile
 import tomllib
 from collections.abc import Iterator, Sequence
 from pathlib import Path
+from typing import get_args
 
 import click
 
 from slopecli.cli import slopemap
 from slopecli.findings.codes import CODES
+from slopecli.io import load_schema
 from slopecli.io.cameras import CAMERA_FORMATS
 from slopecli.io.correspondences import MATCH_FORMATS
 from slopecli.io.metadata import ATTITUDE_SOURCES, LENS_SOURCES
+from slopecli.patches import FINDERS
+from slopecli.products.slopes_json import SCHEMA_VERSION
+from slopecli.report import CAUSES
+from slopecli.types import CameraModel
 
 ROOT = Path(__file__).resolve().parent.parent
 README = ROOT / "README.md"
@@ -41,6 +48,7 @@ MAP = ROOT / "docs" / "map.md"
 GIS = ROOT / "docs" / "gis.md"
 VALIDATE = ROOT / "docs" / "validate.md"
 IMAGES = ROOT / "docs" / "images"
+SCHEMA = ROOT / "slopecli" / "schemas" / f"slopes-{SCHEMA_VERSION}.schema.json"
 EXAMPLE = re.compile(r"```console\n\$ (?P<command>slopemap (?:[^\n]*\\\n)*[^\n]*)\n(?P<output>.*?)```", re.DOTALL)
 
 
@@ -182,8 +190,19 @@ def package_page() -> str:
     return re.sub(r"(?<!!)(\[[^]]*\])\((?!https?:|#)([^)]+)\)", rf"\1({home}/blob/main/\2)", text)
 
 
+def schema() -> str:
+    """The schema of slopes.json of this version, its lists of values as the rows have them."""
+    document = load_schema()
+    parts = document["$defs"]
+    parts["plane"]["properties"]["source"]["enum"] = [finder.source for finder in FINDERS]
+    parts["sigma_causes_deg"]["propertyNames"]["enum"] = list(CAUSES)
+    parts["camera"]["properties"]["model"]["enum"] = list(get_args(CameraModel))
+    return json.dumps(document, indent=2) + "\n"
+
+
 def write_tables() -> None:
-    """Write docs/cli.md and the tables made from rows."""
+    """Write docs/cli.md, the tables made from rows, and the schema."""
+    SCHEMA.write_text(schema(), encoding="utf-8")
     rewrite_table(CAMERAS, camera_formats_table())
     rewrite_table(SOLVE, match_formats_table())
     rewrite_table(DRONE, lenses_table())

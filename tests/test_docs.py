@@ -196,6 +196,10 @@ def test_segment_page_has_the_numbers_of_the_code() -> None:
     assert pytest.approx(5e5) == FINE.max_pixels  # "half a megapixel"
 
 
+def test_the_schema_lists_what_the_rows_have() -> None:
+    assert GENERATE["SCHEMA"].read_text(encoding="utf-8") == GENERATE["schema"](), "run `make docs`"
+
+
 def test_pictures_are_small() -> None:
     pictures = list((ROOT / "docs" / "images").glob("segment_*"))
     assert pictures

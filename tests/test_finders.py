@@ -11,7 +11,6 @@ import click
 import pytest
 
 from slopecli.cli import slopemap
-from slopecli.io import load_schema
 from slopecli.options import Options
 from slopecli.patches import FINDERS, PLANE_FINDERS, Finder
 
@@ -38,10 +37,6 @@ def test_the_command_line_offers_the_finders() -> None:
     assert isinstance(offered, click.Choice)
     assert list(offered.choices) == list(PLANE_FINDERS)
     assert Options().planes in PLANE_FINDERS
-
-
-def test_the_schema_lists_their_sources() -> None:
-    assert load_schema()["$defs"]["plane"]["properties"]["source"]["enum"] == [finder.source for finder in FINDERS]
 
 
 def test_the_rows_are_light_to_import() -> None:
