@@ -172,8 +172,10 @@ map_options = (
     _map(MAP, "--classes classes_deg", "DEG,DEG", kinds.CLASSES, "Edges of classes drawn"),
 )
 _WINDOWS_HELP = "A window, px; repeat for more, in order of id"
-_FOUND = ", ".join(finder.choice for finder in FINDERS if finder.choice and finder.found)
-_PLANES_HELP = f"{Options.planes}; or found: {_FOUND}"
+_TOLD, _FOUND = (
+    ", ".join(one.choice for one in FINDERS if one.choice and one.found is found) for found in (False, True)
+)
+_PLANES_HELP = f"{_TOLD}; or found: {_FOUND}"
 window_options = (
     _option(PLANES, "--grid", "COLSxROWS", kinds.GRID, "Equal windows that cover image 1"),
     Option(PLANES, "--window windows", "X,Y,W,H", kinds.WINDOW, _WINDOWS_HELP, multiple=True),

@@ -23,7 +23,6 @@ class Finder(NamedTuple):
     ----------
     choice : the value of `--planes` that names it, "" for what is not chosen by that option.
     source : how its planes are marked in slopes.json.  noun : what messages call one of them.
-    what : what it holds to be planes; for help texts.
     function : "module:function" of this package, see `find`; imported when it is called.
     options : names of those `Options` (and of command-line flags) that say something to this finder.
     flatter : what to do about a patch that is not planar.
@@ -33,7 +32,6 @@ class Finder(NamedTuple):
     choice: str
     source: str
     noun: str
-    what: str
     function: str
     options: tuple[str, ...]
     flatter: str
@@ -55,7 +53,6 @@ FINDERS = (
         choice="windows",
         source="window",
         noun="window",
-        what="windows",
         function="windows.window_finder:find_in_windows",
         options=("grid", "windows"),
         flatter="use smaller windows",
@@ -65,7 +62,6 @@ FINDERS = (
         choice="ransac",
         source="ransac",
         noun="plane",
-        what="planes among the matches (ransac)",
         function="labelling.feature_planes:find_feature_planes",
         options=("min_region_percent", "every"),
         flatter=_FLATTER,
@@ -75,7 +71,6 @@ FINDERS = (
         choice="regions",
         source="region",
         noun="region",
-        what="planes in the image (regions)",
         function="regions.region_finder:find_regions",
         options=("min_region_percent", "gradient_threshold", "merge_px", "debug_images", "every"),
         flatter=_FLATTER,
@@ -85,7 +80,6 @@ FINDERS = (
         choice="",
         source="given",
         noun="plane",
-        what="planes of the column patch",
         function="",
         options=(),
         flatter="leave out rows that lie off it, give them another patch, or have planes found by --planes found",
