@@ -13,15 +13,17 @@ import cv2
 import pytest
 from batch_factory import DESCENT, make_images, make_job, make_pairs, tree
 from command import Done, slopemap
+from output_names import files_of
 
 from slopecli.batch import Outcome, fingerprint_of, index_html, read_outcome
 from slopecli.cli import maps_table
 from slopecli.options import Lander, MapOptions
+from slopecli.products import MAP_PRODUCTS
 
 SIDE = 256  # px
 ASKED = ("--footprint", "24", "--sites", "3", "--altitude", "13")
 SHARES = ("safe", "unsafe", "undecided", "unknown")
-FILES = {"slopes.json", "planes.csv", "slope_map.tif", "slope_map.qml", "map.png", "map_sigma.png"}
+FILES = files_of(MAP_PRODUCTS)
 Run = tuple[Done, Path, Path]
 
 pytestmark = pytest.mark.usefixtures("_solved_once")
@@ -127,7 +129,7 @@ def test_a_finished_pair_is_kept_and_a_changed_option_of_the_map_does_it_again(f
     _, other = again(flight, "--max-height", "3")
     assert other["slopes.json"] != before["slopes.json"]
     done, fewer = again(flight, "--no-pictures")
-    assert set(fewer) == {"slopes.json", "planes.csv", "slope_map.tif", "slope_map.qml", "pair.json"}
+    assert set(fewer) == files_of(MAP_PRODUCTS, without=("pictures",)) | {"pair.json"}
     assert done.returncode == 4
 
 
@@ -137,15 +139,7 @@ def test_maps_and_estimates_replace_each_other(flight: Run, tmp_path: Path) -> N
     done = slopemap("batch", str(flight[1]), "-o", str(tmp_path / "out"))
     assert done.returncode == 4
     names = {path.name for path in (tmp_path / "out" / "view000-view001").iterdir()}
-    assert names == {
-        "slopes.json",
-        "planes.csv",
-        "labels.png",
-        "labels_colour.png",
-        "overlay.png",
-        "patches.ply",
-        "pair.json",
-    }
+    assert names == files_of() | {"pair.json"}
 
 
 USAGE = {

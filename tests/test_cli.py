@@ -15,6 +15,7 @@ from pathlib import Path
 import cv2
 import pytest
 from command import Done, in_a_process, slopemap
+from output_names import files_of
 
 from slopecli import __version__
 from slopecli.cli import slopemap as commands
@@ -23,7 +24,7 @@ ROOT = Path(__file__).resolve().parent.parent
 DESCENT = ROOT / "sample_data" / "descent"
 PAIR = (str(DESCENT / "image1.png"), str(DESCENT / "image2.png"))
 CAMERA = ("--camera", str(DESCENT / "camera.json"))
-FILES = {"slopes.json", "planes.csv", "overlay.png", "patches.ply", "labels.png", "labels_colour.png"}
+FILES = files_of()
 
 
 @pytest.fixture(scope="module")
@@ -222,7 +223,7 @@ def test_windows_keep_their_order_as_ids(tmp_path: Path) -> None:
     windows = ["--window", "500,500,200,200", "--window", "50,60,220,200"]
     done = slopemap("estimate", *PAIR, *CAMERA, *windows, "-o", str(tmp_path), "--no-overlay", "--no-ply")
     assert done.returncode == 0, done.stderr
-    assert {path.name for path in tmp_path.iterdir()} == {"slopes.json", "planes.csv", "labels.png"}
+    assert {path.name for path in tmp_path.iterdir()} == files_of(without=("overlay", "ply"))
     first, second = json.loads((tmp_path / "slopes.json").read_text())["planes"]
     assert (first["id"], second["id"]) == (1, 2)
     assert min(u for u, _ in first["polygon_px"]) > max(u for u, _ in second["polygon_px"])

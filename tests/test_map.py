@@ -17,6 +17,7 @@ import pytest
 import tifffile
 from command import Done, slopemap
 from jsonschema import Draft202012Validator
+from output_names import files_of
 from remembered import forget
 from scenery import Pair, Surface, make_camera, render, tilted, turn, unit
 
@@ -27,7 +28,7 @@ from slopecli.io import load_image, load_schema, write_map, write_outputs
 from slopecli.io.cameras import load_camera
 from slopecli.options import Lander, MapOptions, Options
 from slopecli.pipeline import estimate, slope_map
-from slopecli.products import BANDS, NODATA
+from slopecli.products import BANDS, MAP_PRODUCTS, NODATA
 from slopecli.types import Camera, FloatArray, Image
 
 FOLDER = Path(__file__).resolve().parent.parent / "sample_data" / "descent"
@@ -37,7 +38,7 @@ IMAGE1, IMAGE2 = (load_image(FOLDER / f"image{number}.png") for number in (1, 2)
 CAMERA = load_camera(FOLDER / "camera.json", size=(800, 800))
 HALF_CAMERA = {"width": 400, "height": 400, "fx": 346.41016151, "fy": 346.41016151, "cx": 199.5, "cy": 199.5}
 LENS = {"distortion": [-0.06, 0.012, 0.0, 0.0, 0.0]}
-PICTURES, ALWAYS = {"map.png", "map_sigma.png"}, {"slopes.json", "planes.csv", "slope_map.tif", "slope_map.qml"}
+ALWAYS = files_of(MAP_PRODUCTS, without=("pictures",))
 BACKWARD = unit(0.3, -0.2, -0.9)
 
 pytestmark = pytest.mark.usefixtures("_solved_once")
@@ -187,8 +188,8 @@ def test_options_change_the_answer_as_they_say() -> None:
 
 def test_files_and_table_are_complete(plain: tuple[Done, Path]) -> None:
     done, folder = plain
-    assert {path.name for path in folder.iterdir()} == ALWAYS | PICTURES
-    assert all(name in done.stderr for name in ALWAYS | PICTURES)
+    assert {path.name for path in folder.iterdir()} == files_of(MAP_PRODUCTS)
+    assert all(name in done.stderr for name in files_of(MAP_PRODUCTS))
     header, *rows = done.stdout.splitlines()
     assert header.split()[0] == "site"
     assert 1 <= len(rows) <= 5
@@ -250,9 +251,7 @@ def test_pictures_are_left_out_and_a_cloud_is_added_on_request_and_files_of_an_e
     answered(half, "--no-pictures", "--ply", out=tmp_path)
     assert {path.name for path in tmp_path.iterdir()} == ALWAYS | {"cloud.ply", "notes.txt"}
     assert slopemap("estimate", *pair, "-o", str(tmp_path)).returncode == 0
-    assert {path.name for path in tmp_path.iterdir()} == {
-        "slopes.json", "planes.csv", "labels.png", "labels_colour.png", "overlay.png", "patches.ply", "notes.txt",
-    }  # fmt: skip
+    assert {path.name for path in tmp_path.iterdir()} == files_of() | {"notes.txt"}
 
 
 def test_a_program_writes_the_same_files(half: Path, tmp_path: Path, plain: tuple[Done, Path]) -> None:

@@ -15,6 +15,7 @@ import cv2
 import numpy as np
 import pytest
 from killed_writer import Killed, kill_at
+from output_names import files_of
 from report_factory import (
     make_camera,
     make_image,
@@ -41,8 +42,9 @@ from slopecli.products import (
 )
 from slopecli.types import Scale
 
-ALL = {"slopes.json", "planes.csv", "overlay.png", "patches.ply", "labels.png", "labels_colour.png"}
-STEPS = {"step1_gradient.png", "step2_components.png", "step3_merged.png"}
+ALL = files_of()
+FOUND = files_of(requires=("found",))
+STEPS = files_of(requires=("segmentation",), also=("debug_images",)) - ALL
 REPORT, IMAGE = make_report(), make_image()
 SMALL_IMAGE = make_image(320, 240, colour=True)
 SMALL_LABELS = make_region_labels(320, 240)
@@ -57,6 +59,15 @@ def test_every_file_has_a_row_and_the_result_completes_them() -> None:
     position = Position(46.6, 8.0, None, 1.0, 2.0, 1.0)
     placed = replace(REGIONS, place=Place(position, (0.0, -1.0, 0.0), 0.0, 0.0), scale=Scale("m", "baseline", 0.0))
     assert all(product.what and product.encode(placed, SMALL_IMAGE) for product in PRODUCTS)
+
+
+def test_the_files_that_users_know_are_there() -> None:
+    assert {"slopes.json", "planes.csv", "overlay.png", "patches.ply", "labels.png", "labels_colour.png"} <= ALL
+    assert ALL | {"patches.glb"} <= FOUND
+    assert {"step1_gradient.png", "step2_components.png", "step3_merged.png"} <= STEPS
+    assert {"slopes.json", "planes.csv", "slope_map.tif", "map.png", "map_sigma.png"} <= files_of(MAP_PRODUCTS)
+    assert {"slopes.json", "planes.csv", "overlay.png", "trajectory.txt"} <= files_of(SEQUENCE_PRODUCTS)
+    assert not {"overlay.png", "patches.ply", "labels_colour.png"} & files_of(without=("overlay", "ply"))
 
 
 def test_flags_decline_or_ask_for_files() -> None:
@@ -134,8 +145,8 @@ def test_replaces_an_earlier_answer_and_nothing_else(earlier: Path) -> None:
 
 def test_files_left_out_do_not_stay_from_an_earlier_run(earlier: Path) -> None:
     written = write_outputs(REPORT, IMAGE, earlier, keep_files(overlay=False, ply=False))
-    assert {path.name for path in written} == {"slopes.json", "planes.csv", "labels.png"}
-    assert set(contents(earlier)) == {"slopes.json", "planes.csv", "labels.png", "notes.txt"}
+    assert {path.name for path in written} == files_of(without=("overlay", "ply"))
+    assert set(contents(earlier)) == files_of(without=("overlay", "ply")) | {"notes.txt"}
 
 
 @pytest.mark.parametrize(
@@ -144,10 +155,8 @@ def test_files_left_out_do_not_stay_from_an_earlier_run(earlier: Path) -> None:
     ids=lambda names: "+".join(sorted(names)) or "none",  # the order of a set is another in every process
 )
 def test_regions_come_with_a_textured_model(earlier: Path, declined: set[str]) -> None:
-    files = {"overlay": "overlay.png", "ply": "patches.ply", "glb": "patches.glb"}
     written = write_outputs(REGIONS, SMALL_IMAGE, earlier, keep_files(**dict.fromkeys(declined, False)))
-    expected = {"slopes.json", "planes.csv", "labels.png", *files.values()} - {files[name] for name in declined}
-    expected |= {"labels_colour.png"} - {"labels_colour.png" for name in declined if name == "overlay"}
+    expected = files_of(requires=("found",), without=declined)
     assert {path.name for path in written} == expected
     assert set(contents(earlier)) == expected | {"notes.txt"}
     assert not any(content.startswith(b"earlier") for content in contents(earlier).values())
@@ -155,11 +164,11 @@ def test_regions_come_with_a_textured_model(earlier: Path, declined: set[str]) -
 
 def test_steps_are_written_when_asked_for_and_there_are_any(tmp_path: Path) -> None:
     write_outputs(REGIONS, SMALL_IMAGE, tmp_path, keep_files(debug_images=True))
-    assert set(contents(tmp_path)) == ALL | STEPS | {"patches.glb"}
+    assert set(contents(tmp_path)) == FOUND | STEPS
     merged = cv2.imread(str(tmp_path / "step3_merged.png"))
     assert np.array_equal(merged, draw_merged(REGIONS, SMALL_IMAGE))
     write_outputs(make_region_report(make_camera(320, 240)), SMALL_IMAGE, tmp_path, keep_files(debug_images=True))
-    assert set(contents(tmp_path)) == ALL | {"patches.glb"}  # found without a segmentation
+    assert set(contents(tmp_path)) == FOUND  # found without a segmentation
     write_outputs(REPORT, IMAGE, tmp_path, keep_files(debug_images=True))
     assert set(contents(tmp_path)) == ALL
 

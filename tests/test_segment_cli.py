@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 import trimesh
 from command import Done, slopemap
+from output_names import files_of
 from remembered import forget
 from test_cli import ROOT
 
@@ -21,7 +22,7 @@ from slopecli.cli import slopemap as commands
 
 URBAN = ROOT / "sample_data" / "urban"
 STEPS = {"step1_gradient.png", "step2_components.png", "step3_merged.png"}
-FILES = {"slopes.json", "planes.csv", "labels.png", "labels_colour.png", "overlay.png", "patches.ply", "patches.glb"}
+FILES = files_of(requires=("found",))
 KINDS = ("ground", "wall", "roof")
 CLEAR_SHARE, CLEAR_PURITY = 0.01, 0.75  # of image 1, and of a plane's pixels: what should be named as it is
 Run = tuple[Done, Path]
@@ -180,7 +181,7 @@ def test_options_reach_the_answer(pair: tuple[str, ...], tmp_path: Path) -> None
     out = ("-o", str(tmp_path), "--no-overlay", "--no-ply", "--no-glb")
     done = slopemap("segment", *pair, *thresholds, *out)
     assert done.returncode == 0, done.stderr
-    assert {path.name for path in tmp_path.iterdir()} == {"slopes.json", "planes.csv", "labels.png"}
+    assert {path.name for path in tmp_path.iterdir()} == files_of(without=("overlay", "ply", "glb"))
     result = json.loads((tmp_path / "slopes.json").read_text())
     used = {key: result["options"][key] for key in ("planes", "min_region_percent", "gradient_threshold", "merge_px")}
     assert used == {"planes": "regions", "min_region_percent": 4, "gradient_threshold": 2.5, "merge_px": 3}

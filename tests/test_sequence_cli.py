@@ -13,8 +13,10 @@ import tifffile
 from command import slopemap
 from frames import CAMERA, GRID, frame, true_normals, write_frames
 from jsonschema import validate
+from output_names import files_of
 
 from slopecli.io import LineFile, load_schema, read_lines
+from slopecli.products import SEQUENCE_PRODUCTS
 from slopecli.sequence import Sequence
 
 SAMPLE = Path(__file__).resolve().parents[1] / "sample_data" / "descent"
@@ -42,9 +44,7 @@ def answered(descent: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def test_files_are_complete_and_fit_the_schema(answered: Path) -> None:
-    assert {path.name for path in answered.iterdir()} == {
-        "overlay.png", "planes.csv", "sequence.jsonl", "slopes.json", "trajectory.txt",
-    }  # fmt: skip
+    assert {path.name for path in answered.iterdir()} == files_of(SEQUENCE_PRODUCTS) | {"sequence.jsonl"}
     document = json.loads((answered / "slopes.json").read_text())
     validate(document, load_schema())
     found = np.array([plane["normal_cam1"] for plane in document["planes"]])
