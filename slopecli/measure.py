@@ -18,6 +18,7 @@ from slopecli.geometry.slope import (
     measure_slopes,
     normal_covariances,
     surface_normals,
+    tilt_growth,
 )
 from slopecli.geometry.statistics import CERTAIN_SIGMAS
 from slopecli.geometry.tilt_distribution import probability_below, slope_interval
@@ -42,6 +43,7 @@ class SlopeNumbers(TypedDict):
 class Measured:
     """One root of the solution, measured: its slopes, and P(slope < tolerance) of every plane (m,).
 
+    growth : (m,) `tilt_growth` of its planes.
     level : index of the plane whose normal is taken as up, None if up is not a plane's normal.
     """
 
@@ -49,6 +51,7 @@ class Measured:
     up: Up
     slopes: Slopes
     p_safe: FloatArray
+    growth: FloatArray
     level: int | None = None
 
     @cached_property
@@ -77,22 +80,24 @@ def measure(solution: Solution, joined: Joined, options: Options) -> Measured:
     given: Literal["given", "exif"] = "exif" if options.stated is not None and options.stated.up else "given"
     source: Literal["camera", "given", "dominant-plane", "exif"] = "camera" if options.up == "camera" else given
     level: int | None = None
+    growth = tilt_growth(solution.scaled_normals, solution.normal_covariance)
     if options.up == "dominant-plane":
         source, level = "dominant-plane", dominant_plane(joined)
         vector = surface_normals(solution)[level]
-        slopes = measure_slopes(solution, None, sigma, north, up_plane=level, north_sigma_rad=of_north)
+        slopes = measure_slopes(solution, None, sigma, north, up_plane=level, north_sigma_rad=of_north, growth=growth)
     elif isinstance(options.up, str) and options.up != "camera":
         raise InputError(f"up is {options.up!r}; it must be camera, dominant-plane or three numbers X,Y,Z")
     else:
         vector = CAMERA_UP if isinstance(options.up, str) else checked_direction("up", options.up)
-        slopes = measure_slopes(solution, vector, sigma, north, north_sigma_rad=of_north)
+        slopes = measure_slopes(solution, vector, sigma, north, north_sigma_rad=of_north, growth=growth)
     widened = _with_tilt_variance(slopes, joined, level)
     if widened is not slopes:
         facing = aspect_sigmas(widened, surface_normals(solution), vector, sigma, north, of_north)
         slopes = replace(widened, aspect_sigma_rad=facing)
     level_id = None if level is None else joined.patches[level].id
     up = Up((float(vector[0]), float(vector[1]), float(vector[2])), source, options.up_sigma_deg, level_id)
-    return Measured(solution, up, slopes, probability_below(slopes, float(np.radians(options.tolerance_deg))), level)
+    p_safe = probability_below(slopes, float(np.radians(options.tolerance_deg)))
+    return Measured(solution, up, slopes, p_safe, growth, level)
 
 
 def up_sigma_rad(report: Report, joined: Joined, solution: Solution) -> float:
@@ -136,13 +141,15 @@ def _with_tilt_variance(slopes: Slopes, joined: Joined, level: int | None = None
     return Slopes(slopes.slope_rad, sigma, aspect, slopes.aspect_sigma_rad, covariance)
 
 
-def normal_covariances_deg2(solution: Solution, joined: Joined) -> list[FloatArray | None]:
+def normal_covariances_deg2(root: Measured, joined: Joined) -> list[FloatArray | None]:
     """(3, 3) covariances of the unit normals of all planes, deg^2, those of borrowed patches and of patches matched in
     part with the tilt variance that residuals do not show; None for one that is not finite. Up has no part in them."""
-    normals = surface_normals(solution)
+    normals = surface_normals(root.solution)
     extra = [borrowed_sigma_rad(patch) ** 2 + patch.tilt_sigma_rad**2 for patch in joined.patches]
     across = np.eye(3) - normals[:, :, None] * normals[:, None]
-    covariance = np.degrees(np.degrees(normal_covariances(solution) + np.array(extra)[:, None, None] * across))
+    covariance = np.degrees(
+        np.degrees(normal_covariances(root.solution, root.growth) + np.array(extra)[:, None, None] * across)
+    )
     return [one if np.isfinite(one).all() else None for one in 0.5 * (covariance + covariance.swapaxes(1, 2))]
 
 

@@ -30,6 +30,7 @@ def measure_slopes(
     *,
     up_plane: int | None = None,
     north_sigma_rad: float = 0.0,
+    growth: FloatArray | None = None,
 ) -> Slopes:
     """Slope and aspect of every plane.
 
@@ -39,9 +40,8 @@ def measure_slopes(
     up_sigma_rad : 1-sigma of that direction about each horizontal axis.
     north : (3,) direction aspects are counted from, camera-1 axes; None takes the image's up direction (or the viewing
         direction when the camera looks at the horizon). Only its horizontal part counts.
-    up_plane : index of the plane whose normal is up, instead of `up_cam1`. Its covariance with the other planes is
-        included; its own slope is exactly 0.
-    north_sigma_rad : 1-sigma of the azimuth of north.
+    up_plane : index of the plane that is up, instead of `up_cam1`: its covariances are included, its slope is 0.
+    north_sigma_rad : 1-sigma of the azimuth of north.  growth : (m,) `tilt_growth`, where it is at hand.
 
     Returns
     -------
@@ -61,8 +61,8 @@ def measure_slopes(
         raise InputError(f"the uncertainty of up is {up_sigma_rad}; it must be a number >= 0")
     along, across = tilt_axes(normals, up)
     slope = np.arctan2(np.linalg.norm(np.cross(up, normals), axis=1), normals @ up)
+    growth = tilt_growth(solution.scaled_normals, solution.normal_covariance) if growth is None else growth
     covariance = _tilt_covariance(solution, normals, along, across, up, up_plane)
-    growth = tilt_growth(solution.scaled_normals, solution.normal_covariance)
     covariance = _positive(covariance) * growth[:, None, None] ** 2
     if up_plane is not None:
         covariance[up_plane] = 0.0  # against itself it has no noise; `up_sigma_rad` says how level it is
@@ -252,12 +252,12 @@ def aspects(normals: FloatArray, up: FloatArray, north: FloatArray) -> FloatArra
     return np.asarray(np.arctan2(normals @ east, normals @ north) % (2.0 * np.pi))
 
 
-def normal_covariances(solution: Solution) -> FloatArray:
+def normal_covariances(solution: Solution, growth: FloatArray | None = None) -> FloatArray:
     """(m, 3, 3) covariances of the unit normals, rad^2, each 0 along its normal; larger where normals are poorly known
-    (`tilt_growth`)."""
+    (`tilt_growth`, which is (m,) growth where it is at hand)."""
     normals = surface_normals(solution)
     turn = (np.eye(3) - normals[:, :, None] * normals[:, None]) / _lengths(solution)
-    growth = tilt_growth(solution.scaled_normals, solution.normal_covariance)
+    growth = tilt_growth(solution.scaled_normals, solution.normal_covariance) if growth is None else growth
     return np.asarray(turn @ solution.normal_covariance @ turn * growth[:, None, None] ** 2)
 
 

@@ -50,16 +50,22 @@ def slope_interval(slopes: Slopes, level: float = 0.95) -> FloatArray:
     widest = np.sqrt(np.linalg.eigvalsh(covariance)[:, 1])
     # beyond 8 sigmas the tilt's length is Gaussian to a thousandth of a probability
     gentle = np.flatnonzero((estimate < 8.0 * widest) & (widest > 0.0))
-    if len(gentle):
-        s, tilt = estimate[gentle], _Tilt.of(estimate[gentle], covariance[gentle])
-        # both ends at once
-        twice, outside = _Tilt(*(np.tile(part, (2, 1)) for part in tilt)), s + REACH_SIGMAS * widest[gentle]
-        ends = _farthest_agreeing(twice, np.tile(s, 2), np.concatenate([np.zeros_like(s), outside]), level)
-        interval[gentle] = ends.reshape(2, -1).T
-        below = disc_probability(s, covariance[gentle], interval[gentle, 1])
-        short = gentle[(interval[gentle, 0] <= 0.0) & (below < level)]
-        interval[short, 1] = _disc_holding(estimate[short], covariance[short], widest[short], level)
+    # so many at a time that the tilts compared fit into the cache of a processor: half of the time for thousands
+    for some in np.array_split(gentle, 1 + len(gentle) // 512):
+        interval[some] = _gentle_interval(estimate[some], covariance[some], widest[some], level)
     return np.clip(interval, 0.0, np.pi)
+
+
+def _gentle_interval(estimate: FloatArray, covariance: FloatArray, widest: FloatArray, level: float) -> FloatArray:
+    """(k, 2) lower and upper limit of slopes within 8 sigmas of level; widest (k,): the larger sigma of the tilt."""
+    tilt, outside = _Tilt.of(estimate, covariance), estimate + REACH_SIGMAS * widest
+    twice = _Tilt(*(np.tile(part, (2, 1)) for part in tilt))  # both ends at once
+    ends = _farthest_agreeing(twice, np.tile(estimate, 2), np.concatenate([np.zeros_like(estimate), outside]), level)
+    interval = ends.reshape(2, -1).T
+    below = disc_probability(estimate, covariance, interval[:, 1])
+    short = (interval[:, 0] <= 0.0) & (below < level)
+    interval[short, 1] = _disc_holding(estimate[short], covariance[short], widest[short], level)
+    return interval
 
 
 class _Tilt(NamedTuple):

@@ -115,7 +115,7 @@ def planes_mesh(planes: Sequence[Plane], camera: Camera) -> Mesh:
         for values in (
             [plane.normal_cam1 for plane in planes],
             [plane.distance for plane in planes],
-            [_colour(plane) for plane in planes],
+            _colours(planes),
             [_scalars(plane) for plane in planes],
         )
     )
@@ -129,9 +129,11 @@ def planes_mesh(planes: Sequence[Plane], camera: Camera) -> Mesh:
     return Mesh(vertices, _facing(points, kept, normals[kept[:, 0]]))
 
 
-def _colour(plane: Plane) -> ArrayLike:
-    """RGB of a plane's slope, grey where it is not known."""
-    return slope_colours(plane.slope_deg)[0] if plane.slope_known else COLOURS["no answer"]
+def _colours(planes: Sequence[Plane]) -> NDArray[np.uint8]:
+    """(n, 3) RGB of the slopes of planes, grey where they are not known."""
+    known = np.array([plane.slope_known for plane in planes])
+    told = slope_colours([plane.slope_deg if plane.slope_known else 0.0 for plane in planes])
+    return np.where(known[:, None], told, np.array(COLOURS["no answer"], np.uint8))
 
 
 def _surface_mesh(surface: Surface, colours: ArrayLike) -> Mesh:
@@ -152,7 +154,7 @@ def _scalars(plane: Plane) -> tuple[float, float, float, int]:
 
 def _surface_meshes(report: Report, image: Image | None, surfaces: Sequence[Surface]) -> list[Mesh]:
     if image is None or not surfaces:
-        return [_surface_mesh(each, _colour(each.plane)) for each in surfaces]
+        return [_surface_mesh(each, _colours([each.plane])[0]) for each in surfaces]
     # a vertex stands for the pixels nearest to it, and has their mean colour
     spacing = np.sqrt(np.count_nonzero(report.labels) / max(1, sum(len(each.uv) for each in surfaces)))
     pixels = cv2.cvtColor(image.grey, cv2.COLOR_GRAY2RGB) if image.colour is None else image.colour[:, :, ::-1]

@@ -20,6 +20,7 @@ if TYPE_CHECKING:
 
 SCHEMA_VERSION = "2.1"
 SIGNIFICANT_DIGITS = 9  # 1e-9 of a rotation is 6e-8 deg; more digits would only record the processor's rounding
+_ROUNDED = f"%.{SIGNIFICANT_DIGITS}g"
 # written as labels.png, drawn on overlay.png and the steps; properties that follow from other keys
 _NOT_IN_JSON = {"labels", "epipole1_px", "segmentation", "slope_known", "noun", "found", "size_given", "note"}
 _LEFT_OUT_IF_NONE = {"rms_mrad", "noise_mrad"}  # only of correspondences without a camera
@@ -123,15 +124,11 @@ def rounded(value: float) -> float | None:
     """Round to `SIGNIFICANT_DIGITS`; None for what is not finite."""
     if not math.isfinite(value):
         return None
-    return float(f"{value:.{SIGNIFICANT_DIGITS}g}") + 0.0  # which drops the sign of -0.0
-
-
-def _least_length(value: dict[str, Any] | list[Any]) -> int:
-    """Characters that the keys, or commas, of a container take at least."""
-    return sum(map(len, value)) + 6 * len(value) if isinstance(value, dict) else 3 * len(value)
+    return float(_ROUNDED % value) + 0.0  # which drops the sign of -0.0
 
 
 _encoded = json.JSONEncoder(allow_nan=False).encode  # one encoder: a value alone takes less time than to make one
+_WORDS = {None: "null", True: "true", False: "false"}
 
 
 @cache
@@ -145,13 +142,15 @@ def _layout(value: Any, indent: str = "", before: str = "") -> str:
     if kind is float:
         return before + repr(value)
     if kind is not dict and kind is not list:
-        return before + _encoded(value)
-    line = 110 - len(indent)  # characters
-    if _least_length(value) <= line and len(compact := before + _encoded(value)) <= line:
-        return compact
+        return before + (_WORDS[value] if value is None or kind is bool else _encoded(value))
     inner = indent + "  "
     if kind is dict:
-        brackets, lines = "{}", [_layout(item, inner, _key(key)) for key, item in value.items()]
+        opened, closed = "{}"
+        items = [_layout(item, inner, _key(key)) for key, item in value.items()]
     else:
-        brackets, lines = "[]", [_layout(item, inner) for item in value]
-    return before + brackets[0] + ",".join([f"\n{inner}{line}" for line in lines]) + f"\n{indent}{brackets[1]}"
+        opened, closed = "[]"
+        items = [_layout(item, inner) for item in value]
+    compact = f"{before}{opened}{', '.join(items)}{closed}"  # too long, too, where an item takes several lines
+    if len(compact) <= 110 - len(indent):  # characters
+        return compact
+    return before + opened + ",".join([f"\n{inner}{item}" for item in items]) + f"\n{indent}{closed}"

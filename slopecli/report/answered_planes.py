@@ -66,7 +66,7 @@ def _seen(root: Measured, joined: Joined, cameras: tuple[Camera, Camera]) -> lis
         homography_in_pixels(homographies, cameras[0].K, cameras[1].K),
         rms.tolist(),
         sigma_causes(root, joined),
-        normal_covariances_deg2(solution, joined),
+        normal_covariances_deg2(root, joined),
     )
     return list(starmap(Seen, zip(*columns, strict=True)))
 

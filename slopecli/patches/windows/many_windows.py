@@ -215,10 +215,11 @@ def _borrowed(
 
 def _nearest(places: FloatArray, others: FloatArray) -> tuple[FloatArray, IntArray]:
     """Distances (n, k) of the `MANY.neighbours` others nearest to places (n, 2), nearest first, and their indices."""
-    away = np.hypot(*(places[:, None, axis] - others[None, :, axis] for axis in (0, 1)))
-    near = np.argpartition(away, MANY.neighbours - 1, axis=1)[:, : MANY.neighbours]
-    near = np.take_along_axis(near, np.take_along_axis(away, near, 1).argsort(axis=1, kind="stable"), 1)
-    return np.take_along_axis(away, near, 1), near
+    along, down = (places[:, None, axis] - others[None, :, axis] for axis in (0, 1))
+    away2 = along * along + down * down
+    near = np.argpartition(away2, MANY.neighbours - 1, axis=1)[:, : MANY.neighbours]
+    near = np.take_along_axis(near, np.take_along_axis(away2, near, 1).argsort(axis=1, kind="stable"), 1)
+    return np.sqrt(np.take_along_axis(away2, near, 1)), near
 
 
 def _differs(places: FloatArray, units: FloatArray, away: FloatArray) -> FloatArray:
