@@ -24,8 +24,10 @@ from slopecli.look.photometric import Bundle, View
 from slopecli.look.scene import Scene
 from slopecli.look.transfer_error import TRUNCATED_COST
 from slopecli.look.warp import FloatImage, sample_grey
+from slopecli.patches.regions.block_labels import enlarged
 from slopecli.patches.regions.cell_lattice import CellLattice
 from slopecli.patches.regions.plane_pieces import KnownTilt, Piece, tilt_sigma_rad
+from slopecli.patches.regions.plane_seeds import component_of_middles
 from slopecli.patches.regions.region_tunables import REGION
 from slopecli.patches.windows.raw_grey import KNOWN, fitted_exposure, swept_depths, tilted_aside
 from slopecli.types import BoolArray, FloatArray, IntArray
@@ -154,21 +156,41 @@ def find_blank_planes(
 
     cells : the labels (h, w) of cells, 0 for none.  least : px of the smallest component that is compared.
     """
-    side = REGION.cell_px
-    size = np.bincount(components.ravel())
-    middle = components[side // 2 : lattice.shape[0] * side : side, side // 2 : lattice.shape[1] * side : side]
-    count, bare = np.bincount(middle.ravel(), minlength=len(size)), np.bincount(middle[cells == 0], minlength=len(size))
-    wanted = [k for k in range(1, len(size)) if size[k] >= least and 2 * bare[k] > count[k]]
+    at = component_of_middles(components, lattice.shape)
+    count, bare = (np.bincount(at[mask], minlength=components.max() + 1) for mask in (cells >= 0, cells == 0))
     normals, sigmas = _known(pieces, lattice)
-    if not wanted or not len(normals):
+    if not len(normals):
         return []
     greys, depths, found = _Greys(view, scene), swept_depths(view, scene), []
-    for k in wanted:
-        evidence = _Evidence(components == k, (middle == k) & lattice.known, lattice, greys, view)
+
+    def told(mask: BoolArray, own: BoolArray) -> bool:
+        evidence = _Evidence(mask, own & lattice.known, lattice, greys, view)
         best = _best(evidence, normals, sigmas, depths)
         if best is not None:
-            found.append(KnownTilt(Piece(best[0], 1.0, (middle == k) & (cells == 0)), best[1]))
+            found.append(KnownTilt(Piece(best[0], 1.0, own & (cells == 0)), best[1]))
+        return best is not None
+
+    whole = [k for k in _numbers(components, least) if 2 * bare[k] > count[k] and told(components == k, at == k)]
+    parts = _bare_parts(np.where(np.isin(components, whole), 0, components), cells)
+    at = component_of_middles(parts, lattice.shape)
+    for k in _numbers(parts, least):
+        told(parts == k, at == k)
     return found
+
+
+def _numbers(labels: Labels, least: float) -> IntArray:
+    """Return the labels 1, 2, ... of at least so many pixels."""
+    return np.flatnonzero(np.bincount(labels.ravel())[1:] >= least) + 1
+
+
+def _bare_parts(components: Labels, cells: Labels) -> Labels:
+    """Return the connected parts (h, w), from 1, of components (h, w) that no cell (h, w) explains.
+
+    A component may flow over from a blank wall to ground that has a plane. Those that nothing explains are left out.
+    """
+    explained = enlarged((cells > 0).astype(np.int32), REGION.cell_px, components.shape) > 0
+    partly = np.isin(components, np.unique(components[explained])) & (components > 0)
+    return np.asarray(cv2.connectedComponents((partly & ~explained).astype(np.uint8), connectivity=4)[1])
 
 
 def _known(pieces: Sequence[Piece], lattice: CellLattice) -> tuple[FloatArray, FloatArray]:
@@ -193,6 +215,8 @@ def _best(
         return None
     units = normals / facing[:, None]
     coarse, misfit = evidence.swept(units, np.broadcast_to(depths, (len(units), len(depths))), many=False)
+    if not np.isfinite(misfit).any():  # image 2 does not show the component
+        return None
     # if more of them fit alike, the orientation is open: these show it as well as all
     start = np.argsort(evidence.unlikely(coarse, misfit), kind="stable")[: KNOWN.starts]
     units, sigmas, coarse = units[start], sigmas[start], coarse[start]

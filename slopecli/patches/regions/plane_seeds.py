@@ -55,7 +55,7 @@ def plane_seeds(lattice: CellLattice, components: Labels) -> PlaneSeeds:
     moments = _moments(lattice)
     boxes, sums = zip(*(_squares(moments, side) for side in REGION.windows), strict=True)
     box = np.concatenate(boxes)
-    component = _component_of_middles(components, lattice.shape)
+    component = component_of_middles(components, lattice.shape)
     count = int(component.max()) + 1
     own = np.stack([np.bincount(component.ravel(), layer.ravel(), count) for layer in moments], -1)
     numbers = np.flatnonzero((own[:, -1] >= MIN_ON_PLANE) & (np.arange(count) > 0))
@@ -99,7 +99,7 @@ def _fitted(sums: FloatArray) -> tuple[FloatArray, FloatArray]:
     return planes, squares / variance + sums[:, 10] * np.log(variance)
 
 
-def _component_of_middles(components: Labels, shape: tuple[int, int]) -> Labels:
+def component_of_middles(components: Labels, shape: tuple[int, int]) -> Labels:
     """Return the component (h, w) that the pixel in the middle of each cell is in, 0 for none."""
     middle, side = REGION.cell_px // 2, REGION.cell_px
     return components[middle : shape[0] * side : side, middle : shape[1] * side : side]
