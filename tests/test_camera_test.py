@@ -21,6 +21,7 @@ from slopecli.geometry.solver import (
     changed,
     free_focal,
     free_parameter,
+    lines_explain,
     score_camera,
     start_by_lines,
     with_planes,
@@ -123,6 +124,19 @@ def test_a_search_that_begins_at_a_motion_far_from_the_right_one_arrives() -> No
     freed = free_focal(every, start._replace(T=turned))
     assert freed is not None
     assert freed.value == pytest.approx(-np.log(0.6), abs=0.02)
+
+
+@pytest.mark.parametrize(("factor", "explained"), [(1.0, False), (0.7, True)])
+def test_lines_fitted_without_a_camera_explain_what_a_false_one_sees_but_no_mismatches(
+    factor: float, explained: bool
+) -> None:
+    scene = scene_of(3)
+    false = changed(PINHOLE, "f", np.log(factor))
+    every = Sightings(scene.uv1, scene.uv2, scene.patch, np.ones(len(scene.patch)), (false, false), 1.0)
+    every.uv2[::4] = np.roll(every.uv2[::4], 1, axis=0)
+    start = Settled.of(solve_planes(*every.rays(), scene.patch))
+    assert lines_explain(every, slice(None), start) is explained
+    assert not lines_explain(every, slice(len(scene.patch), None), start)  # no points, no doubt
 
 
 def test_lines_of_one_plane_tell_no_focal_length() -> None:
@@ -390,6 +404,9 @@ def test_a_contradiction_that_the_focal_length_to_use_leaves_is_said(monkeypatch
     (warning,) = (d for d in report_of(scene, PINHOLE, free_focal=True).diagnostics if d.code == "suspect-camera")
     assert "no focal length explains both" in warning.message
     assert "suspect-camera" not in {d.code for d in report_of(scene, PINHOLE).diagnostics}  # mismatches may be it
+    monkeypatch.setattr("slopecli.findings.camera_test.lines_explain", lambda *facts: True)  # and here they are not
+    (warning,) = (d for d in report_of(scene, PINHOLE).diagnostics if d.code == "suspect-camera")
+    assert "no focal length explains both" in warning.message
 
 
 def test_a_contradiction_that_no_focal_length_explains_is_said(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -11,7 +11,14 @@ import numpy as np
 
 from slopecli.errors import DegenerateConfiguration
 from slopecli.geometry.epipolar import epipolar_distance, essential_matrix
-from slopecli.geometry.solver.free_camera import Freed, focal_by_lines, free_focal, free_focal_nearby, free_parameter
+from slopecli.geometry.solver.free_camera import (
+    Freed,
+    focal_by_lines,
+    free_focal,
+    free_focal_nearby,
+    free_parameter,
+    lines_explain,
+)
 from slopecli.geometry.solver.intrinsics import PARAMETERS, CameraScore, Settled, score_camera, with_planes
 from slopecli.geometry.solver.seen_points import Sightings, changed
 from slopecli.look.scene import Scene
@@ -106,7 +113,7 @@ def examine_cameras(
         if not (lines and lines.elsewhere) and (enough := _told_nearby(test, score, sightings, start)):
             return enough
     freed = free_focal(every, start, None if free else _is_far, lines)
-    if freed and free and contradicted and _explains_nothing(freed, joined, every):
+    if freed and contradicted and _explains_nothing(freed, joined, every, start, free):
         freed = None
     return _told_by(freed, test, score, contradicted)
 
@@ -120,9 +127,14 @@ def _told_by(freed: Freed | None, test: CameraTest, score: CameraScore, contradi
     return replace(test, step=freed.value, sigma=sigma, suspect=wrong, start=freed.settled)
 
 
-def _explains_nothing(freed: Freed, joined: Joined, every: Sightings) -> bool:
-    """Whether the overview contradicts the cameras no less with a focal length that is to be used."""
-    return not _is_wrong(freed, True) and _overview_contradicts(joined, every, freed.settled, freed.value)
+def _explains_nothing(freed: Freed, joined: Joined, every: Sightings, start: Settled, used: bool) -> bool:
+    """Whether the overview contradicts the cameras no less with a focal length freed.
+
+    used : whether slopes are computed with it. Else what it leaves may be mismatches, which lie on no lines.
+    """
+    if _is_wrong(freed, True) or not _overview_contradicts(joined, every, freed.settled, freed.value):
+        return False
+    return used or lines_explain(every, slice(len(joined.plane), None), start)
 
 
 def _told_nearby(test: CameraTest, score: CameraScore, sightings: Sightings, start: Settled) -> CameraTest | None:

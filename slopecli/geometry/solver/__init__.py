@@ -7,7 +7,7 @@ __getattr__, __dir__ = lazy_names(
     {
         "coplanar": "AT merge_coplanar",
         "focal_start": "start_by_lines",
-        "free_camera": "Freed focal_by_lines free_focal free_parameter",
+        "free_camera": "Freed focal_by_lines free_focal free_parameter lines_explain",
         "intrinsics": "PARAMETERS CameraScore Settled score_camera with_planes",
         "many_views": "ViewsSolution",
         "mismatches": "chi2_quantile",

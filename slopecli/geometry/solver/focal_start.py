@@ -14,7 +14,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from slopecli.geometry.epipolar import decompose_essential, epipolar_distance, homogeneous
+from slopecli.geometry.epipolar import decompose_essential, epipolar_distance, essential_matrix, homogeneous
 from slopecli.geometry.motion import inverse_depth
 from slopecli.geometry.solver.observations import FINEST_RESIDUAL
 from slopecli.geometry.solver.seen_points import Sightings, changed
@@ -55,6 +55,23 @@ def start_by_lines(sightings: Sightings, noise: float, most: float) -> Start | N
     return value, _motion_of(E, seen.take(np.asarray(finite)), lines.weight[finite])
 
 
+def gain_by_lines(sightings: Sightings, of: slice, motion: Motion, noise: float) -> float:
+    """How much better epipolar lines fitted without any camera explain some points than those of a motion (R, T).
+
+    sightings : all points, which the lines are fitted to.  of : those that are to be explained.  noise : of the
+    matches, normalised.  The gain is the mean logarithm of the likelihood ratio of a point, distances having the
+    distribution of Cauchy; mismatches gain nothing, as they are on no lines.
+    """
+    noise = max(noise, FINEST_RESIDUAL)
+    rays = sightings.rays()
+    F = _fundamental_matrix(*rays, sightings.weight, noise)[0]
+    given, fitted = (
+        np.log1p(sightings.weight * (epipolar_distance(matrix, *rays) / noise) ** 2)[of]
+        for matrix in (essential_matrix(*motion), F)
+    )
+    return float((given - fitted).sum()) / max(len(given), 1)
+
+
 class _Lines(NamedTuple):
     """Epipolar lines of points as seen with a logarithm of the focal length.
 
@@ -73,18 +90,20 @@ def _lines_through_lens(sightings: Sightings, noise: float, most: float) -> _Lin
     best = _fitted(sightings, 0.0, noise)
     for step in (_SEARCH.through_lens, -_SEARCH.through_lens):
         while best and abs(best.value + step) <= most:
-            tried = _fitted(sightings, best.value + step, noise)
+            tried = _fitted(sightings, best.value + step, noise, best)
             if tried is None or tried.noise_px >= best.noise_px:
                 break
             best = tried
     return best
 
 
-def _fitted(sightings: Sightings, value: float, noise: float) -> _Lines | None:
+def _fitted(sightings: Sightings, value: float, noise: float, near: _Lines | None = None) -> _Lines | None:
+    """The lines for a value; near : those for another one, whose mismatches are a start."""
     seen = (sightings.seen_by(_with_focal(sightings.cameras, value)) if value else sightings).with_rays()
     if len(seen.patch) < max(8, 0.9 * len(sightings.patch)):
         return None
-    F, weight, sigma = _fundamental_matrix(*seen.rays(), seen.weight, noise)
+    start = None if near is None else _scaled(near.F, np.array([value - near.value]))[0]
+    F, weight, sigma = _fundamental_matrix(*seen.rays(), seen.weight, noise, start)
     return _Lines(value, seen, F, weight, sigma * seen.cameras[1].focal_px)
 
 
@@ -120,28 +139,42 @@ def _in_front(motion: Motion, x1: FloatArray, x2: FloatArray) -> BoolArray:
 
 
 def _fundamental_matrix(
-    x1: FloatArray, x2: FloatArray, weights: FloatArray, noise: float
+    x1: FloatArray, x2: FloatArray, weights: FloatArray, noise: float, start: FloatArray | None = None
 ) -> tuple[FloatArray, FloatArray, float]:
-    """(3, 3) matrix F with x2 . F x1 = 0 of points (n, 2), robust weights (n,), and the 1-sigma of their distances."""
+    """(3, 3) matrix F with x2 . F x1 = 0 of points (n, 2), robust weights (n,), and the 1-sigma of their distances.
+
+    start : matrix near to it, whose mismatches are those of the first round.
+    """
     first, second = _conditioner(x1), _conditioner(x2)
-    p1, p2 = homogeneous(x1) @ first.T, homogeneous(x2) @ second.T
-    rows = (p2[:, :, None] * p1[:, None, :]).reshape(-1, 9)
-    robust, by_line = np.ones(len(x1)), np.ones(len(x1))
-    F, sigma = np.eye(3), np.inf
+    p1, p2 = homogeneous(x1), homogeneous(x2)
+    rows = ((p2 @ second.T)[:, :, None] * (p1 @ first.T)[:, None, :]).reshape(-1, 9)
+
+    def missed(F: FloatArray) -> tuple[FloatArray, FloatArray, float]:
+        """By how much more an entry of the products errs than a distance, (n,); the distances, and their 1-sigma."""
+        lines2, lines1 = p1 @ F.T, p2 @ F
+        square2 = np.maximum((lines2[:, :2] ** 2).sum(axis=1), np.finfo(float).tiny)
+        length = square2 + (lines1[:, :2] ** 2).sum(axis=1)
+        distance = (p2 * lines2).sum(axis=1) / np.sqrt(square2)
+        return median(length) / length, distance, robust_sigma(distance)
+
+    def robust(distance: FloatArray, sigma: float) -> FloatArray:
+        return geman_mcclure(distance, 3.0 * max(sigma, noise, FINEST_RESIDUAL))
+
+    by_line, weight, sigma = np.ones(len(x1)), np.ones(len(x1)), np.inf
+    F = np.eye(3)
+    if start is not None:
+        by_line, distance, sigma = missed(start)
+        weight = robust(distance, sigma)
     for _ in range(_SEARCH.rounds):
-        weighted = rows * np.sqrt(weights * robust * by_line)[:, None]
+        weighted = rows * np.sqrt(weights * weight * by_line)[:, None]
         u, s, vt = np.linalg.svd(np.linalg.eigh(weighted.T @ weighted)[1][:, 0].reshape(3, 3))
         F = second.T @ ((u[:, :2] * s[:2]) @ vt[:2]) @ first
-        # distances from lines are what errs, not the entries of the products
-        lines2, lines1 = homogeneous(x1) @ F.T, homogeneous(x2) @ F
-        length = np.maximum((lines2[:, :2] ** 2).sum(axis=1) + (lines1[:, :2] ** 2).sum(axis=1), np.finfo(float).tiny)
-        by_line = median(length) / length
-        distance = epipolar_distance(F, x1, x2)
-        before, sigma = sigma, robust_sigma(distance)
+        before = sigma
+        by_line, distance, sigma = missed(F)
         if abs(before - sigma) < 0.002 * sigma:
             break
-        robust = geman_mcclure(distance, 3.0 * max(sigma, noise, FINEST_RESIDUAL))
-    return F, weights * robust, sigma
+        weight = robust(distance, sigma)
+    return F, weights * weight, sigma
 
 
 def _conditioner(x: FloatArray) -> FloatArray:

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from dataclasses import replace
 from functools import partial
 from typing import NamedTuple
 
@@ -17,7 +18,7 @@ import numpy as np
 
 from slopecli.errors import DegenerateConfiguration, SlopemapError
 from slopecli.geometry.epipolar import rotation_from_vector
-from slopecli.geometry.solver.focal_start import Motion, Start, start_by_lines
+from slopecli.geometry.solver.focal_start import Motion, Start, gain_by_lines, start_by_lines
 from slopecli.geometry.solver.intrinsics import PARAMETERS, CameraScore, Settled, score_camera, with_planes
 from slopecli.geometry.solver.observations import (
     FINEST_RESIDUAL,
@@ -68,9 +69,12 @@ class Freed(NamedTuple):
 
 
 class _Tried(NamedTuple):
+    """A value of a parameter, the solution under it, its cost, and the points as cameras with that value see them."""
+
     value: float
     settled: Settled
     cost: float
+    seen: Sightings
 
 
 @one_blas_thread()
@@ -106,6 +110,11 @@ class ByLines(NamedTuple):
 def focal_by_lines(every: Sightings, noise: float) -> ByLines:
     """The focal length by epipolar lines of all points, mismatches included; noise: of the matches, normalised."""
     return ByLines(start_by_lines(thinned(every, _FOCAL_SEARCH.points), noise, FOCAL_STEPS[-1]))
+
+
+def lines_explain(every: Sightings, of: slice, start: Settled) -> bool:
+    """Whether some points miss the epipolar lines of a solution, and lines fitted without any camera clearly less."""
+    return gain_by_lines(every, of, (start.R, start.T), start.noise) > _FOCAL_SEARCH.gain
 
 
 def free_focal_nearby(sightings: Sightings, start: Settled) -> Freed | None:
@@ -228,7 +237,7 @@ def _either_side(sightings: Sightings, middle: _Tried) -> list[_Tried]:
 def _gauss_newton(sightings: Sightings, parameter: str, best: _Tried) -> Freed:
     """Refine a value with all else; steps that fit worse are halved."""
     index = PARAMETERS.index(parameter)
-    score = _score(sightings, parameter, best)
+    score = score_camera(best.seen, best.settled)
     for _ in range(12):
         step, sigma = float(score.step[index]), float(score.sigma[index])
         if abs(step) <= max(0.03 * sigma, 1e-10):  # far less than it is known to
@@ -242,17 +251,13 @@ def _gauss_newton(sightings: Sightings, parameter: str, best: _Tried) -> Freed:
                 break
         else:
             break
-        best, score = tried, _score(sightings, parameter, tried)
-    return Freed(*best, score, 1.0)
+        best, score = tried, score_camera(tried.seen, tried.settled)
+    return Freed(best.value, best.settled, best.cost, score, 1.0)
 
 
 def _changed(sightings: Sightings, parameter: str, value: float) -> Sightings:
     first, second = (changed(camera, parameter, value) for camera in sightings.cameras)
     return sightings.seen_by((first, second))
-
-
-def _score(sightings: Sightings, parameter: str, tried: _Tried) -> CameraScore:
-    return score_camera(_changed(sightings, parameter, tried.value), tried.settled)
 
 
 def _refocused(settled: Settled, by: float) -> Settled:
@@ -275,7 +280,7 @@ def _refocused(settled: Settled, by: float) -> Settled:
 
 def _settle(sightings: Sightings, parameter: str, value: float, start: Settled) -> _Tried | None:
     """The solution under cameras with a given value of a parameter; None where it is beyond what they can see."""
-    seen_by = _changed(sightings, parameter, value)
+    seen_by = _changed(sightings, parameter, value) if value else sightings
     x1, x2 = seen_by.rays()
     if not (np.isfinite(x1).all() and np.isfinite(x2).all()):
         return None
@@ -297,7 +302,7 @@ def _settle(sightings: Sightings, parameter: str, value: float, start: Settled) 
     chi2 = float(linearise(seen, predict(seen, *state), relief.W[None]).constant[0]) / relief.noise**2
     cost = 2.0 * rows * float(np.log(noise_px)) + relief.log_determinant + chi2
     settled = Settled(state.R[0], state.T[0], state.N[0], relief.noise, relief.relative)
-    return _Tried(value, settled, cost) if np.isfinite(cost) else None
+    return _Tried(value, settled, cost, replace(seen_by, known=(x1, x2))) if np.isfinite(cost) else None
 
 
 def _form(seen: Observations, W: FloatArray, state: State) -> QuadraticForm:
