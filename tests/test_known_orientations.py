@@ -112,6 +112,30 @@ def test_matches_that_leave_more_open_than_a_user_takes_give_way(most_sigma_deg:
     assert found[2].origin == origin
 
 
+@pytest.mark.parametrize(("share", "origin"), [(0.1, "borrowed"), (0.9, "own")])
+def test_a_few_matches_on_something_else_give_way_to_the_orientation_that_the_pixels_confirm(
+    share: float, origin: str
+) -> None:
+    pair = room(1.1 * LEFT, 0.35)
+    scene, patches = scene_of(pair), asked(pair)
+    few = replace(patches[2], matches=patches[1].matches, weight=patches[1].weight, origin="own", score=0.96)
+    few = replace(few, share=share, tilt_sigma_rad=0.5)
+    found = with_known_orientations([*patches[:2], few], scene, REMATCHERS["sift"], Options().max_sigma_deg)[2]
+    assert found.origin == origin
+    assert origin == "own" or tilt_error_deg(found, pair, LEFT) < 1.0
+
+
+def test_a_window_mostly_outside_image_2_has_the_wall_that_the_rest_of_it_is_on_and_stays_as_unsure() -> None:
+    pair = room(FLOOR, 1.0, coarseness=1.0)
+    scene, patches = scene_of(pair), asked(pair, (*ASKED[:2], (0, 60, 64, 64)))
+    strip = replace(patches[2], share=0.2, tilt_sigma_rad=0.4)
+    found = with_known_orientations([*patches[:2], strip], scene, REMATCHERS["sift"], Options().max_sigma_deg)[2]
+    assert found.origin == "borrowed"
+    assert "mostly not in image 2" in found.reason
+    assert found.tilt_sigma_rad == 0.4
+    assert tilt_error_deg(found, pair, LEFT) < 0.5
+
+
 def test_planes_of_clear_windows_are_known_before_those_of_the_scene() -> None:
     pair = room(FLOOR, 0.0)
     scene, patches = scene_of(pair), asked(pair)

@@ -139,7 +139,7 @@ def gradient_parts(depth: DenseDepth, planes: FootprintPlanes, jump: FloatArray)
 
     jump (rows, columns) : of ln w at the step that a footprint lies across, 0 without a step.
     """
-    sums = disc_sums(error_layers(depth), planes.cells, COARSE)
+    sums = disc_sums(error_layers(depth)[:4], planes.cells, COARSE)
     # the second moment of a disc about either axis is a fourth of its squared radius
     moment = np.maximum(sums[0], 1.0) * (planes.cells.radius_px / depth.focal_px) ** 2 / 4.0
     noise, edges = (density / moment for density in error_densities(sums, rise_of(planes, depth)))
@@ -167,16 +167,15 @@ def _motion_covariance(planes: FootprintPlanes, root: Root) -> FloatArray:
     return np.asarray(gain @ root.covariance @ gain.swapaxes(-1, -2) + shift[..., :, None] * shift[..., None, :])
 
 
-def error_layers(depth: DenseDepth, systematic_px: float = 0.0) -> list[FloatImage]:
+def error_layers(depth: DenseDepth) -> list[FloatImage]:
     """Layers (h, w) whose sums `error_densities` takes: pixels known, and of these the variance of ln w times the
-    pixels that share an error, and the jumps of ln w beside them, and their squares.
-
-    systematic_px : 1-sigma of what no alignment can mend.
+    pixels that share an error, and the jumps of ln w beside them, and their squares. The fifth is the second for an
+    error of 1 grid px.
     """
     known = depth.known.astype(np.float32)
-    left = np.clip(depth.along_px, -1.0, 1.0) ** 2 + np.float32(systematic_px**2)
+    of_one_px = np.float32(shared_px(depth)) * known / depth.shift_px**2
     span = depth.span * known
-    return [known, np.float32(shared_px(depth)) * left * known / depth.shift_px**2, span, depth.span * span]
+    return [known, of_one_px * np.clip(depth.along_px, -1.0, 1.0) ** 2, span, span * span, of_one_px]
 
 
 def shared_px(depth: DenseDepth) -> float:

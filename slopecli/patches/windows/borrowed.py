@@ -97,7 +97,7 @@ def from_elsewhere(patch: Patch, scene: Scene, matches: Matches, sigma: float, n
     if patch.origin != "own":
         code, why = _why_not(patch.window, scene, None)
     reason = f"{why}: orientation from elsewhere, that of {name}, its distance is not the window's"
-    return _with_matches(patch.unmatched(reason, code), matches, sigma)
+    return with_matches(patch.unmatched(reason, code), matches, sigma)
 
 
 def points_on(window: Window, plane: FloatArray, scene: Scene) -> Matches:
@@ -114,7 +114,7 @@ def points_on(window: Window, plane: FloatArray, scene: Scene) -> Matches:
     return Matches(uv1, uv2, x1, x2).take(seen & covered(uv1, scene.shape1) & covered(uv2, scene.shape2))
 
 
-def _with_matches(patch: Patch, matches: Matches, sigma: float) -> Patch:
+def with_matches(patch: Patch, matches: Matches, sigma: float) -> Patch:
     """The window with some of the matches of another plane; sigma: of its tilt, rad."""
     matches = matches.take(thin(matches.uv1, np.arange(len(matches)), 300))  # more would not be surer of the window
     spacing = max(max(patch.window[2:]) / TUNE.cells_across, 1.0)
@@ -133,7 +133,7 @@ def _borrowed(chosen: IntArray, patch: Patch, scene: Scene, plane: FloatArray, s
     code, reason = _why_not(patch.window, scene, plane)
     if code == "poor-fit":  # on this plane it would have been matched
         sigma = max(sigma, TUNE.unexplained_rad)
-    return _with_matches(patch.unmatched(f"{reason}: {words}", code), scene.evidence.take(chosen), sigma)
+    return with_matches(patch.unmatched(f"{reason}: {words}", code), scene.evidence.take(chosen), sigma)
 
 
 def _why_not(window: Window, scene: Scene, plane: FloatArray | None) -> tuple[str, str]:

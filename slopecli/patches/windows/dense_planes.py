@@ -15,13 +15,14 @@ import numpy as np
 from slopecli.geometry.statistics import CHI2
 from slopecli.ground.footprint_planes import LEAST_SHARE
 from slopecli.ground.tilt_uncertainty import Root, focal_shift, motion_gain, normals_under
-from slopecli.ground.window_planes import WindowPlanes, fit_windows
+from slopecli.ground.window_planes import FIT, WindowPlanes, fit_windows
 from slopecli.look.dense_depth import DenseDepth, measure_depth
 from slopecli.look.scene import Scene
 from slopecli.look.scene_from_images import FINE
 from slopecli.look.threads import single_threaded
 from slopecli.look.warp import covered
 from slopecli.patches.join import Joined
+from slopecli.patches.windows.raw_grey import KNOWN
 from slopecli.patches.windows.unmatched_parts import imaged
 from slopecli.types import BoolArray, Camera, FloatArray, IntArray, Solution
 from slopecli.windows import Window
@@ -37,9 +38,6 @@ class DenseTunables(NamedTuple):
     # times the variance of the plane through the matches, which lacks that of the ground they leave out: with more, the
     # pixels are too faint to take its place
     as_sure: float = 4.0
-    # px, shorter side of the smallest window on the working grid: of grids of 235 px on rough ground the planes are
-    # no better (mean error 0.85 degrees both), and their sigmas too small (RMS error over sigma 1.9, here 1.1)
-    side_px: float = 160.0
 
 
 DENSE = DenseTunables()
@@ -70,7 +68,7 @@ def _pixels_needed(windows: Sequence[Window]) -> float:
     """Pixels of a working grid around windows, px of image 1, that suffice for the planes of all of them."""
     x, y, w, h = np.array(windows, float).T
     around = float(np.ptp(np.r_[x, x + w]) * np.ptp(np.r_[y, y + h]))
-    return min(FINE.max_pixels, around * (DENSE.side_px / min(w.min(), h.min())) ** 2)
+    return min(FINE.max_pixels, around * (FIT.side_px / min(w.min(), h.min())) ** 2)
 
 
 def _share_shown(window: Window, normal: FloatArray, scene: Scene) -> float:
@@ -134,11 +132,10 @@ def _better(dense: WindowPlanes, solution: Solution, joined: Joined, index: IntA
     sparse = sparse + np.array([joined.patches[k].tilt_sigma_rad ** 2 for k in index])
     units = [one / np.linalg.norm(one, axis=1, keepdims=True) for one in (normals, dense.normal)]
     apart = 2.0 * np.arcsin(np.minimum(np.linalg.norm(units[0] - units[1], axis=1) / 2.0, 1.0))
-    same = (
-        dense.told
-        & (dense.planes.sure[0] >= DENSE.least_sure)
-        & (dense.relief < DENSE.same_ground * solution.relief[index])
-    )
+    # where the ground that the matches left out leaves the orientation unknown, theirs is not all of the relief
+    unknown = (sparse > KNOWN.sure_rad**2) & (DENSE.as_sure**2 * own < sparse)
+    most_relief = np.where(unknown, DENSE.same_ground**2, DENSE.same_ground) * solution.relief[index]
+    same = dense.told & (dense.planes.sure[0] >= DENSE.least_sure) & (dense.relief < most_relief)
     return np.asarray(same & (own < as_sure * sparse) & (apart**2 < CHI2[2, 0.99] * (own + sparse)))
 
 

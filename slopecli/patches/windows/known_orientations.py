@@ -23,7 +23,7 @@ from slopecli.look.photometric import TILTS, View, align_plane
 from slopecli.look.scene import FINE_PX, Scene, view_of
 from slopecli.options import MANY_WINDOWS
 from slopecli.patches.patch import IN_DOUBT_DEG, Patch
-from slopecli.patches.windows.borrowed import angles, from_elsewhere, points_on, shares, similarity
+from slopecli.patches.windows.borrowed import angles, from_elsewhere, points_on, shares, similarity, with_matches
 from slopecli.patches.windows.raw_grey import (
     KNOWN,
     Compared,
@@ -87,14 +87,15 @@ def with_known_orientations(patches: list[Patch], scene: Scene, rematch: Rematch
 
 
 def _is_unmatched(patch: Patch, scene: Scene, most_sigma_deg: float) -> bool:
-    """Whether a window that image 2 shows has no matches of its own, or such as agree by chance or tell no tilt.
+    """Whether a window that image 2 shows has no matches of its own, or few that tell no tilt, or agree by chance.
 
     Textured ground without any match is not what image 2 shows there, and grey values that agree do so by chance.
     """
     if patch.origin != "own":
         return patch.code == "low-texture"
     by_chance = patch.score < KNOWN.faint_score and patch.tilt_sigma_rad > np.radians(IN_DOUBT_DEG)
-    return by_chance or _noise_rad(patch, scene) > np.radians(most_sigma_deg)
+    in_part = patch.share < TUNE.scarce_share and patch.tilt_sigma_rad > np.radians(most_sigma_deg)
+    return by_chance or in_part or _noise_rad(patch, scene) > np.radians(most_sigma_deg)
 
 
 def _noise_rad(patch: Patch, scene: Scene) -> float:
@@ -203,6 +204,9 @@ def _settled(
 
     found : the known orientations, compared with the window.  view : of it, for comparing others.
     """
+    own = patch.origin == "own"
+    if own and not np.isfinite(found.misfit).any():
+        return _on_known(patch, known, scene)
     depths, n = swept_depths(view, scene), len(known)
     follows = np.array([plane.matches is None for plane in known])
     unseen = KNOWN.unknown - float(found.prior[follows].sum())
@@ -211,7 +215,6 @@ def _settled(
     # if no plane explains more than a uniform grey would, grey values tell nothing
     if not float(found.misfit.min()) < variance + ROUNDING_GREY**2:
         return patch
-    own = patch.origin == "own"
     if own:
         found = _beside_own(found, patch, view, exposure, scene)
     chance, apart = found.chance(variance), angles(found.normals)
@@ -222,7 +225,9 @@ def _settled(
     best = int(group[np.argmax(chance[group] / sigma)])
     if own:
         as_well = found.misfit[best] < (1.0 + KNOWN.alike) * found.misfit[-1]
-        if mass.max() < (0.25 if as_well else 0.5):
+        # an orientation about that of the matches, and known no better than by these, tells no more than they do
+        told = known[best].sigma_rad >= _noise_rad(patch, scene) and apart[best, -1] < KNOWN.parallel_rad
+        if told or mass.max() < (0.25 if as_well else 0.5):
             return patch
     elif _is_around(patch, found.normals[best], scene):
         return patch
@@ -238,6 +243,24 @@ def _settled(
         matches = points_on(patch.window, found.normals[best] * found.depth[best], scene)
         spread = np.hypot(spread, known[best].sigma_rad)
     return from_elsewhere(patch, scene, matches, float(spread), name)
+
+
+def _on_known(patch: Patch, known: Sequence[KnownPlane], scene: Scene) -> Patch:
+    """The window of which image 2 shows too little to compare, with the known plane its few matches lie on, if any.
+
+    That reaches farther than they do, so it tells their tilt better; what the rest of the window may be stays as open.
+    """
+    x1, x2 = patch.matches.x1, patch.matches.x2
+    w, leverage = inverse_depth(scene.R, scene.T, x1, x2)
+    to_px, best, least = leverage * scene.camera2.focal_px, None, ON_PLANE_PX
+    for plane in known:
+        off = float(np.sqrt(np.mean(((w - homogeneous(x1) @ plane.normal) * to_px) ** 2)))
+        if plane.matches is not None and off < least:
+            best, least = plane, off
+    if best is None or best.matches is None:
+        return patch
+    reason = f"mostly not in image 2: this is the plane of what is, that of {best.name}"
+    return with_matches(patch.unmatched(reason, "no-overlap"), best.matches, patch.tilt_sigma_rad)
 
 
 def own_plane(patch: Patch, scene: Scene) -> FloatArray:
