@@ -34,6 +34,9 @@ TEXT = {
     "metadata of RealityCapture": r"\bxcr:FocalLength35mm",
     "a calibration of MicMac": r"<CalibrationInternConique\b",
     "COLMAP's images.txt, not its cameras.txt": r"IMAGE_ID, QW",
+    "a sensor of Gazebo (--fov takes its horizontal_fov, in degrees)": r"<horizontal_fov>",
+    "a lens and a sensor in mm (px = mm x image width in px / sensor width in mm, see --intrinsics)": r"(?i)"
+    r"\bsensor_?(width|size_h)\b",
     "a slopes.json or another result of slopemap": r"\"slopemap_version\"",
     "a web page": r"\A\s*<(!DOCTYPE html|html)",
 }

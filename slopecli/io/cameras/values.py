@@ -126,7 +126,7 @@ def skewed_intrinsics(value: Any, name: str) -> tuple[float, float, float, float
         what = "all zero" if not any(k) else "the identity matrix"
         raise InputError(f"{name} is {what}: the camera is not calibrated; calibrate it first")
     if k[3] != 0 or k[6:] != [0, 0, 1]:
-        raise InputError(f"{name} is not an intrinsic matrix [fx 0 cx; 0 fy cy; 0 0 1]; is it transposed?")
+        raise InputError(f"{name} is not an intrinsic matrix [fx 0 cx; 0 fy cy; 0 0 1]; is it transposed, or scaled?")
     return k[0], k[4], k[2], k[5], k[1]
 
 
