@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ast
 import io
 import json
 import struct
@@ -69,12 +70,25 @@ def encoded(suffix: str, pixels: np.ndarray, *options: int) -> bytes:
 
 @cache
 def camera_texts() -> list[str]:
-    """Camera files that are text: those of camera_factory, and what it has no whole file of."""
+    """Camera files that are text: those of camera_factory and of the formats' tests, and what these have none of."""
     found = [value for name, value in vars(camera_factory).items() if name.isupper() and isinstance(value, str | dict)]
     texts = [value if isinstance(value, str) else json.dumps(value) for value in found]
     texts += [content if isinstance(content, str) else json.dumps(content) for content, _ in _sample_pairs()]
     native = {"width": 1024, "height": 1024, "K": camera_factory.MATRIX, "distortion": [0.1, 0.0, 0.0, 0.0]}
-    return list(dict.fromkeys([*texts, json.dumps(native), OPENCV_XML, frames_text()]))
+    return list(dict.fromkeys([*texts, *_of_tests(), json.dumps(native), OPENCV_XML, frames_text()]))
+
+
+def _of_tests() -> list[str]:
+    """The texts that tests/test_camera_<module>.py call SAMPLE, so that a new format touches no other test."""
+    tests = sorted(Path(__file__).resolve().parent.parent.glob("test_camera_*.py"))
+    lines = (node for path in tests for node in ast.parse(path.read_text(encoding="utf-8")).body)
+    return [
+        ast.literal_eval(node.value)
+        for node in lines
+        if isinstance(node, ast.Assign)
+        and ast.unparse(node.targets[0]) == "SAMPLE"
+        and isinstance(node.value, ast.Constant)
+    ]
 
 
 def _sample_pairs() -> list[tuple[Any, str]]:
