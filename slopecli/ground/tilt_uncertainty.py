@@ -19,7 +19,7 @@ from slopecli.geometry.motion import inverse_depth
 from slopecli.ground.footprint_planes import LEAST_SHARE, FootprintPlanes
 from slopecli.ground.footprints import COARSE, Cells, disc_area, disc_sums
 from slopecli.look.dense_depth import DEPTH, DenseDepth
-from slopecli.look.warp import FloatImage
+from slopecli.look.warp import FloatImage, gaussian_reach
 from slopecli.types import BoolArray, Camera, FloatArray, Solution
 
 
@@ -277,10 +277,10 @@ def across_step(depth: DenseDepth, planes: FootprintPlanes, jump: FloatArray) ->
 def beside_bare(depth: DenseDepth, planes: FootprintPlanes) -> BoolArray:
     """(rows, columns) whether a footprint reaches onto ground without texture, which may be a drop.
 
-    Or nearly so: where the window of the alignment, which reaches four of its sigmas, still has an edge beside the
+    Or nearly so: where the window of the alignment still has an edge beside the
     bare ground, that has the depth of the edge.
     """
-    wider = replace(planes.cells, radius_px=planes.cells.radius_px + 4.0 * DEPTH.window_px)
+    wider = replace(planes.cells, radius_px=planes.cells.radius_px + gaussian_reach(DEPTH.window_px))
     pixels = disc_sums((depth.bare,), wider)[0]
     return np.asarray(pixels > TILT.step_length * 2 * planes.cells.radius_px)
 

@@ -15,6 +15,7 @@ from slopecli.ground.footprints import Cells
 from slopecli.ground.tilt_uncertainty import TILT, Root, error_densities, error_layers, normal_covariance, rise_of
 from slopecli.look.dense_depth import DEPTH, DenseDepth
 from slopecli.look.noise import SYSTEMATIC_PX
+from slopecli.look.warp import gaussian_reach
 from slopecli.types import BoolArray, FloatArray, IntArray
 from slopecli.windows import Window
 
@@ -139,7 +140,7 @@ def onto_bare(depth: DenseDepth, windows: Sequence[Window]) -> BoolArray:
     """(n,) whether a window reaches onto ground without texture of its own, which may be a drop, or nearly so: see
     `tilt_uncertainty.beside_bare`."""
     parts = parts_of(depth, windows)
-    wider = _grown(depth, parts, np.full(len(parts), 4.0 * DEPTH.window_px))
+    wider = _grown(depth, parts, np.full(len(parts), gaussian_reach(DEPTH.window_px)))
     return np.asarray(box_sums(depth.bare, wider) > TILT.step_length * _side(parts))
 
 

@@ -16,13 +16,13 @@ import numpy as np
 
 from slopecli.look.features import Grey, match_descriptors, shrink, to_full
 from slopecli.look.noise import NOISE_GREY
-from slopecli.look.warp import FloatImage, Layer, image_gradient
+from slopecli.look.warp import FloatImage, Layer, gaussian_reach, image_gradient
 from slopecli.types import BoolArray, FloatArray, IntArray
 
 GradientProducts = tuple[FloatImage, FloatImage, FloatImage]  # gx gx, gx gy, gy gy, (h, w) each, grey^2/px^2
 
 WINDOW_SIGMA_PX = 1.5  # Gaussian window of the structure tensor, the extent of one corner
-WINDOW_RADIUS_PX = round(4 * WINDOW_SIGMA_PX)  # where that window has decayed
+WINDOW_RADIUS_PX = round(gaussian_reach(WINDOW_SIGMA_PX))  # where that window has decayed
 MAX_OFFSET_PX = 2.5  # from the maximum of w to where the edges meet, which lies inside the window
 QUOTA_CELLS = 8  # the image is divided in 8 x 8 cells, each with a quota of corners
 COARSE_PIXELS = 0.25e6  # of the images corners are matched on: a block then shows 34 px of a megapixel image

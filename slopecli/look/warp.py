@@ -186,6 +186,11 @@ def image_gradient(image: FloatImage) -> tuple[FloatImage, FloatImage]:
     return np.asarray(gx, np.float32), np.asarray(gy, np.float32)
 
 
+def gaussian_reach(sigma_px: float) -> float:
+    """Px from its middle within which a Gaussian window lies, but for 6e-5 of its weight along an axis: four sigmas."""
+    return 4.0 * sigma_px
+
+
 def local_mean(image: FloatImage, sigma: float) -> FloatImage:
     """Image (h, w) smoothed by a Gaussian of `sigma` px, at the resolution that suffices for it."""
     height, width = image.shape

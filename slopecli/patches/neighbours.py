@@ -12,11 +12,15 @@ def nearest(points: FloatArray, k: int, queries: IntArray | None = None) -> IntA
 
     queries : (m,) indices of the points whose neighbours are wanted; all n when None.
     """
+    return nearest_by_tree(points, points if queries is None else points[queries], k)[1]
+
+
+def nearest_by_tree(others: FloatArray, places: FloatArray, count: int) -> tuple[FloatArray, IntArray]:
+    """As `nearest_of`, for many points `others` (k, d), by SciPy's k-d tree; of fewer than `count` all."""
     from scipy.spatial import KDTree
 
-    asked = points if queries is None else points[queries]
-    _, index = KDTree(points).query(asked, range(1, min(k, len(points)) + 1))
-    return np.asarray(index, np.int64).reshape(len(asked), -1)
+    distance, index = KDTree(others).query(places, range(1, min(count, len(others)) + 1))
+    return np.asarray(distance).reshape(len(places), -1), np.asarray(index, np.int64).reshape(len(places), -1)
 
 
 def nearest_of(others: FloatArray, places: FloatArray, count: int) -> tuple[FloatArray, IntArray]:

@@ -95,6 +95,10 @@ def paint_labels(footprints: Sequence[Footprint], ids: Sequence[int], shape: tup
     return labels
 
 
+def _no_cells() -> IntArray:
+    return np.empty((0, 2), np.int64)
+
+
 @dataclass(frozen=True, eq=False)
 class Patch:
     """A part of image 1 held to be one plane. A finder makes it without matches, then gives it some, or a reason.
@@ -120,7 +124,7 @@ class Patch:
     footprint: Footprint
     matches: Matches = field(default_factory=Matches.none)
     weight: FloatArray = field(default_factory=lambda: np.empty(0))
-    cell: IntArray = field(default_factory=lambda: np.empty((0, 2), np.int64))
+    cell: IntArray = field(default_factory=_no_cells)
     origin: Literal["own", "borrowed", "none"] = "none"
     score: float = 0.0
     share: float = 0.0

@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from slopecli.ground.slope_map import SlopeMap
+from slopecli.patches.neighbours import nearest_by_tree
 from slopecli.products.georeference import Georeference
 from slopecli.products.map_tiff import NODATA, SOURCES, gdal_metadata, gdal_tags
 from slopecli.products.region_mesh import FARTHEST
@@ -106,8 +107,6 @@ def orthographic(slope_map: SlopeMap, place: Georeference) -> Orthographic:
 
     The pixels are as large as the cells in the middle, of two figures, and their edges are at multiples of that.
     """
-    from scipy.spatial import cKDTree
-
     known = slope_map.known & np.isfinite(slope_map.points).all(axis=2)
     away = np.linalg.norm(slope_map.points, axis=2)
     known &= away <= FARTHEST * float(np.median(away[known])) if known.any() else False
@@ -124,7 +123,7 @@ def orthographic(slope_map: SlopeMap, place: Georeference) -> Orthographic:
     east, north = left + (np.arange(columns) + 0.5) * pixel, top - (np.arange(rows) + 0.5) * pixel
     flat = np.flatnonzero(known)
     middles = np.stack(np.meshgrid(east, north), axis=-1).reshape(-1, 2) - low
-    apart, nearest = cKDTree(ground.reshape(-1, 2)[flat] - low).query(middles)
+    apart, nearest = (one[:, 0] for one in nearest_by_tree(ground.reshape(-1, 2)[flat] - low, middles, 1))
     within = apart <= np.maximum(reach.ravel()[flat][nearest], 0.5 * pixel)
     return Orthographic(float(left), float(top), pixel, np.where(within, flat[nearest], -1).reshape(rows, columns))
 

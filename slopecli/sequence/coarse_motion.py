@@ -74,7 +74,7 @@ class CoarseMotion:
         p, depth = self.tracks.p[:, index], u[index]
         places = [self._pixels(p, depth, motion) for motion in (self._motions[-1], *guesses)]
         both = np.logical_and.reduce([_inside(uv, self.camera) & (ahead > 0.0) for uv, ahead in places])
-        if self._last is None or np.count_nonzero(both) < 12:
+        if self._last is None or np.count_nonzero(both) < TRACKING.least_points:
             return [0.0] * len(guesses)
         last, new = (np.asarray(cv2.blur(grey, (7, 7)), np.uint8) for grey in (self._last, small))
         then, *now = (
@@ -94,20 +94,20 @@ class CoarseMotion:
         if self._last is None:
             return None
         index = self._sample(alive & (u > 0.0))
-        if len(index) < 12:
+        if len(index) < TRACKING.least_points:
             return None
         p, depth = self.tracks.p[:, index], u[index]
         before, ahead = self._pixels(p, depth, self._motions[-1])
         guess, ahead2 = self._pixels(p, depth, guessed)
         inside = _inside(before, self.camera) & (ahead > 0.0) & (ahead2 > 0.0)
         guess = np.where(_inside(guess, self.camera)[:, None], guess, before)
-        if np.count_nonzero(inside) < 12:
+        if np.count_nonzero(inside) < TRACKING.least_points:
             return None
         index, p, depth = index[inside], p[:, inside], depth[inside]
         moved, status = _tracked(self._last, small, before[inside], guess[inside], self._shrunk)
         x = rays_from_pixels(self.camera, moved)
         good = status & np.isfinite(x).all(axis=1) & _inside(moved, self.camera, 1.0)
-        if np.count_nonzero(good) < 12:
+        if np.count_nonzero(good) < TRACKING.least_points:
             return None
         return self._resected(p[:, good], x[good].T, depth[good], [guessed, self._motions[-1]])
 
@@ -115,7 +115,7 @@ class CoarseMotion:
         """The motion of a frame anywhere, from features shared with the reference; None if they do not agree."""
         for effort in (QUICK, EFFORTS[0]):
             uv1, uv2, _ = match_sift(self._reference, frame, effort, self._memory)
-            if len(uv1) < 12:
+            if len(uv1) < TRACKING.least_points:
                 continue
             rays, x = rays_from_pixels(self.camera, uv1), rays_from_pixels(self.camera, uv2)
             fine = np.isfinite(rays).all(axis=1) & np.isfinite(x).all(axis=1)
@@ -132,12 +132,12 @@ class CoarseMotion:
         self, p: FloatArray, x: FloatArray, u: FloatArray, starts: list[Motion], grid_px: float = 1.0
     ) -> Resection | None:
         """The motion that points agree with to a pixel of a grid of that spacing; None where too few do."""
-        if p.shape[1] < 12:
+        if p.shape[1] < TRACKING.least_points:
             return None
         found = resect(p, x, u, starts, FLOOR_PX / self.camera.focal_px)
         # a wrong motion agrees with many points if its tolerance is wide
         sure = found.share >= TRACKING.least_agreement and found.sigma * self.camera.focal_px < ON_PLANE_PX * grid_px
-        return found if sure and np.count_nonzero(found.fits) >= 12 else None
+        return found if sure and np.count_nonzero(found.fits) >= TRACKING.least_points else None
 
     def _pixels(self, p: FloatArray, u: FloatArray, motion: Motion) -> tuple[FloatArray, FloatArray]:
         x, ahead = predict_views(p, motion[0][None], motion[1][None], u)

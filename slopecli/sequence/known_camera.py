@@ -81,7 +81,7 @@ class KnownCamera:
             score = score_camera(*with_planes(sightings_of(joined, solution, self.both), Settled.of(solution)))
         except DegenerateConfiguration:
             return False
-        return float(score.sigma[0]) > 1.3 * float(self.test.score.sigma[0])
+        return float(score.sigma[0]) > TRACKING.tells_less * float(self.test.score.sigma[0])
 
     def refocused(self, options: Options) -> KnownCamera:
         """With the focal length that the first pair and the one given agree on, before anything is computed with it."""

@@ -22,6 +22,8 @@ class TrackingTunables(NamedTuple):
     # of the coarse points, those that agree with a motion, and correlation of the aligned frame with the reference, of
     # which a moving shadow leaves 0.7: with less the frame is not understood
     least_agreement: float = 0.4
+    least_points: int = 12  # twice the numbers of a motion: with fewer points one is not believed
+    tells_less: float = 1.3  # times the 1-sigma of the best test of the camera, from which on another tells nothing new
     misses: int = 2  # frames in turn whose track contradicts the rest, after which it is given up
     same_grey: float = 0.2  # mean difference of two frames, grey levels, below which one repeats the other
     sharpness: float = 0.6  # of the frame used before: with less a frame is blurred

@@ -27,6 +27,7 @@ from slopecli.look.threads import single_threaded
 from slopecli.look.warp import covered
 from slopecli.options import MANY_WINDOWS, Options
 from slopecli.patches.join import OUTSIDE_POINTS, Joined, outside_weight
+from slopecli.patches.neighbours import nearest_of
 from slopecli.patches.patch import LEAST_MATCHED, Patch, weight_of
 from slopecli.patches.windows.borrowed import why_unmatched
 from slopecli.patches.windows.tunables import TUNE
@@ -189,7 +190,7 @@ def _borrowed(
             for patch, (code, why) in zip(patches, reasons, strict=True)
         ], planes
     middle = _middles(windows)
-    away, nearest = _nearest(middle[rest], middle[index])
+    away, nearest = nearest_of(middle[index], middle[rest], MANY.neighbours)
     units = planes.normal[0, index]
     mean = units[nearest].mean(axis=1)
     sigma = _differs(middle[index], units, away[:, -1])
@@ -211,15 +212,6 @@ def _borrowed(
             tilt_sigma_rad=max(sigma_rad, TUNE.unexplained_rad if code == "poor-fit" else 0.0),
         )
     return patches, replace(planes, normal=normal, middle=middles, relief=relief)
-
-
-def _nearest(places: FloatArray, others: FloatArray) -> tuple[FloatArray, IntArray]:
-    """Distances (n, k) of the `MANY.neighbours` others nearest to places (n, 2), nearest first, and their indices."""
-    along, down = (places[:, None, axis] - others[None, :, axis] for axis in (0, 1))
-    away2 = along * along + down * down
-    near = np.argpartition(away2, MANY.neighbours - 1, axis=1)[:, : MANY.neighbours]
-    near = np.take_along_axis(near, np.take_along_axis(away2, near, 1).argsort(axis=1, kind="stable"), 1)
-    return np.sqrt(np.take_along_axis(away2, near, 1)), near
 
 
 def _differs(places: FloatArray, units: FloatArray, away: FloatArray) -> FloatArray:
