@@ -85,6 +85,13 @@ def normals_under(planes: FootprintPlanes, root: Root, R: FloatArray, T: FloatAr
 
     planes : measured with the motion `root`.  zoom : of both images, see `Root.zoomed`.
     """
+    return _normals_under_each(planes, root, [(R, T)], zoom)[..., 0]
+
+
+def _normals_under_each(
+    planes: FootprintPlanes, root: Root, motions: Sequence[tuple[FloatArray, FloatArray]], zoom: float = 1.0
+) -> FloatArray:
+    """(rows, columns, 3, k) scaled normals of footprints under each of k motions R, T."""
     normals = planes.scaled_normal.reshape(-1, 1, 3)
     centre = (planes.middle[..., :2] / planes.middle[..., 2:]).reshape(-1, 1, 2)
     reach = 0.02  # normalised coordinates, of the three points that stand for a plane
@@ -94,12 +101,9 @@ def normals_under(planes: FootprintPlanes, root: Root, R: FloatArray, T: FloatAr
     moved = rays @ root.R.T - w[:, None] * (root.R @ root.T)
     x2 = moved[:, :2] / moved[:, 2:]
     seen1, seen2 = root.zoomed(0, rays[:, :2], zoom), root.zoomed(1, x2, zoom)
-    other, _ = inverse_depth(R, T, seen1, seen2)
-    return np.asarray(
-        np.linalg.solve(homogeneous(seen1).reshape(-1, 3, 3), other.reshape(-1, 3, 1))[..., 0].reshape(
-            planes.normal.shape
-        )
-    )
+    others = np.stack([inverse_depth(R, T, seen1, seen2)[0].reshape(-1, 3) for R, T in motions], -1)
+    found = np.linalg.solve(homogeneous(seen1).reshape(-1, 3, 3), others)
+    return np.asarray(found.reshape(*planes.normal.shape, len(motions)))
 
 
 def normal_covariance(planes: FootprintPlanes, root: Root, gradient: FloatArray) -> FloatArray:
@@ -148,8 +152,8 @@ def gradient_parts(depth: DenseDepth, planes: FootprintPlanes, jump: FloatArray)
 
 def motion_gain(planes: FootprintPlanes, root: Root) -> FloatArray:
     """(rows, columns, 3, 5) change of the scaled normals of footprints by the motion that all share."""
-    here, steps = planes.scaled_normal, TILT.delta * np.eye(5)
-    return np.stack([(normals_under(planes, root, *root.moved(step)) - here) / TILT.delta for step in steps], -1)
+    moved = _normals_under_each(planes, root, [root.moved(step) for step in TILT.delta * np.eye(5)])
+    return (moved - planes.scaled_normal[..., None]) / TILT.delta
 
 
 def focal_shift(planes: FootprintPlanes, root: Root) -> FloatArray:
