@@ -14,6 +14,7 @@ PAIR_CHECKS = (
     pair_checks.cameras_as_made,
     pair_checks.image_notes,
     metadata_checks.metadata_taken,
+    pair_checks.stands_still,
     pair_checks.contradicting_matches,
     parallax.low_parallax,
     pair_checks.lens_distortion,

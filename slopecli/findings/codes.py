@@ -198,6 +198,13 @@ _ROWS: dict[Severity, dict[str, tuple[Any, ...]]] = {
             "move as much farther between the images as the message says",
             "times as far as now",
         ),
+        "stands-still": (
+            "An area of at least 1 % looks the same at the same pixels of both images, while the rest moves: landing "
+            "gear, a rotor guard, a logo, a frame. It is no ground, and counts as ground without matches. In images "
+            "without a rotation between them, things at infinity, as clouds, do the same.",
+            "choose windows clear of it",
+            "share of the images",
+        ),
         "partly-seen": (
             "Their sigmas are mostly due to ground without matches: outside image 2, hidden, or bare. It may have "
             "another slope than the matched part; a longer move does not help.",

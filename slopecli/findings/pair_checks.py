@@ -73,6 +73,15 @@ def image_notes(pair: PairFacts) -> list[Diagnostic]:
     return [finding("image-note", f"image {number}: {note}", float(number)) for number, note in noted]
 
 
+def stands_still(pair: PairFacts) -> list[Diagnostic]:
+    """Say what belongs to the camera or the image, and was left out."""
+    still = pair.scene.still
+    if still is None:
+        return []
+    message = f"{100 * still.share:.2g} % of the images stands still in both while the rest moves: it is not ground"
+    return [finding("stands-still", message, still.share)]
+
+
 def contradicting_matches(pair: PairFacts) -> list[Diagnostic]:
     """Raise NoAnswer when most of the dense matches contradict the motion of the camera; warn when many do."""
     evidence = pair.scene.evidence

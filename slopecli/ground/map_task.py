@@ -19,7 +19,6 @@ from slopecli.ground.slope_map import CellArrays, SlopeMap
 from slopecli.ground.tilt_uncertainty import Root, wholly_shown
 from slopecli.look.dense_depth import DenseDepth
 from slopecli.look.scene import Scene
-from slopecli.look.warp import covered
 from slopecli.options import MapOptions, Options
 from slopecli.types import FloatArray, Report
 
@@ -109,8 +108,8 @@ def build_map(depth: DenseDepth, cells: CellGrid, task: MapTask) -> SlopeMap:
     measured = map_cells(depth, places, task.roots, demand)
     if task.forbidden:
         measured = replace(measured, p_safe=np.minimum(measured.p_safe, WITHHELD))
-    # no site reaches onto ground that image 2 does not show, nor up to it: nobody knows what is there
-    shown = wholly_shown(covered(depth.uv2, task.scene.shape2, 1.0) | depth.known, places)
+    # no site reaches onto what image 2 does not show or is no ground, nor up to it: nobody knows what is there
+    shown = wholly_shown(task.scene.shown(depth.grid, depth.uv2) | depth.known, places)
     sure = replace(measured, p_safe=np.where(shown, measured.p_safe, np.minimum(measured.p_safe, WITHHELD)))
     ground = _ground(depth, cells, sure, demand, task)
     radius_px = _site_radius(task)

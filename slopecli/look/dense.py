@@ -237,11 +237,11 @@ def spread(
     place = row * columns + column
     count = np.bincount(place, weight, rows * columns).reshape(rows, columns)
     sums = [np.bincount(place, weight * one, rows * columns).reshape(rows, columns) for one in values.T]
-    filled = _pull_push(np.stack(sums, -1) / np.maximum(count, 1e-9)[..., None], np.minimum(count, 1.0))
+    filled = fill_from_coarse(np.stack(sums, -1) / np.maximum(count, 1e-9)[..., None], np.minimum(count, 1.0))
     return np.asarray(cv2.GaussianBlur(filled.astype(np.float32), (0, 0), 0.7).reshape(rows, columns, -1), np.float32)
 
 
-def _pull_push(values: FloatArray, weight: FloatArray) -> FloatArray:
+def fill_from_coarse(values: FloatArray, weight: FloatArray) -> FloatArray:
     """Values (h, w, k) where the weight (h, w) is 1, else values of half the resolution, recursively (pull-push)."""
     if min(weight.shape) <= 2:
         mean = np.tensordot(weight, values, 2) / max(weight.sum(), 1e-9)
@@ -250,7 +250,7 @@ def _pull_push(values: FloatArray, weight: FloatArray) -> FloatArray:
     pad = ((0, rows % 2), (0, columns % 2))
     weighted, padded = np.pad(values * weight[..., None], (*pad, (0, 0))), np.pad(weight, pad)
     half_weight = _quarter(padded)
-    coarse = _pull_push(_quarter(weighted) / np.maximum(half_weight, 1e-9)[..., None], np.minimum(half_weight, 1))
+    coarse = fill_from_coarse(_quarter(weighted) / np.maximum(half_weight, 1e-9)[..., None], np.minimum(half_weight, 1))
     size = (padded.shape[1], padded.shape[0])
     grown = cv2.resize(np.ascontiguousarray(coarse, np.float32), size, interpolation=cv2.INTER_LINEAR)
     grown = grown.reshape(*padded.shape, -1)[:rows, :columns]

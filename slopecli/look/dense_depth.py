@@ -149,7 +149,7 @@ def measure_depth(
         w = pair.along(w)
     left = pair.check(w)
     uv2, told = left.uv2, left.told
-    shown = covered(uv2, scene.shape2, 1.0)
+    shown = scene.shown(grid, uv2)
     bare = shown & (_in_one_piece(~left.own, DEPTH.side_px) | _in_one_piece(~told, DEPTH.untold_px))
     known = shown & told & (np.abs(across) < ON_PLANE_PX) & (np.abs(left.across_px) < ON_PLANE_PX)
     known &= ~_hidden(w, uv2, known, scene)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -14,9 +15,12 @@ from slopecli.look.dense import Cells
 from slopecli.look.features import shrink
 from slopecli.look.matches import Evidence
 from slopecli.look.photometric import View
-from slopecli.look.warp import Grid, Pyramid, cut
-from slopecli.types import Camera, FloatArray
+from slopecli.look.warp import FloatImage, Grid, Pyramid, covered, cut
+from slopecli.types import BoolArray, Camera, FloatArray
 from slopecli.windows import Window
+
+if TYPE_CHECKING:
+    from slopecli.look.standing_still import Still
 
 FINE_PX = 200  # px a side of the working grid a window is matched on; larger windows are shrunk to it
 
@@ -27,6 +31,7 @@ class Scene:
 
     find_planes : computes `planes`, which only windows that are hard to match need.
     cells : all of the overview, faint and inconsistent ones included, which `evidence` leaves out.
+    still : what stands still in both images, painted over in the pyramids; None if nothing does.
     """
 
     camera1: Camera
@@ -38,6 +43,7 @@ class Scene:
     evidence: Evidence
     find_planes: Callable[[], list[FloatArray]]
     cells: Cells
+    still: Still | None = None
 
     @cached_property
     def planes(self) -> list[FloatArray]:
@@ -59,6 +65,14 @@ class Scene:
     def pixels2(self, x2: FloatArray) -> FloatArray:
         """Normalised coordinates (n, 2) as pixels of image 2."""
         return pixels_from_rays(self.camera2, x2)
+
+    def shown(self, grid: Grid, uv2: FloatImage) -> BoolArray:
+        """(h, w) which pixels of a working grid are ground that image 2 shows; uv2 (h, w, 2): its px of them."""
+        shown = covered(uv2, self.shape2, 1.0)
+        if self.still is None:
+            return shown
+        y, x = np.indices(grid.shape, np.float32)
+        return np.asarray(shown & ~self.still.holds(uv2) & ~self.still.holds(grid.full(np.dstack([x, y]))))
 
     def view(self, grid: Grid) -> View:
         """`View` of a working grid over image 1 under the motion."""
