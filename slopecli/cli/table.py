@@ -12,24 +12,23 @@ from slopecli.errors import visible
 if TYPE_CHECKING:
     from rich.console import Console
 
-WORD_COLUMNS = {"what", "verdict", "note", "pair", "result", "image 1", "image 2", "camera"}
-WORD_COLUMNS |= {"held", "claim", "measured", "limit", "source"}
-COLOURS = {"safe": "green", "unsafe": "red", "undecided": "yellow"}
-COLOURS |= {"answered": "green", "failed": "red", "no answer": "yellow"}
-
-
+WORD_COLUMNS = {
+    *("what", "verdict", "note", "pair", "result", "image 1", "image 2", "camera"),
+    *("held", "claim", "measured", "limit", "source"),
+}  # titles of columns of words, which are aligned to the left
+COLOURS = {
+    "safe": "green",
+    "unsafe": "red",
+    "undecided": "yellow",
+    "answered": "green",
+    "failed": "red",
+    "no answer": "yellow",
+}
 # titles of columns that are left out, in this order, until a table is as narrow as the terminal
-LEFT_OUT: tuple[str, ...] = (
-    "in image 2 (px)",
-    "points",
-    "roughness",
-    "normal off",
-    "distance",
-    "95 % interval",
-    "below",
-    "above",
+LEFT_OUT = (
+    *("in image 2 (px)", "points", "roughness", "normal off", "distance", "95 % interval", "below", "above"),
+    *("refused", "poor", "unknown", "undecided", "sites", "aspect", "image", "source", "limit"),
 )
-LEFT_OUT += ("refused", "poor", "unknown", "undecided", "sites", "aspect", "image", "source", "limit")
 
 
 class Table(NamedTuple):

@@ -1,4 +1,4 @@
-"""Decode an image file, and hear what the decoder says about damage."""
+"""Decode an image file, and collect what the decoder reports of damage."""
 
 from __future__ import annotations
 

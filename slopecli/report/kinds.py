@@ -48,8 +48,8 @@ def main_planes(report: Report) -> set[int]:
 def plane_kinds(report: Report) -> dict[int, Kind | None]:
     """Kind of every plane of the report by id; it is only as good as the report's up direction.
 
-    A plane steeper than 60 degrees is a wall, one that faces down as far beyond the vertical a ceiling; but None where
-    it is poor, small or in doubt, as facets of trees and people are. The others are ground if their low end is on the
+    A plane steeper than 60 degrees is a wall. One that faces down, beyond 120 degrees, is a ceiling, or None where it
+    is poor, small or in doubt, as facets of trees and people are. The others are ground if their low end is on the
     ground or below it, roof if it is above: any surface that stands on something.
     The ground is the lowest of the large level planes, extended. Without a level plane there is no height that tells
     ground from roof, and the kind is None; of all planes where what is level is in doubt.

@@ -2,7 +2,7 @@
 
 The motion of the view is eliminated, exactly to first order: what is left is the information of every point on its own
 inverse depth, and six variables z for the errors of the motion, which all points share. Of the variables of several
-views those of least effect are eliminated too (`compressed`).
+views those of least effect are eliminated too (`compressed`). Letters are those of `views.Terms`.
 """
 
 from __future__ import annotations
@@ -42,14 +42,14 @@ def sum_up(points: ViewPoints, state: ViewState, terms: Terms, view: int, most: 
     z = np.concatenate([state.z, np.zeros(len(start))])
     kept, z = compressed(added, z, most)
     left = [k for k in range(points.n_views) if k != view]
-    slim = replace(points, x=points.x[left], weight=points.weight[left], summed=kept)
-    return slim, state._replace(R=state.R[left], T=state.T[left], z=z)
+    left_points = replace(points, x=points.x[left], weight=points.weight[left], summed=kept)
+    return left_points, state._replace(R=state.R[left], T=state.T[left], z=z)
 
 
 def compressed(summed: Summed, z: FloatArray, most: int) -> tuple[Summed, FloatArray]:
     """At most `most` variables z: those combinations that reduce the information on inverse depths least are left out.
 
-    Left out is what their errors have in common to less than the others: it counts as independent from then on.
+    What errors of points share through the variables left out counts as independent from then on.
     """
     if len(z) <= most:
         return summed, z
