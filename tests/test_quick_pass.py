@@ -56,7 +56,8 @@ def test_the_overview_is_as_fine_as_the_windows_need() -> None:
     assert overview_effort(grid_windows(12, 12, 1000, 1000), GREY) == FINE
 
 
-def test_small_windows_have_the_full_overview_without_features_of_large_images() -> None:
+@pytest.mark.parametrize("side", [64, 24], ids=["over the whole image", "around the window"])
+def test_small_windows_have_the_full_overview_without_features_of_large_images(side: int) -> None:
     camera, (image1, image2) = load_camera(PAIR / "camera.json"), (load_image(PAIR / f"image{k}.png") for k in (1, 2))
     laps: list[str] = []
 
@@ -64,6 +65,9 @@ def test_small_windows_have_the_full_overview_without_features_of_large_images()
         raise AssertionError("the full search for features has been made")
 
     images = image1.grey, image2.grey, camera, camera
-    scene, _ = find_scene(*images, Options(), [(300, 200, 64, 64)], check_sparse=never, on_lap=laps.append)
+    window = (300, 200, side, side)
+    scene, _ = find_scene(*images, Options(), [window], check_sparse=never, on_lap=laps.append)
     assert laps == ["features", "overview"]
-    assert len(scene.evidence) > 0.5 * image1.grey.size / 8**2  # half of the cells of 8 px
+    around = scene.evidence.near(window, 3.0)  # as far as a window without matches borrows
+    assert around.sum() > 0.5 * min((7 * side) ** 2, image1.grey.size) / 8**2  # half of the cells of 8 px
+    assert np.ptp(scene.evidence.uv1, axis=0).min() > 0.5 * min(image1.grey.shape)  # and some all over image 1

@@ -120,7 +120,7 @@ def _motion(scene: Scene) -> Change:
     off = np.abs(epipolar_residual(scene.R, scene.T, x1, x2)) * focal_px > CONTRADICTING_PX
     behind = w * leverage * focal_px < -CONTRADICTING_PX
     contradicting = imaged & (off | behind) & cells.textured & (cells.agreement > 0.5)
-    size = np.array(scene.shape1) * scene.pyramid1.overview_scale[::-1]
+    size = np.array(scene.shape1) * cells.pixel_scale
     mask = np.zeros((size / CELL).astype(int) + 1, bool)
     mask[tuple(cells.index[contradicting].T)] = True
     chosen = contradicting & _connected(mask)[tuple(cells.index.T)]

@@ -3,7 +3,8 @@
 A quick pass, on features of small images and a coarse overview, takes about half the time of the full one. Its scene
 is used only if matches and motion are clear. Where windows are large enough to determine the motion themselves, the
 coarse overview is all they need; elsewhere it takes the place of the features of larger images, as a guide for the
-full overview: its matches are more, and lie wherever there is texture.
+full overview: its matches are more, and lie wherever there is texture. The full one is made of all of image 1, or only
+around the windows, where these are small and near one another.
 """
 
 from __future__ import annotations
@@ -16,7 +17,17 @@ import numpy as np
 
 from slopecli.geometry.motion import MotionEstimate, assess_motion, epipolar_residual, refine_motion
 from slopecli.geometry.statistics import median
-from slopecli.look.dense import CELL, CLEAR_AGREEMENT, FULL_SMOOTHINGS, WHOLE, Cells, OverviewEffort, overview_cells
+from slopecli.look.dense import (
+    CELL,
+    CLEAR_AGREEMENT,
+    FULL_SMOOTHINGS,
+    WHOLE,
+    Cells,
+    OverviewEffort,
+    dense_cells,
+    overview_cells,
+    sparse_transfer,
+)
 from slopecli.look.features import EFFORTS, QUICK, FeatureMemory, Grey, Images, match_sift, shrink
 from slopecli.look.foerstner import match_foerstner
 from slopecli.look.matches import Matches, gather_evidence, scene_planes
@@ -24,10 +35,10 @@ from slopecli.look.motions import SCORE_PX, FeatureMatcher, Sparse, distinct_mot
 from slopecli.look.noise import SYSTEMATIC_PX, WORST_MATCH_PX
 from slopecli.look.scene import Scene
 from slopecli.look.threads import single_threaded
-from slopecli.look.warp import Layer, Pyramid, sample_grey
+from slopecli.look.warp import Layer, Pyramid, cut, sample_grey, transfer_map
 from slopecli.options import Options
-from slopecli.types import Camera
-from slopecli.windows import Window
+from slopecli.types import Camera, FloatArray
+from slopecli.windows import Window, inside_window
 
 # Overviews of the quick pass. Large windows need them only for a first plane, as each is matched finely afterwards.
 # The pixels of the finer one are those of any working grid over all of image 1: regions, large windows.
@@ -68,8 +79,7 @@ def find_scene(
     images = Images(grey1, grey2, camera1, camera2)
     # planes that have yet to be found need features of every small surface as a guide
     if options.planes == "windows" and options.features == "sift":
-        effort = overview_effort(windows, grey1) if may_suffice(windows, grey1) else WHOLE
-        found = _quick_scene(images, effort, options.seed, memory, on_lap)
+        found = _quick_scene(images, windows, options.seed, memory, on_lap)
         if found is not None:
             return found
     sparse = find_motions(images, feature_matchers(options.features, memory), options.seed)
@@ -86,9 +96,10 @@ def feature_matchers(name: str, memory: FeatureMemory | None = None) -> Sequence
 
 
 def _quick_scene(
-    images: Images, effort: OverviewEffort, seed: int, memory: FeatureMemory | None, on_lap: OnLap
+    images: Images, windows: list[Window], seed: int, memory: FeatureMemory | None, on_lap: OnLap
 ) -> Found | None:
     """The result of the quick pass; None where matches or motion are not clear."""
+    effort = overview_effort(windows, images.grey1) if may_suffice(windows, images.grey1) else WHOLE
     with single_threaded():
         sparse = find_motions(images, [partial(match_sift, effort=QUICK, memory=memory)], seed, thorough=False)
         on_lap("features")
@@ -97,7 +108,11 @@ def _quick_scene(
         scene, motions = build_scene(images, sparse, seed, COARSE if effort == WHOLE else effort)
         if _is_clear(scene) and effort == WHOLE:
             guide = replace(sparse, matches=scene.evidence, motions=motions)
-            scene, motions = build_scene(images, guide, seed)
+            around = _surroundings(windows)
+            if around[2] * around[3] < 0.5 * images.grey1.size and len(guide.roots()) == 1:
+                scene, motions = _finer_around(around, scene, images, guide, seed)
+            else:
+                scene, motions = build_scene(images, guide, seed)
         on_lap("overview")
     return (scene, motions) if _is_clear(scene) else None
 
@@ -126,9 +141,37 @@ def is_decided(sparse: Sparse) -> bool:
 
 def _is_clear(scene: Scene) -> bool:
     """Whether half of the cells of the overview are matched, nine tenths of these consistent, and correlate well."""
-    possible = float(np.prod(scene.shape1) * np.prod(scene.pyramid1.overview_scale)) / CELL**2
+    possible = float(np.prod(scene.shape1)) * scene.cells.pixel_scale**2 / CELL**2
     enough = max(0.9 * len(scene.cells), 0.5 * possible)
     return len(scene.evidence) >= enough and median(scene.cells.agreement) >= CLEAR_AGREEMENT
+
+
+def _surroundings(windows: list[Window]) -> Window:
+    """The rectangle around windows from which a window without matches borrows: three times its longer side beyond."""
+    beyond = [3 * max(width, height) for _, _, width, height in windows]
+    x, y, w, h = np.array(windows).T
+    left, top = int((x - beyond).min()), int((y - beyond).min())
+    return left, top, int((x + w + beyond).max()) - left, int((y + h + beyond).max()) - top
+
+
+def _finer_around(around: Window, scene: Scene, images: Images, guide: Sparse, seed: int) -> Found:
+    """The scene with the matches of the full overview in a rectangle, px of image 1, and the motions refined on all."""
+    layer = Layer(*shrink(images.grey1, WHOLE.max_pixels))
+    margin = 2 * CELL / float(layer.scale.min())  # flow is biased at the border of a grid
+    x, y, width, height = around
+    grid = cut(layer, x - margin, y - margin, width + 2 * margin, height + 2 * margin)
+    transfer = sparse_transfer(guide.matches.uv1, guide.matches.uv2, layer.scale, layer.grey.shape)
+    fine = dense_cells(
+        *(grid, transfer_map(grid, transfer), scene.pyramid2, scene.shape2, CELL, WHOLE.finest, WHOLE.smoothings)
+    )
+    beyond = scene.cells.textured & ~inside_window(scene.cells.uv1, around)
+    near = fine.textured & inside_window(fine.uv1, around)
+    uv1, uv2 = (np.vstack([getattr(scene.cells, at)[beyond], getattr(fine, at)[near]]) for at in ("uv1", "uv2"))
+    matches, motions = _refined(uv1, uv2, guide.motions, images)
+    R, T = motions[0].R, motions[0].T
+    evidence = gather_evidence(matches, sample_grey(images.grey1, matches.uv1), R, T, images.camera2.focal_px)
+    pyramid1, find_planes = Pyramid(images.grey1, layer.scale), partial(scene_planes, evidence, seed)
+    return replace(scene, pyramid1=pyramid1, R=R, T=T, evidence=evidence, find_planes=find_planes), motions
 
 
 def build_scene(images: Images, sparse: Sparse, seed: int = 0, effort: OverviewEffort = WHOLE) -> Found:
@@ -160,17 +203,23 @@ def _overview_of(
 ) -> tuple[Cells, Matches, list[MotionEstimate]]:
     """Overview guided by one root: all its cells, its matches of sufficient texture, and the motions refined on them,
     best first."""
-    camera1, camera2 = images.camera1, images.camera2
     guide = sparse.matches.take(sparse.consistent_with(root))
-    cells = overview_cells(layer, pyramid2, (camera2.height, camera2.width), guide.uv1, guide.uv2, effort)
+    shape2 = images.camera2.height, images.camera2.width
+    cells = overview_cells(layer, pyramid2, shape2, guide.uv1, guide.uv2, effort)
     uv1, uv2 = cells.uv1[cells.textured], cells.uv2[cells.textured]
     if len(uv1) < 500:  # so few that the less precise sparse matches help
         uv1, uv2 = np.vstack([uv1, guide.uv1]), np.vstack([uv2, guide.uv2])
-    matches = Matches.between(camera1, camera2, uv1, uv2)
-    x1, x2, focal_px = matches.x1, matches.x2, camera2.focal_px
+    return cells, *_refined(uv1, uv2, [root, *(m for m in sparse.motions if m is not root)], images)
+
+
+def _refined(
+    uv1: FloatArray, uv2: FloatArray, starts: list[MotionEstimate], images: Images
+) -> tuple[Matches, list[MotionEstimate]]:
+    """Pixels (n, 2) as matches, and the motions refined on them, best first."""
+    matches = Matches.between(images.camera1, images.camera2, uv1, uv2)
+    x1, x2, focal_px = matches.x1, matches.x2, images.camera2.focal_px
     bounds = (SYSTEMATIC_PX / focal_px, WORST_MATCH_PX / focal_px)
-    starts = [root, *(m for m in sparse.motions if m is not root)]
     refined = [refine_motion(m.R, m.T, x1, x2, bounds) for m in starts]
     common = max(SCORE_PX / focal_px, min(m.scale for m in refined))
     scored = [replace(assess_motion(m.R, m.T, x1, x2, common), scale=m.scale) for m in refined]
-    return cells, matches, distinct_motions(sorted(scored, key=lambda m: m.cost))
+    return matches, distinct_motions(sorted(scored, key=lambda m: m.cost))

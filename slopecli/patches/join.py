@@ -85,7 +85,7 @@ def join_patches(found: Found, scene: Scene) -> Joined:
 
 def outside_weight(scene: Scene, n: int) -> FloatArray:
     """(n,) weights of matches of the overview."""
-    sigma_px = OVERVIEW_CELL_PX / float(scene.pyramid1.overview_scale.mean())
+    sigma_px = OVERVIEW_CELL_PX / scene.cells.pixel_scale
     return weight_of(np.full(n, sigma_px**2))
 
 
