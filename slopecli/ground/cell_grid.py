@@ -10,7 +10,6 @@ import numpy as np
 from slopecli.errors import InputError
 from slopecli.ground.footprints import Cells
 from slopecli.look.warp import Grid
-from slopecli.types import FloatArray
 
 
 class GridTunables(NamedTuple):
@@ -33,17 +32,11 @@ class CellGrid:
     def over(self, width: int, height: int, grid: Grid) -> Cells:
         """The cells as pixels of a working grid over an image of this size."""
         columns, rows = width // self.spacing_px, height // self.spacing_px
-        centre = lambda count: (np.arange(count) + 0.5) * self.spacing_px - 0.5  # noqa: E731
-        u = grid.inside(np.column_stack([centre(columns), np.zeros(columns)]))[:, 0]
-        v = grid.inside(np.column_stack([np.zeros(rows), centre(rows)]))[:, 1]
+        u, v = ((np.arange(count) + 0.5) * self.spacing_px - 0.5 for count in (columns, rows))
+        u = grid.inside(np.column_stack([u, np.zeros(columns)]))[:, 0]
+        v = grid.inside(np.column_stack([np.zeros(rows), v]))[:, 1]
         radius_px = 0.5 * self.footprint_px * grid.mean_scale
         return Cells(np.round(u).astype(np.int64), np.round(v).astype(np.int64), radius_px)
-
-    def centres(self, width: int, height: int) -> FloatArray:
-        """(rows, columns, 2) centres of the cells, px of image 1."""
-        columns, rows = width // self.spacing_px, height // self.spacing_px
-        u, v = np.meshgrid(np.arange(columns) + 0.5, np.arange(rows) + 0.5)
-        return np.stack([u, v], -1) * self.spacing_px - 0.5
 
 
 def choose_cells(
