@@ -67,7 +67,9 @@ def sites_table(answer: SlopeMap) -> Table:
 
 
 def _cells(site: Site, metres: str, unit: SlopeUnit) -> tuple[str, ...]:
-    length = lambda value: f"{value:.3g}{metres}"  # noqa: E731
+    def length(value: float) -> str:
+        return f"{value:.3g}{metres}"
+
     in_image2 = "-" if site.centre_image2_px is None else "{:.1f}, {:.1f}".format(*site.centre_image2_px)
     lander = "-"
     if site.lander_slope_deg is not None and site.lander_clearance is not None:

@@ -212,7 +212,10 @@ def sparse_transfer(uv1: FloatArray, uv2: FloatArray, scale: FloatArray, shape: 
             H, _ = cv2.findHomography(uv1, uv2, 0)
     if H is None:
         H = np.eye(3)
-    apply = lambda uv: cv2.perspectiveTransform(np.asarray(uv, float)[:, None], H)[:, 0]  # noqa: E731
+
+    def apply(uv: FloatArray) -> FloatArray:
+        return np.asarray(cv2.perspectiveTransform(np.asarray(uv, float)[:, None], H)[:, 0], float)
+
     field = spread((uv1 + 0.5) * scale, uv2 - apply(uv1), shape, 2 * CELL, np.ones(len(uv1)))
 
     def transfer(uv: FloatArray) -> FloatArray:

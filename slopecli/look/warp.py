@@ -73,8 +73,7 @@ def transfer_map(grid: Grid, transfer: Transfer) -> FloatImage:
 def map_nodes(grid: Grid) -> FloatArray:
     """Nodes (n, 2) of a map over the grid, full-resolution px of image 1, one before and one past its border."""
     rows, columns = node_shape(grid.shape)
-    node = lambda n: (np.arange(n) - 0.5) * NODE_STEP - 0.5  # noqa: E731
-    x, y = np.meshgrid(node(columns), node(rows))
+    x, y = np.meshgrid(*((np.arange(count) - 0.5) * NODE_STEP - 0.5 for count in (columns, rows)))
     return grid.full(np.stack([x, y], -1).reshape(-1, 2))
 
 
