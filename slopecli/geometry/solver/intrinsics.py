@@ -267,20 +267,20 @@ def _sigma(
     g (4, rows), r (rows,): whitened derivatives and residuals; place (k + n, 2): pixels, points on no patch first.
     """
     k, n = seen.n_free, len(seen.weight)
-    point = np.concatenate([np.arange(k, k + n), np.arange(k, k + n), np.arange(k)])  # of each row
     after = r + step[:, None] * g  # residuals once the step is taken
     asked = g * after
+    by_point = np.concatenate([asked[:, 2 * n :], asked[:, :n] + asked[:, n : 2 * n]], axis=1)
     noise = np.sqrt((after**2).mean(axis=1))
     plain = noise * sightings.gain / np.sqrt(information)
     block = np.floor((place - place.min(axis=0)) / BLOCK_PX).astype(np.int64)
     coarse = np.floor(3.0 * (place - place.min(axis=0)) / (np.ptp(place, axis=0) + 1e-9)).astype(np.int64)
     windows = np.concatenate([3 * coarse[:k, 0] + coarse[:k, 1], 9 + np.repeat(np.arange(seen.n_patches), seen.count)])
     blocks = block[:, 0] * (block[:, 1].max() + 1) + block[:, 1]
-    return np.maximum.reduce([plain, *(_scatter(asked, c[point]) / information for c in (blocks, windows))])
+    return np.maximum.reduce([plain, *(_scatter(by_point, c) / information for c in (blocks, windows))])
 
 
 def _scatter(asked: FloatArray, cluster: IntArray) -> FloatArray:
-    """(4,) 1-sigma of sums of `asked` (4, rows), from the sums of clusters of rows, which are independent."""
+    """(4,) 1-sigma of sums of `asked` (4, points), from the sums of clusters of points, which are independent."""
     _, cluster = np.unique(cluster, return_inverse=True)  # of points far outside any image, numbers are huge
     sums = np.array([np.bincount(cluster, row) for row in asked])
     count = sums.shape[1]
