@@ -164,6 +164,7 @@ def find_blank_planes(
     greys, depths, found = _Greys(view, scene), swept_depths(view, scene), []
 
     def told(mask: BoolArray, own: BoolArray) -> bool:
+        """Add the plane of a part of the components, on the cells `own`, if the images tell one; whether they do."""
         evidence = _Evidence(mask, own & lattice.known, lattice, greys, view)
         best = _best(evidence, normals, sigmas, depths)
         if best is not None:

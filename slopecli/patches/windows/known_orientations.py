@@ -224,12 +224,12 @@ def _settled(
     sigma = np.array([known[k].sigma_rad for k in group])
     best = int(group[np.argmax(chance[group] / sigma)])
     if own:
-        as_well = found.misfit[best] < (1.0 + KNOWN.alike) * found.misfit[-1]
-        # an orientation about that of the matches, and known no better than by these, tells no more than they do
-        told = known[best].sigma_rad >= _noise_rad(patch, scene) and apart[best, -1] < KNOWN.parallel_rad
-        if told or mass.max() < (0.25 if as_well else 0.5):
-            return patch
-    elif _is_around(patch, found.normals[best], scene):
+        as_well = bool(found.misfit[best] < (1.0 + KNOWN.alike) * found.misfit[-1])
+        is_parallel = bool(apart[best, -1] < KNOWN.parallel_rad)
+        enough = _tells_more(patch, known[best], is_parallel, float(mass.max()), as_well, scene)
+    else:
+        enough = not _is_around(patch, found.normals[best], scene)
+    if not enough:
         return patch
     near = depths[np.abs(depths - found.depth[best]) < 6.0 * (depths[1] - depths[0])]
     found = found.joined(compared(view, tilted_aside(found.normals[best]), near, exposure, KNOWN.unknown))
@@ -243,6 +243,16 @@ def _settled(
         matches = points_on(patch.window, found.normals[best] * found.depth[best], scene)
         spread = np.hypot(spread, known[best].sigma_rad)
     return from_elsewhere(patch, scene, matches, float(spread), name)
+
+
+def _tells_more(patch: Patch, plane: KnownPlane, is_parallel: bool, chance: float, as_well: bool, scene: Scene) -> bool:
+    """Whether a known orientation tells more of a window than the window's own matches.
+
+    is_parallel : whether it is about that of the matches; known no better than by these, it tells no more than they do.
+    chance : probability of it and of those parallel to it.  as_well : whether it fits as well as the own plane.
+    """
+    told = is_parallel and plane.sigma_rad >= _noise_rad(patch, scene)
+    return not told and chance >= (0.25 if as_well else 0.5)
 
 
 def _on_known(patch: Patch, known: Sequence[KnownPlane], scene: Scene) -> Patch:
