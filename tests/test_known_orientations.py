@@ -136,6 +136,13 @@ def test_a_window_mostly_outside_image_2_has_the_wall_that_the_rest_of_it_is_on_
     assert tilt_error_deg(found, pair, LEFT) < 0.5
 
 
+def test_without_a_clear_window_the_orientation_is_that_of_a_plane_through_dense_matches() -> None:
+    pair = room(1.15 * LEFT, 0.35)
+    bare = asked(pair, (BARE,))[0]
+    assert "that of a plane of the scene" in bare.reason
+    assert tilt_error_deg(bare, pair, LEFT) < 1.0
+
+
 def test_planes_of_clear_windows_are_known_before_those_of_the_scene() -> None:
     pair = room(FLOOR, 0.0)
     scene, patches = scene_of(pair), asked(pair)

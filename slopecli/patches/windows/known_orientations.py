@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 
 from slopecli.geometry.epipolar import homogeneous
-from slopecli.geometry.motion import inverse_depth
+from slopecli.geometry.motion import epipolar_residual, inverse_depth
 from slopecli.look.dense import CLEAR_AGREEMENT
 from slopecli.look.matches import MIN_ON_PLANE, ON_PLANE_PX, Matches
 from slopecli.look.noise import MAX_GAIN, ROUNDING_GREY, SAME_GROUND
@@ -23,6 +23,7 @@ from slopecli.look.photometric import TILTS, View, align_plane
 from slopecli.look.scene import FINE_PX, Scene, view_of
 from slopecli.options import MANY_WINDOWS
 from slopecli.patches.patch import IN_DOUBT_DEG, Patch
+from slopecli.patches.regions.surest_planes import surest_planes
 from slopecli.patches.windows.borrowed import angles, from_elsewhere, points_on, shares, similarity, with_matches
 from slopecli.patches.windows.raw_grey import (
     KNOWN,
@@ -95,13 +96,21 @@ def _is_unmatched(patch: Patch, scene: Scene, most_sigma_deg: float) -> bool:
         return patch.code == "low-texture"
     by_chance = patch.score < KNOWN.faint_score and patch.tilt_sigma_rad > np.radians(IN_DOUBT_DEG)
     in_part = patch.share < TUNE.scarce_share and patch.tilt_sigma_rad > np.radians(most_sigma_deg)
-    return by_chance or in_part or _noise_rad(patch, scene) > np.radians(most_sigma_deg)
+    # an orientation known elsewhere tells more already at three quarters of that
+    return by_chance or in_part or _noise_rad(patch, scene) > 0.75 * np.radians(most_sigma_deg)
 
 
 def _noise_rad(patch: Patch, scene: Scene) -> float:
-    """1-sigma of the tilt of a window by the residuals of its matches, if neighbours share as much as they ever do."""
+    """1-sigma of the tilt of a window by the residuals of its matches, if neighbours share as much as they ever do.
+
+    Along the epipolar lines flow may have smoothed noise away; those across the lines show it then.
+    """
     rows, target = _rows_of(patch, scene)
-    return MAX_GAIN * _tilt_sigma(rows, target, own_plane(patch, scene))
+    normal = own_plane(patch, scene)
+    across = epipolar_residual(scene.R, scene.T, patch.matches.x1, patch.matches.x2) * np.sqrt(patch.weight)
+    along = float(np.linalg.norm(target - rows @ normal))
+    larger = max(1.0, float(np.linalg.norm(across)) / max(along, 1e-12))
+    return MAX_GAIN * larger * _tilt_sigma(rows, target, normal)
 
 
 def _is_faint(patch: Patch) -> bool:
@@ -136,11 +145,14 @@ def _realigned(patch: Patch, found: Compared, scene: Scene, rematch: Rematch) ->
 
 
 def known_planes(patches: Sequence[Patch], scene: Scene) -> list[KnownPlane]:
-    """Planes of distinct orientation, the surest first: those of clearly matched windows, then those of the scene."""
+    """Planes of distinct orientation, the surest first: those of clearly matched windows, then those of the scene.
+
+    Without such a window the scene's are all that is known, and those of its matches are not sure enough.
+    """
     found = [plane for patch in patches if (plane := _plane_of(patch, scene)) is not None]
     found.sort(key=lambda plane: plane.sigma_rad)
     evidence = scene.evidence
-    for normal in scene.planes:
+    for normal in scene.planes if found else surest_planes(scene, KNOWN.sure_rad) or scene.planes:
         on = evidence.take(evidence.misfit_px(normal) < ON_PLANE_PX)
         if len(on) >= 2 * MIN_ON_PLANE:
             found.append(KnownPlane(normal, KNOWN.sure_rad, on, "a plane of the scene"))
@@ -182,8 +194,10 @@ def _plane_of(patch: Patch, scene: Scene) -> KnownPlane | None:
         return None
     normal = own_plane(patch, scene)
     # what is not matched does not tilt the part that is
-    sigma = float(np.hypot(patch.tilt_sigma_rad - patch.unmatched_sigma_rad, _tilt_sigma(rows, target, normal)))
-    return KnownPlane(normal, sigma, patch.matches, f"window {patch.id}") if sigma < KNOWN.sure_rad else None
+    noise, rest = _tilt_sigma(rows, target, normal), patch.tilt_sigma_rad - patch.unmatched_sigma_rad
+    if np.hypot(rest, MAX_GAIN * noise) >= KNOWN.sure_rad:
+        return None
+    return KnownPlane(normal, float(np.hypot(rest, noise)), patch.matches, f"window {patch.id}")
 
 
 def _tilt_sigma(rows: FloatArray, target: FloatArray, normal: FloatArray) -> float:
