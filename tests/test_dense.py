@@ -16,6 +16,7 @@ from slopecli.look import (
     block_sum,
     covered,
     dense_cells,
+    flow,
     match_exposure,
     shrink,
     transfer_map,
@@ -195,6 +196,13 @@ def test_some_cells_can_be_taken(plane: Pair) -> None:
     assert taken.pixel_scale == cells.pixel_scale
     for name in ("uv1", "uv2", "information", "index", "share", "agreement"):
         assert np.array_equal(getattr(taken, name), getattr(cells, name)[keep])
+
+
+@pytest.mark.parametrize("shape", [(16, 16), (24, 300), (31, 1000), (300, 24)])
+def test_narrow_strips_are_measured(shape: tuple[int, int]) -> None:
+    """OpenCV reads beyond an image of fewer rows than its patches have at the finest scale, and ends the process."""
+    grey = np.random.default_rng(2).integers(0, 256, shape).astype(np.uint8)
+    assert np.abs(flow(grey, grey, finest=2)).max() < 0.1
 
 
 def test_same_images_same_cells(plane: Pair) -> None:

@@ -74,11 +74,12 @@ class Cells:
 def flow(image1: Grey, image2: Grey, finest: int, smoothings: int = FULL_SMOOTHINGS) -> FloatImage:
     """Optical flow (h, w, 2) px from image 1 to image 2 by dense inverse search (Kroeger et al. 2016).
 
-    finest : 0 measures at every px, 1 at every second.
+    finest : 0 measures at every px, 1 at every second; of a narrow strip the coarsest that leaves it 8 px wide.
     smoothings : rounds of variational refinement at every scale, each a third of the time of the search itself.
     """
     engine = cv2.DISOpticalFlow_create(cv2.DISOPTICAL_FLOW_PRESET_FAST)  # type: ignore[attr-defined]
-    engine.setFinestScale(finest)
+    # OpenCV compares patches of 8 px, and reads beyond an image that has fewer rows at the finest scale
+    engine.setFinestScale(max(0, min(finest, int(np.log2(min(image1.shape) / 8)))))
     engine.setVariationalRefinementIterations(smoothings)
     return np.asarray(engine.calc(image1, image2, None), np.float32)
 
