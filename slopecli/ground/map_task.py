@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
 
@@ -81,10 +82,12 @@ def _refuse_height(task: MapTask, grid_scale: float) -> None:
     pixel = task.ground_px(0.05) / grid_scale
     least = least_limit(pixel, task.options.confidence)
     if task.wanted.max_height < least:
+        unit = 10.0 ** (math.floor(math.log10(least)) - 2)
+        enough = f"{math.ceil(least / unit) * unit:.3g}"  # rounded up: what is asked for is then taken
         raise InputError(
             f"--max-height {task.wanted.max_height:g} {task.unit} cannot be promised: at {pixel:.3g} "
-            f"{task.unit} a pixel on the nearest ground, heights are known to {least:.3g} {task.unit} with confidence "
-            f"{task.options.confidence:g}; give at least {least:.3g}, or images taken from nearer"
+            f"{task.unit} a pixel on the nearest ground, heights are known to {enough} {task.unit} with confidence "
+            f"{task.options.confidence:g}; give at least {enough}, or images taken from nearer"
         )
 
 
