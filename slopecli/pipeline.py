@@ -18,7 +18,7 @@ from slopecli.look.changes import Change, find_changes
 from slopecli.look.features import FeatureMemory
 from slopecli.look.scene import Scene
 from slopecli.look.scene_from_images import FINE, find_scene
-from slopecli.look.standing_still import find_still
+from slopecli.look.standing_still import find_still, without_still
 from slopecli.measure import up_sigma_rad
 from slopecli.options import MapOptions, Options
 from slopecli.patches import PLANE_FINDERS
@@ -259,10 +259,10 @@ def _answer(
 
     # matches of the whole images, sparse and then dense: the scene, and the motions that may explain it. What stands
     # still in both is no ground
-    if still := find_still(*greys):
-        greys = still.painted(greys[0]), still.painted(greys[1])
+    still = find_still(*greys)
+    grey1, grey2 = (without_still(grey, still) for grey in greys)
     scene, motions = find_scene(
-        *greys, *cameras, options, windows, check_sparse=refuse_unmatched, memory=memory, on_lap=clock.lap
+        grey1, grey2, *cameras, options, windows, check_sparse=refuse_unmatched, memory=memory, on_lap=clock.lap
     )
     scene = replace(scene, still=still)
     diagnostics = check_pair(PairFacts(images, scene, motions[0].scale * cameras[1].focal_px, options))

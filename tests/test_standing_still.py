@@ -13,6 +13,7 @@ from slopecli import Options, slope_map
 from slopecli.look import find_still
 from slopecli.options import MapOptions
 from slopecli.pipeline import estimate
+from slopecli.sequence import Sequence
 from slopecli.types import FloatArray, Image, Report
 
 CODE = "stands-still"
@@ -112,3 +113,13 @@ def test_a_map_knows_nothing_of_it_and_lands_nowhere_on_it() -> None:
     assert max(site.centre_px[1] + site.radius_px for site in result.sites) < 192
     wrong = np.abs(result.slope_deg - np.degrees(np.arctan2(0.25, 1.0)))[result.known]
     assert np.median(wrong) < 0.3
+
+
+def test_a_sequence_follows_the_ground_past_it() -> None:
+    pair = ground()
+    run = Sequence(pair.camera1, Options(grid=(2, 2)))
+    assert [run.add(frame).status for frame in glued((pair.grey1, pair.grey2), STRIP)] == ["reference", "used"]
+    report = run.report()
+    assert CODE in [d.code for d in report.diagnostics]
+    assert max(off_deg(plane.normal_cam1) for plane in report.planes if plane.id < 3) < 1.0
+    assert all(plane.verdict != "safe" or off_deg(plane.normal_cam1) < 1.0 for plane in report.planes)

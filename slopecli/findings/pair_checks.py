@@ -13,6 +13,7 @@ from slopecli.geometry.camera import radial_term
 from slopecli.geometry.motion import MOST_TERM, LensMisfit
 from slopecli.geometry.orientation import kept_orientation
 from slopecli.look.changes import lens_misfit
+from slopecli.look.standing_still import Still
 from slopecli.types import Camera, Diagnostic, FloatArray, Image, IntArray
 
 INLIER_SHARE = 0.12  # of the tentative matches: fewer agree on a motion by chance
@@ -75,10 +76,14 @@ def image_notes(pair: PairFacts) -> list[Diagnostic]:
 
 def stands_still(pair: PairFacts) -> list[Diagnostic]:
     """Say what belongs to the camera or the image, and was left out."""
-    still = pair.scene.still
+    return still_notes(pair.scene.still)
+
+
+def still_notes(still: Still | None) -> list[Diagnostic]:
+    """What stands still, if anything does, as a note."""
     if still is None:
         return []
-    message = f"{100 * still.share:.2g} % of the images stands still in both while the rest moves: it is not ground"
+    message = f"{100 * still.share:.2g} % of the images stands still while the rest moves: it is not ground"
     return [finding("stands-still", message, still.share)]
 
 

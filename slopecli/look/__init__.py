@@ -22,7 +22,7 @@ __getattr__, __dir__ = lazy_names(
         "segments": "Segments find_segments",
         "scene_from_images": "COARSE FINE build_scene feature_matchers find_scene is_decided may_suffice "
         "overview_effort",
-        "standing_still": "Still find_still",
+        "standing_still": "Still find_still without_still",
         "threads": "single_threaded",
         "transfer_error": "Comparison OUTSIDE TRUNCATED_COST",
         "warp": "Grid Layer Pyramid Transfer block_sum covered cut magnification plane_transfer resample sample_grey "

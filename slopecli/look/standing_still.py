@@ -62,6 +62,11 @@ class Still:
         return np.asarray(np.where(mask, np.clip(smooth + 0.5, 0, 255), grey), np.uint8)
 
 
+def without_still(grey: Grey, still: Still | None) -> Grey:
+    """An image without the texture of what stands still, if anything does."""
+    return grey if still is None else still.painted(grey)
+
+
 def find_still(grey1: Grey, grey2: Grey) -> Still | None:
     """What stands still in two images; None where nothing does, or where not enough else can be matched to tell."""
     if grey1.shape != grey2.shape:

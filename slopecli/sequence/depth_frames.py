@@ -14,6 +14,7 @@ from slopecli.look.features import Grey
 from slopecli.look.fused_depth import fuse_depths, start_for_farther
 from slopecli.look.matches import LEAST_MATCHES, Evidence
 from slopecli.look.scene import Scene
+from slopecli.look.standing_still import Still
 from slopecli.look.warp import FloatImage, Pyramid
 from slopecli.sequence.tracking_tunables import TRACKING
 from slopecli.sequence.tracks import Tracks
@@ -66,17 +67,24 @@ class DepthFrames:
         return held
 
     def fused(
-        self, reference: Grey, camera: Camera, tracks: Tracks, u: FloatArray, known: BoolArray, max_pixels: float
+        self,
+        reference: Grey,
+        camera: Camera,
+        tracks: Tracks,
+        u: FloatArray,
+        known: BoolArray,
+        max_pixels: float,
+        still: Still | None = None,
     ) -> FusedScene:
         """Depth of the reference from all frames kept, in baselines of the last one.
 
         Frames are taken in by rising baseline, each beginning with the depth that those before it tell.
 
         u : (n,) inverse depths of the points where `known` (n,), in the unit of the frames' positions.
-        max_pixels : that are measured.
+        max_pixels : that are measured.  still : what is no ground.
         """
         frames = [frame for frame in (self._last, *self._kept) if frame is not None]
-        scenes = [scene_of(reference, frame, camera, tracks, u, known) for frame in frames]
+        scenes = [replace(scene_of(reference, frame, camera, tracks, u, known), still=still) for frame in frames]
         length = [frame.baseline for frame in frames]
         depths: dict[int, DenseDepth] = {}
         start: FloatImage | None = None  # in the unit of the positions

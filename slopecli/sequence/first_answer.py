@@ -7,6 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from slopecli.look.features import FeatureMemory, Grey
+from slopecli.look.standing_still import Still, find_still
 from slopecli.options import Options
 from slopecli.sequence.coarse_motion import CoarseMotion
 from slopecli.sequence.first_move import first_move
@@ -17,20 +18,36 @@ from slopecli.sequence.later_reference import Follower
 from slopecli.sequence.sequence_report import tested_by_last_view
 from slopecli.sequence.tracks import choose_tracks
 from slopecli.sequence.view_estimator import ViewEstimator
+from slopecli.types import Camera
 from slopecli.windows import Window
 
 
 class FirstAnswer(NamedTuple):
-    """What follows the reference from the first move on, and the camera that was used."""
+    """What follows the reference from the first move on, the camera that was used, and what stands still in both frames
+    and was left out."""
 
     follower: Follower
     camera: KnownCamera
+    still: Still | None
+
+
+def reference_of(frame: Grey, windows: list[Window], camera: Camera) -> Aligner | Skipped:
+    """What aligns frames with a reference; why there is none, if nothing in its windows can be followed."""
+    tracks = choose_tracks(frame, windows, camera)
+    if not len(tracks) or (tracks.patch < 0).all():
+        return Skipped("dark", "has no texture in any window")
+    return Aligner(frame, camera, windows, tracks)
 
 
 def first_answer(
     frame: Grey, aligner: Aligner, windows: list[Window], camera: KnownCamera, options: Options, memory: FeatureMemory
 ) -> FirstAnswer | Skipped:
     """The first answer by a frame, or why it gives none."""
+    if (still := find_still(aligner.grey, frame)) is not None:
+        rest = reference_of(still.painted(aligner.grey), windows, camera.used)
+        if isinstance(rest, Skipped):
+            return rest
+        aligner, frame = rest, still.painted(frame)
     begun = _followed(frame, aligner, camera, memory)
     if isinstance(begun, Skipped):
         return begun
@@ -38,7 +55,7 @@ def first_answer(
     if known.used is not camera.used:  # begin again with the focal length that the images and its sigma agree on
         anew = Aligner(aligner.grey, known.used, windows, choose_tracks(aligner.grey, windows, known.used))
         begun = _followed(frame, anew, known, memory)
-    return begun if isinstance(begun, Skipped) else FirstAnswer(begun, known)
+    return begun if isinstance(begun, Skipped) else FirstAnswer(begun, known, still)
 
 
 def _followed(frame: Grey, aligner: Aligner, camera: KnownCamera, memory: FeatureMemory) -> Follower | Skipped:

@@ -10,6 +10,7 @@ import numpy as np
 
 from slopecli.errors import InputError, NoAnswer, SlopemapError
 from slopecli.findings.metadata_checks import metadata_notes
+from slopecli.findings.pair_checks import still_notes
 from slopecli.geometry.solver.many_views import ViewsSolution
 from slopecli.geometry.solver.one_thread import one_blas_thread
 from slopecli.geometry.solver.resection import Motion as Placed
@@ -17,12 +18,13 @@ from slopecli.ground.slope_map import SlopeMap
 from slopecli.look.dense_depth import DEPTH, DenseDepth
 from slopecli.look.features import QUICK, FeatureMemory, Grey
 from slopecli.look.resampling import resampled
+from slopecli.look.standing_still import Still, without_still
 from slopecli.look.threads import single_threaded
 from slopecli.options import Options
 from slopecli.patches.windows.window_finder import wanted_windows
 from slopecli.sequence import used_frames
 from slopecli.sequence.depth_frames import DepthFrames, FusedScene
-from slopecli.sequence.first_answer import first_answer
+from slopecli.sequence.first_answer import first_answer, reference_of
 from slopecli.sequence.frame import Frame, FrameMotion, FramePrior, FrameState, SequenceAnswer
 from slopecli.sequence.frame_alignment import Aligner
 from slopecli.sequence.frame_gates import FrameGates, Skipped
@@ -31,7 +33,6 @@ from slopecli.sequence.known_camera import KnownCamera
 from slopecli.sequence.later_reference import Follower, LaterReference, ReferenceCandidate
 from slopecli.sequence.sequence_report import Reported, report_of, tested_by_last_view
 from slopecli.sequence.tracking_tunables import TRACKING
-from slopecli.sequence.tracks import choose_tracks
 from slopecli.types import Camera, Image, ImageInfo, Report
 
 # what a frame can break: a step of numbers, or one of OpenCV, or what is raised on purpose; all else is a fault of ours
@@ -64,6 +65,7 @@ class Sequence:
         self._gates = FrameGates((camera.height, camera.width))
         self._memory = FeatureMemory()
         self._aligner: Aligner | None = None
+        self._still: Still | None = None  # what stands still, painted over in all frames
         self._unrelated = 0  # frames that do not show what the first one shows, before there is an answer
         self._first: Follower | None = None  # what follows the reference; it has the answer
         self._later: Follower | None = None  # what follows a later reference, which took its place
@@ -101,7 +103,7 @@ class Sequence:
             self._unrelated += 1
         used = state.status == "used" and not state.later
         if used and self._depth is not None and state.R is not None and state.T is not None:
-            self._depth.add(frame, state.R, state.T)
+            self._depth.add(without_still(frame, self._still), state.R, state.T)
             if self._next is not None and self._next.number == state.frame:
                 self._depth_then = self._depth.kept()
         self.frames.append(replace(state, image=image, time_s=time_s, prior=prior))
@@ -142,11 +144,12 @@ class Sequence:
     def _placed(self, frame: Grey) -> FrameState:
         """The state with a frame that is made the reference, or whose motion is found against it."""
         number = len(self.frames) + 1
+        frame = without_still(frame, self._still)
         if self._aligner is None:
-            tracks = choose_tracks(frame, self.windows, self.camera)
-            if not len(tracks) or (tracks.patch < 0).all():
-                return FrameState(number, "skipped", why=Skipped("dark", "has no texture in any window"))
-            self._aligner = Aligner(frame, self.camera, self.windows, tracks)
+            reference = reference_of(frame, self.windows, self.camera)
+            if isinstance(reference, Skipped):
+                return FrameState(number, "skipped", why=reference)
+            self._aligner = reference
             self._memory.detect(frame, QUICK)  # for the first pair, whose frame then has less to do
             return FrameState(number, "reference", R=np.eye(3), T=np.zeros(3))
         found = self._started(frame) if self._first is None else self._followed(frame)
@@ -156,11 +159,10 @@ class Sequence:
 
     def _started(self, frame: Grey) -> Placed | Skipped:
         """The first move, if this frame is far enough from the first."""
-        aligner = self._reference()
-        begun = first_answer(frame, aligner, self.windows, self._camera, self.options, self._memory)
+        begun = first_answer(frame, self._reference(), self.windows, self._camera, self.options, self._memory)
         if isinstance(begun, Skipped):
             return begun
-        self._first, self._camera = begun
+        self._first, self._camera, self._still = begun
         self._aligner = self._first.aligner
         return self._first.estimator.motion
 
@@ -295,14 +297,12 @@ class Sequence:
         InputError : there is no answer yet, or no frames were kept.
         """
         if self._first is None or self._depth is None:
-            raise InputError(
-                "there is no depth: no frame has moved far enough, or Sequence was made without keep_depth"
-            )
+            raise InputError("there is no depth: no frame has moved far enough, or Sequence has no keep_depth")
         estimator = self._first.estimator
         state, system = estimator.best.root.state, estimator.best.root.system
         known = estimator.alive & (system.V > 0.0)
         aligner = self._reference()
-        return self._depth.fused(aligner.grey, self.camera, aligner.tracks, state.u, known, max_pixels)
+        return self._depth.fused(aligner.grey, self.camera, aligner.tracks, state.u, known, max_pixels, self._still)
 
     def reported(
         self, images: tuple[Image | ImageInfo, Image | ImageInfo] | None = None, depth: DenseDepth | None = None
@@ -327,7 +327,8 @@ class Sequence:
         options, baseline = self.options_now, float(np.linalg.norm(views.T[shown]))
         if options.baseline_m and options.stated and options.stated.scale:
             options = replace(options, baseline_m=options.baseline_m / baseline)
-        notes = [*metadata_notes(options), *prior_notes(used), *used_frames.skipped_notes(self.frames)]
+        notes = [*still_notes(self._still), *metadata_notes(options), *prior_notes(used)]
+        notes += used_frames.skipped_notes(self.frames)
         pair, estimator = views.pair(shown), self._first.estimator
         found = report_of(estimator, pair, self.windows, named, self._camera, options, notes, baseline, depth)
         return found._replace(report=with_source(found.report, self.options, used))
