@@ -14,6 +14,7 @@ from slopecli.geometry.solver.many_views import (
     heights_of,
     information_of_relief,
     noise_of,
+    off_in_last,
     off_planes,
     refine,
     relief_of,
@@ -151,13 +152,12 @@ class ViewEstimator:
 
     def add(self, found: Found, motion: Motion) -> None:
         """Take in a view near a motion, and where it shows the points."""
-        x, used = found.x, found.seen & self.alive
+        used = found.seen & self.alive
         agree = self._agreeing(found, used, motion)
         self._missed = np.where(used, np.where(agree, 0, self._missed + 1), self._missed)
         self.alive = self.alive & (self._missed < TRACKING.misses)
         weight = (used & agree) / found.zoom**2
-        lines = [self._extended(line, x, weight, motion) for line in self._lines]
-        self._lines = lines
+        self._lines = [self._extended(line, found.x, weight, motion) for line in self._lines]
         self._sort()
         self._solved = None
 
@@ -175,8 +175,7 @@ class ViewEstimator:
 
     def _extended(self, line: Line, x: FloatArray, weight: FloatArray, motion: Motion) -> Line:
         """A root with one more view, the last one replaced if it was taken from nearly the same place."""
-        points, state = self._slimmed(line)
-        used = weight > 0.0
+        (points, state), used, root = self._slimmed(line), weight > 0.0, line.root
         if line is not self.best:
             own = (state.R[-1], state.T[-1])
             motion = resect(points.p[:, used], x[:, used], state.u[used], [own], self._floor, 6)[:2]
@@ -185,7 +184,8 @@ class ViewEstimator:
             points, x=np.concatenate([points.x, x[None]]), weight=np.concatenate([points.weight, weight[None]])
         )
         state = state._replace(R=R, T=T)
-        return self._settled(points, state, line.root.q, line.root.relief, line.root.noise, rounds=1, most=4)
+        q = np.where(off_in_last(points, state, root), 0.0, root.q)
+        return self._settled(points, state, q, root.relief, root.noise, rounds=1, most=4)
 
     def _slimmed(self, line: Line) -> tuple[ViewPoints, ViewState]:
         """Points and state without the views that are not to be kept whole."""

@@ -5,7 +5,7 @@ The first view's baseline is the unit of length, so k views have 5 + 6 (k - 1) n
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import NamedTuple
 
@@ -128,6 +128,17 @@ def off_planes(points: ViewPoints, heights: Heights) -> BoolArray:
     """(n,) outliers of each plane, such as rocks: see `relief.standing_off`."""
     slices = [slice(int(first), int(first + count)) for first, count in zip(points.first, points.count, strict=True)]
     return standing_off(heights.height, heights.sigma, heights.known, slices)
+
+
+def off_in_last(points: ViewPoints, state: ViewState, before: Root) -> BoolArray:
+    """(n,) points off the planes of the root before the last view came, by that view too.
+
+    A bush that only this view shows would tilt the plane of its window first, and stand less far off it then.
+    """
+    last = replace(points, x=points.x[-1:], weight=points.weight[-1:])
+    terms, system = view_terms(last, state.R[-1:], state.T[-1:], state.u), before.system
+    known = system._replace(V=system.V + terms.V[0], h=system.h + terms.h[0])
+    return off_planes(points, heights_of(points, known, state, before.noise))
 
 
 def relief_of(points: ViewPoints, heights: Heights, left_out: BoolArray) -> FloatArray:
