@@ -13,9 +13,9 @@ from scenery import render, turn
 
 from slopecli.errors import InputError
 from slopecli.geometry import forward_angles_deg
-from slopecli.io import read_priors
+from slopecli.io import FrameSource, read_priors, with_frame_priors
 from slopecli.options import Options
-from slopecli.sequence import FramePrior, Sequence
+from slopecli.sequence import Frame, FramePrior, Sequence
 from slopecli.types import FloatArray
 
 COUNT, METRES = 4, 2.5  # frames, and of a step
@@ -108,9 +108,46 @@ def test_lengths_and_angles_are_not_given_twice(flight: Path, tmp_path: Path) ->
     status, said = ran(flight, tmp_path, ["altitude_m", "50", "48"])
     assert status == 1
     assert f"has 2 rows for {COUNT} frames" in said
+    status, said = ran(flight, tmp_path, ["frame,altitude_m", "1,50", "12,48"])
+    assert (status, f"a row of frame 12, but there are {COUNT}" in said) == (1, True)
     status, said = ran(flight, tmp_path, ["altitude_m", *["50"] * COUNT], "--up", "dominant-plane")
     assert (status, "--up X,Y,Z" in said) == (2, True)
     assert not (tmp_path / "answer" / "slopes.json").exists()
+
+
+@pytest.mark.parametrize(
+    ("wrong", "off", "sigma", "said"),
+    [((2,), 0.0, 0.5, "frame 3 in --priors put up 20° off where"), ((1, 2), 10.0, 10.0, "which contradict each other")],
+)
+def test_ups_that_contradict_each_other_are_said_and_not_trusted(
+    wrong: tuple[int, ...], off: float, sigma: float, said: str
+) -> None:
+    """One of three or two of four is wrong by 20 degrees: it is left out, or the sigma is as large as the dispute."""
+    sequence = Sequence(CAMERA, Options(grid=(2, 2)))
+    for number in range(2 + len(wrong)):
+        ned = turn(0.0, 20.0 if number in wrong else 0.0, 0.0) @ NED1 @ turned(number).T
+        sequence.add(frame(number), prior=FramePrior(ned=ned, attitude_sigma_deg=0.5))
+    report = sequence.report()
+    assert np.degrees(np.arccos(report.up.vector_cam1 @ UP)) == pytest.approx(off, abs=0.1)
+    assert report.up.sigma_deg == pytest.approx(sigma, abs=0.1)
+    assert said in " ".join(one.message for one in report.diagnostics if one.code == "metadata-contradicted")
+    assert all(plane.verdict != "safe" for plane in report.planes)
+
+
+def test_altitudes_need_an_up_that_is_known() -> None:
+    sequence = Sequence(CAMERA, Options(grid=(2, 2), up="dominant-plane"))
+    for number in range(2):
+        sequence.add(frame(number), prior=FramePrior(altitude_m=50.0))
+    with pytest.raises(InputError, match="need an up that is known"):
+        sequence.report()
+
+
+def test_rows_beyond_the_end_of_a_film_of_unknown_length_are_said() -> None:
+    said: list[str] = []
+    known: dict[int | None, FramePrior] = {1: FramePrior(altitude_m=3.0), 5: FramePrior(altitude_m=4.0)}
+    source = FrameSource(Frame("1", None), iter([Frame("2", None), Frame("3", None)]))
+    assert [one.prior for one in with_frame_priors(source, "priors.csv", known, said.append)] == [known[1], None, None]
+    assert said == ["warning: priors.csv: has a row of frame 5, but there are 3; frames count from 1, in their order"]
 
 
 def test_known_angles_decide_between_two_answers() -> None:
@@ -155,6 +192,8 @@ def test_positions_count_by_their_sigma() -> None:
         ("x_m,y_m,z_m\n1,2,\n", "some of x_m, y_m, z_m"),
         ("yaw_deg\n20\n", "some of pitch_deg, roll_deg"),
         ("altitude_m,x_m\n3\n", "line 2 has 1 cells for 2 columns"),
+        ("altitude_m,altitude_sigma_m\n3,1\n,1\n", "line 3 has altitude_sigma_m without altitude_m"),
+        ("attitude_sigma_deg\n1\n", "line 2 has attitude_sigma_deg without pitch_deg"),
     ],
 )
 def test_a_file_that_is_no_table_of_priors_is_refused(tmp_path: Path, text: str, said: str) -> None:

@@ -9,10 +9,11 @@ import click
 from slopecli.cli.checks import given, refuse
 
 if TYPE_CHECKING:
+    from slopecli.cli.talk import Talk
     from slopecli.io.frame_sources import FrameSource
 
 
-def with_priors_file(ctx: click.Context, source: FrameSource, parameters: dict[str, Any]) -> FrameSource:
+def with_priors_file(ctx: click.Context, source: FrameSource, parameters: dict[str, Any], talk: Talk) -> FrameSource:
     """The frames with what a file tells of them, where one is given; refuse what is given otherwise as well."""
     from slopecli.io.prior_files import read_priors, with_frame_priors
 
@@ -38,4 +39,4 @@ def with_priors_file(ctx: click.Context, source: FrameSource, parameters: dict[s
             "Altitudes in --priors need an up that is known: give --up X,Y,Z, or angles in the file.",
         ),
     )
-    return with_frame_priors(source, path, priors)
+    return with_frame_priors(source, path, priors, talk.say)

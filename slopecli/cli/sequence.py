@@ -106,7 +106,7 @@ def sequence(ctx: click.Context, frames: tuple[str, ...], **parameters: Any) -> 
     _check(ctx, frames, parameters)
     parameters, metadata = take_metadata(ctx, parameters)
     talk = ctx.ensure_object(Talk)
-    source = with_priors_file(ctx, _with_cameras(_opened(frames, parameters), parameters, talk), parameters)
+    source = with_priors_file(ctx, _with_cameras(_opened(frames, parameters), parameters, talk), parameters, talk)
     runner, options_at_end = _runner(ctx, source, parameters, metadata)
     interrupted, problem = _run(source, runner, parameters, talk)
     if interrupted and not runner.started:

@@ -175,7 +175,7 @@ _ROWS: dict[Severity, dict[str, tuple[Any, ...]]] = {
             "agree if it were turned, as by a viewer that writes its pixels anew and leaves the angles as they were, "
             "the message says so. Level or north is then wrong as well. Or the up that was given is not the one that "
             "image 1 states, as with a wrong sign of `--pitch`. Of a sequence: a frame is turned "
-            "otherwise than `--priors` say.",
+            "otherwise than `--priors` say, or the angles of its frames contradict each other.",
             "check that both files are as the camera wrote them, and of one flight; or give --pitch, --roll and --yaw",
             "degrees between the two directions, or angles",
             True,

@@ -14,7 +14,7 @@ __getattr__, __dir__ = lazy_names(
         "line_files": "LineFile read_lines",
         "pair_sources": "natural_key",
         "poses": "load_pose",
-        "prior_files": "read_priors",
+        "prior_files": "read_priors with_frame_priors",
         "study_files": "FIGURES STUDY_NAMES TIMED",
         "temporary": "temporary_folder",
     },

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 
 from slopecli.errors import InputError
@@ -13,6 +13,11 @@ from slopecli.io.frame_sources import FrameSource
 from slopecli.sequence.frame import Frame, FramePrior
 
 POSITION, ANGLES = ("x_m", "y_m", "z_m"), ("pitch_deg", "roll_deg")
+SIGMAS = {
+    "position_sigma_m": "x_m",
+    "altitude_sigma_m": "altitude_m",
+    "attitude_sigma_deg": "pitch_deg",
+}  # and the first column of what each is of
 POSITIVE = ("position_sigma_m", "altitude_m", "altitude_sigma_m", "attitude_sigma_deg")
 KNOWN = ("frame", *POSITION, *ANGLES, "yaw_deg", *POSITIVE)
 PASSED_OVER = ("image", "time_s")  # columns for the reader of the file
@@ -75,6 +80,9 @@ def _prior(path: str, line: int, values: dict[str, float]) -> FramePrior:
     for some, group in ((position, POSITION), (angles, ANGLES)):
         if some and not all(name in values for name in group):
             raise InputError(f"{path}: line {line} has some of {', '.join(group)}; needed all of them, or none")
+    for sigma, value in SIGMAS.items():
+        if sigma in values and value not in values:
+            raise InputError(f"{path}: line {line} has {sigma} without {value}; needed both, or neither")
     ned = None
     if angles:
         ned = ned_from_camera(values.get("yaw_deg", 0.0), values["pitch_deg"], values["roll_deg"])
@@ -89,22 +97,37 @@ def _prior(path: str, line: int, values: dict[str, float]) -> FramePrior:
     )
 
 
-def with_frame_priors(source: FrameSource, path: str, priors: dict[int | None, FramePrior]) -> FrameSource:
+def with_frame_priors(
+    source: FrameSource, path: str, priors: dict[int | None, FramePrior], say: Callable[[str], None]
+) -> FrameSource:
     """The frames, each with what is known of it.
+
+    say : told, in a line, at the last frame of a video or camera that there were not as many as the rows are of.
 
     Raises
     ------
-    InputError : there are not as many rows as frames, and the rows do not say of which they are.
+    InputError : there are not as many rows as frames, and the rows do not say of which they are; or they are of more.
     """
-    count = len(priors) - 1
-    if None in priors and source.total is not None and count != source.total:
-        raise InputError(
-            f"{path}: has {count} rows for {source.total} frames; give one a frame, or their numbers in a column frame"
-        )
+    whole = None in priors
+    last = max((number for number in priors if number is not None), default=0)
+
+    def wrong(total: int) -> str:
+        """What is wrong with the rows for so many frames; "" if nothing is."""
+        if whole and last != total:
+            return f"{path}: has {last} rows for {total} frames; give one a frame, or their numbers in a column frame"
+        if last > total:
+            return f"{path}: has a row of frame {last}, but there are {total}; frames count from 1, in their order"
+        return ""
+
+    if source.total is not None and (message := wrong(source.total)):
+        raise InputError(message)
 
     def numbered() -> Iterator[Frame]:
         """The frames after the first."""
+        number = 1
         for number, frame in enumerate(source.rest, 2):
             yield frame._replace(prior=priors.get(number))
+        if source.total is None and (message := wrong(number)):
+            say(f"warning: {message}")
 
     return replace(source, first=source.first._replace(prior=priors.get(1)), rest=numbered())

@@ -20,6 +20,8 @@ from slopecli.sequence.frame import FramePrior, FrameState
 from slopecli.sequence.view_estimator import ViewEstimator
 from slopecli.types import Diagnostic, FloatArray, Report
 
+REMEDY = "check their order and signs (a pitch of -90 looks straight down), that rows and frames go together"
+
 
 class _Seen(NamedTuple):
     """A frame that was used, of which something is known: its motion, and what is known."""
@@ -45,36 +47,83 @@ def with_priors(options: Options, used: list[FrameState], estimator: ViewEstimat
 
     Raises
     ------
-    InputError : altitudes are given for a camera that looks along the horizon, or up.
+    InputError : altitudes are given for a camera that looks along the horizon, or up, or where up is to be that of the
+    largest plane.
     """
     seen = _seen(used)
     return _with_length(_with_attitude(options, seen), seen, estimator) if seen else options
 
 
+class _Mean(NamedTuple):
+    """Mean of a direction that frames state: unit, 1-sigma, deg (0 where none is stated); the statements that
+    contradict the others: off, deg, the largest angle from the mean, the frame of it, and whether they are left out, as
+    most frames agree without them."""
+
+    direction: tuple[float, float, float]
+    sigma_deg: float
+    off_deg: float
+    frame: int
+    left_out: bool
+
+
+def _up(seen: list[_Seen]) -> _Mean | None:
+    return _mean([(-(one.prior.ned @ one.R)[2], one) for one in seen if one.prior.ned is not None])
+
+
+def _north(seen: list[_Seen]) -> _Mean | None:
+    return _mean([((one.prior.ned @ one.R)[0], one) for one in seen if one.prior.ned is not None and one.prior.heading])
+
+
 def _with_attitude(options: Options, seen: list[_Seen]) -> Options:
     """The options with the mean of up, and of north, in the axes of the first frame."""
-    tilts = [(one.prior.ned @ one.R, one.prior) for one in seen if one.prior.ned is not None]
-    if options.up == "camera" and tilts:
-        up, sigma = _mean([(-A[2], prior) for A, prior in tilts])
-        options = replace(options, up=up, up_sigma_deg=options.up_sigma_deg or sigma)
-    headings = [(A[0], prior) for A, prior in tilts if prior.heading]
-    if options.north is None and headings:
-        north, sigma = _mean(headings)
-        options = replace(options, north=north, north_sigma_deg=options.north_sigma_deg or sigma)
+    if options.up == "camera" and (up := _up(seen)):
+        sigma = _not_below(options.up_sigma_deg, up)
+        options = replace(options, up=up.direction, up_sigma_deg=sigma)
+    if options.north is None and (north := _north(seen)):
+        sigma = _not_below(options.north_sigma_deg, north)
+        options = replace(options, north=north.direction, north_sigma_deg=sigma)
     return options
 
 
-def _mean(parts: list[tuple[FloatArray, FramePrior]]) -> tuple[tuple[float, float, float], float]:
-    """Weighted mean of directions, and the 1-sigma, deg, of the surest; 0 where none has one."""
-    sigmas = np.array([prior.attitude_sigma_deg or np.nan for _, prior in parts])
+def _not_below(given_deg: float, mean: _Mean) -> float:
+    """The sigma given, or that of the mean; where statements contradict each other and none is right, the larger."""
+    disputed = mean.off_deg > 0.0 and not mean.left_out
+    return max(given_deg, mean.sigma_deg) if disputed else given_deg or mean.sigma_deg
+
+
+def _mean(parts: list[tuple[FloatArray, _Seen]]) -> _Mean | None:
+    """Weighted mean of directions that frames state, in the axes of the first; None of none.
+
+    Those farther from the median of all than five sigmas are left out if most are nearer. If not, there is nothing to
+    tell which are right: all count, and the sigma is the RMS of their angles from the mean.
+    """
+    if not parts:
+        return None
+    every = np.array([direction for direction, _ in parts])
+    sigmas = np.array([one.prior.attitude_sigma_deg or np.nan for _, one in parts])
     weight = _weights(sigmas)
-    total = np.array([direction for direction, _ in parts]).T @ weight
+    off = _angles_deg(every, np.median(every, axis=0))
+    far = off > 2.0 * GATE_SIGMAS * weight**-0.5
+    left_out = bool(far.any() and 2 * np.count_nonzero(far) < len(far))
+    kept = ~far if left_out else np.ones(len(far), bool)
+    total = every[kept].T @ weight[kept]
+    off = _angles_deg(every, total)
     x, y, z = (float(value) for value in total / np.linalg.norm(total))
-    return (x, y, z), 0.0 if np.isnan(sigmas).all() else float(np.nanmin(sigmas))
+    known = sigmas[kept][np.isfinite(sigmas[kept])]
+    sigma = float(known.min()) if len(known) else 0.0
+    if far.any() and not left_out:
+        sigma = max(sigma, float(np.sqrt(np.mean(off**2))))
+    worst = int(np.argmax(np.where(far, off, -1.0)))
+    return _Mean((x, y, z), sigma, float(off[worst]) if far.any() else 0.0, parts[worst][1].frame, left_out)
+
+
+def _angles_deg(directions: FloatArray, other: FloatArray) -> FloatArray:
+    """(n,) angles of unit directions (n, 3) from another."""
+    return np.asarray(np.degrees(np.arccos(np.clip(directions @ (other / np.linalg.norm(other)), -1.0, 1.0))))
 
 
 def _weights(sigmas: FloatArray) -> FloatArray:
-    """Inverse variances; of those without a sigma (NaN) that of the mean of the others."""
+    """Inverse variances; of those without a sigma (NaN) that of the mean of the others, or of 1 if there are none."""
     known = np.isfinite(sigmas)
     filled = np.where(known, sigmas, float(sigmas[known].mean()) if known.any() else 1.0)
     return np.asarray(filled**-2.0)
@@ -118,6 +167,8 @@ def _heights(options: Options, seen: list[_Seen], estimator: ViewEstimator) -> l
     told = [one for one in seen if one.prior.altitude_m is not None]
     if not told:
         return []
+    if options.up == "dominant-plane":
+        raise InputError("altitudes of frames need an up that is known: give --up X,Y,Z, or angles of the frames")
     up = np.array([0.0, 0.0, -1.0] if isinstance(options.up, str) else options.up, float)
     up /= np.linalg.norm(up)
     tracks, u = estimator.tracks, estimator.inverse_depth
@@ -155,8 +206,27 @@ def turn_known(first: FramePrior | None, other: FramePrior | None) -> tuple[Floa
 
 
 def prior_notes(used: list[FrameState]) -> list[Diagnostic]:
-    """Warn where the images turn otherwise than the attitudes say: of the frame that is farthest off."""
+    """Warn where the images turn otherwise than the attitudes say, and where these contradict each other."""
     seen = _seen(used)
+    turn = _turned_otherwise(seen)
+    means = [_disputed(what, mean) for what, mean in (("up", _up(seen)), ("north", _north(seen))) if mean]
+    return [
+        finding("metadata-contradicted", *said, f"{REMEDY}, and attitude_sigma_deg") for said in (turn, *means) if said
+    ]
+
+
+def _disputed(what: str, mean: _Mean) -> tuple[str, float] | None:
+    """That frames contradict each other in what is up, or north, by how much, and what was made of it; or None."""
+    if not mean.off_deg:
+        return None
+    off = f"the angles of frame {mean.frame} in --priors put {what} {mean.off_deg:.0f}° off "
+    if mean.left_out:
+        return f"{off}where those of most frames do, and are left out", mean.off_deg
+    return f"{off}the mean of all frames, which contradict each other: its sigma is {mean.sigma_deg:.0f}°", mean.off_deg
+
+
+def _turned_otherwise(seen: list[_Seen]) -> tuple[str, float] | None:
+    """That the images turn otherwise than the attitudes say, of the frame that is farthest off, and by how much."""
     first = next((one.prior for one in seen if not one.T.any()), None)
     worst, off, number = 0.0, 0.0, 0
     for one in seen:
@@ -166,7 +236,5 @@ def prior_notes(used: list[FrameState]) -> list[Diagnostic]:
             if apart / turn[1] > worst:
                 worst, off, number = apart / turn[1], float(np.degrees(apart)), one.frame
     if worst <= 2.0 * GATE_SIGMAS:
-        return []
-    message = f"frame {number} is turned against the first by {off:.0f}° more than the angles of --priors say"
-    remedy = "check their order and signs (a pitch of -90 looks straight down), that rows and frames go together"
-    return [finding("metadata-contradicted", message, off, f"{remedy}, and attitude_sigma_deg")]
+        return None
+    return f"frame {number} is turned against the first by {off:.0f}° more than the angles of --priors say", off
