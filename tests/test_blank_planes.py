@@ -10,9 +10,29 @@ import pytest
 from scenery import Surface, make_camera, render, tilted, turn, unit
 
 from slopecli.geometry import normal_angle
-from slopecli.look import FINE, Images, Scene, build_scene, feature_matchers, find_motions, whole_grid
+from slopecli.look import (
+    FINE,
+    Comparison,
+    Images,
+    Scene,
+    adaptive_threshold,
+    build_scene,
+    feature_matchers,
+    find_motions,
+    smooth_gradient,
+    whole_grid,
+)
 from slopecli.options import Options
-from slopecli.patches.regions import REGION, CellLattice, KnownTilt, Piece, find_blank_planes, region_stages
+from slopecli.patches.regions import (
+    REGION,
+    BorderCost,
+    CellLattice,
+    KnownTilt,
+    Piece,
+    find_blank_planes,
+    label_cells,
+    region_stages,
+)
 from slopecli.types import BoolArray, FloatArray
 
 WALL, OTHER = np.array([0.5, 0.0, 0.8]) / 6, np.array([-0.3, 0.2, 0.9]) / 5
@@ -71,3 +91,19 @@ def test_a_surface_that_is_tilted_otherwise_than_all_others_has_none() -> None:
 
 def test_a_surface_without_any_texture_has_none() -> None:
     assert answer(0.8 * WALL, 0.0) == []
+
+
+def test_a_plane_goes_on_where_unmatched_texture_bears_it_out_and_not_on_another_surface() -> None:
+    scene, lattice, (wall,), own = seen((0.8 * WALL[0], 0.0, 0.8 * WALL[2]), 0.03)
+    lower, beside = np.zeros(own.shape, bool), np.zeros(own.shape, bool)
+    lower[186:204, 24:126], beside[24:216, 150:168] = True, True
+    on_wall, on_ground = middles(lower), middles(beside)
+    lattice = replace(lattice, known=lattice.known & ~on_wall & ~on_ground)
+    grid = whole_grid(scene, FINE.max_pixels)
+    gradient = smooth_gradient(grid.grey)
+    comparison = Comparison(scene.view(grid), (scene.camera1.focal_px, scene.camera2.focal_px))
+    borders, none = BorderCost.along_edges(gradient, adaptive_threshold(gradient)), np.zeros(own.shape, np.int32)
+    labels, apart = label_cells(comparison, lattice, [replace(wall, cells=wall.cells & ~on_wall)], borders, none)
+    assert ((labels + apart)[on_wall] == 1).mean() > 0.9
+    assert (apart[on_wall] == 1).mean() > 0.25
+    assert (labels + apart)[on_ground].max() == 0

@@ -40,6 +40,7 @@ class Comparison:
         gx, gy = image_gradient(grey1)
         variance = DIFFERENCE_GREY**2 + MISPLACED_PX**2 * (gx * gx + gy * gy)
         self._certainty = (1 / variance).astype(np.float32)
+        self.contrast = (gx * gx + gy * gy) * self._certainty
         layer = view.pyramid2.at(1.0 / working_per_px2)
         self._scale2 = layer.scale
         shading_px = SHADING_PX * float(layer.scale.mean()) / working_per_px2

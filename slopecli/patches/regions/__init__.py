@@ -6,7 +6,7 @@ __getattr__, __dir__ = lazy_names(
     __name__,
     {
         "blank_planes": "find_blank_planes",
-        "block_labels": "BorderCost cheapest_labels enlarged",
+        "block_labels": "BorderCost cheapest_labels enlarged label_cells",
         "borders": "with_pixel_borders",
         "cell_lattice": "CellLattice lattice_of",
         "common_planes": "find_common_planes",

@@ -44,11 +44,12 @@ class BorderCost:
 
 def label_cells(
     comparison: Comparison, lattice: CellLattice, pieces: Sequence[Piece], borders: BorderCost, components: Labels
-) -> Labels:
-    """Return the (h, w) number of the piece on whose plane each cell lies, 1..k, 0 for none.
+) -> tuple[Labels, Labels]:
+    """Return the (h, w) number of the piece on whose plane each cell lies, 1..k, 0 for none; and of cells apart.
 
     A cell costs by its depth, where it has one, and by the transfer error of its pixels. Cells without a match count
-    to a piece only where its matched cells are around them, or near in the same component.
+    to a piece only where its matched cells are around them, or near in the same component; or, apart (h, w) from these,
+    where their texture bears the plane out, such as slats along the epipolar lines, which tell no depth.
 
     components : (h, w) working px, 1..k: the insides of surfaces.
     """
@@ -66,14 +67,28 @@ def label_cells(
         layer[near[box]] = (depth + REGION.pixels * pixels)[near[box]]
     labels = cheapest_labels(cost, borders.of_blocks(REGION.cell_px))
     inside = component_of_cells(components, lattice.shape)
+    borne_out, apart = _borne_out(comparison, lattice, cost, labels), np.zeros(lattice.shape, np.int32)
     for number, piece in enumerate(pieces, 1):
         own = labels == number
         matched = own & lattice.on_plane(piece.plane, piece.tolerance)
         matched &= around(matched) >= REGION.dense_cells
         count, total = (np.bincount(inside[mask], minlength=components.max() + 1) for mask in (matched, inside > 0))
         held = (count >= REGION.held * np.maximum(total, 1))[inside] & (inside > 0)
-        labels[own & ~_among(matched) & ~_reached(matched & held, held)] = 0
-    return labels
+        among = _among(matched)
+        beyond = own & ~among & ~_reached(matched & held, held)
+        apart[beyond & _reached(among, borne_out & own)] = number
+        labels[beyond] = 0
+    return labels, apart
+
+
+def _borne_out(comparison: Comparison, lattice: CellLattice, cost: FloatImage, labels: Labels) -> BoolArray:
+    """Return the cells (h, w) without a match whose pixels would tell a px of displacement, and agree with their label.
+
+    cost : (h, w, k) of all labels.
+    """
+    of_label = np.take_along_axis(cost, labels[..., None], 2)[..., 0] / REGION.pixels
+    contrast = cv2.resize(comparison.contrast, lattice.shape[::-1], interpolation=cv2.INTER_AREA)
+    return np.asarray(~lattice.known & (of_label < 1.0) & (contrast > 1.0))
 
 
 def _box(mask: BoolArray) -> Box:
@@ -105,7 +120,7 @@ def _among(matched: BoolArray) -> BoolArray:
 
 
 def _reached(start: BoolArray, inside: BoolArray) -> BoolArray:
-    """Return the cells (h, w) at most `inside_cells` from the start through cells that are inside components."""
+    """Return the cells (h, w) at most `inside_cells` from the start through cells that are inside."""
     for _ in range(REGION.inside_cells):
         start = (cv2.dilate(start.astype(np.uint8), _cross()) > 0) & inside
     return np.asarray(start)

@@ -86,14 +86,17 @@ def region_stages(scene: Scene, options: Options) -> RegionStages:
         pieces = merged(lattice, [*chosen, *(plane.piece for plane in common)], options.merge_px)
         borders = BorderCost.along_edges(gradient, threshold)
         comparison = Comparison(scene.view(grid), (scene.camera1.focal_px, scene.camera2.focal_px))
-        cells = _label_cells(comparison, lattice, pieces, borders, components)
+        cells, apart = _label_cells(comparison, lattice, pieces, borders, components)
         common = _filled(cells, pieces, common)
         least = options.min_region_percent / 100 * gradient.size
         blank = find_blank_planes(cells, components, pieces, lattice, scene.view(grid), scene, least)
         for number, plane in enumerate(blank, len(pieces) + 1):
             cells[plane.piece.cells] = number
+        apart *= cells == 0
+        cells += apart
         labels, kept = _label_pixels(cells, comparison, [*pieces, *(plane.piece for plane in blank)], options)
         matches = match_labelled(labels, [piece.plane for piece in kept], scene)
+        matches = matches.take(apart[tuple(matches.index.T)] == 0)
     patches = [Patch(k, "region", footprint) for k, footprint in enumerate(region_footprints(labels, scene.shape1), 1)]
     patches = _with_known(match_regions(labels, matches, patches, scene), kept, [*common, *blank], scene)
     account = _account(lattice, (proposed, chosen, common, pieces, blank, kept), cells, options)
@@ -144,12 +147,12 @@ def _with_known(patches: list[Patch], kept: list[Piece], known: list[KnownTilt],
 
 def _label_cells(
     comparison: Comparison, lattice: CellLattice, pieces: list[Piece], borders: BorderCost, components: Labels
-) -> Labels:
-    """Return the label (h, w) of every cell, 1..k by piece, 0 for none."""
+) -> tuple[Labels, Labels]:
+    """Return the label (h, w) of every cell, 1..k by piece, 0 for none; and of cells apart from the matched ones."""
     if not pieces:
-        return np.zeros(lattice.shape, np.int32)
-    cells = label_cells(comparison, lattice, pieces, borders, components)
-    return without_small_pieces(cells, REGION.least_piece * cells.size)
+        return np.zeros(lattice.shape, np.int32), np.zeros(lattice.shape, np.int32)
+    cells, apart = label_cells(comparison, lattice, pieces, borders, components)
+    return without_small_pieces(cells, REGION.least_piece * cells.size), apart
 
 
 def _label_pixels(
