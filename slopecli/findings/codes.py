@@ -200,7 +200,7 @@ _ROWS: dict[Severity, dict[str, tuple[Any, ...]]] = {
         ),
         "stands-still": (
             "An area of at least 1 % looks the same at the same pixels of both images, while the rest moves: landing "
-            "gear, a rotor guard, a logo, a frame. It is no ground, and counts as ground without matches. In images "
+            "gear, a rotor guard, a logo. It is no ground, and counts as ground without matches. In images "
             "without a rotation between them, things at infinity, as clouds, do the same.",
             "choose windows clear of it",
             "share of the images",

@@ -1,5 +1,5 @@
 """Areas that stand still in both images while the ground moves: they belong to the camera or to the image, not to the
-ground, as landing gear, a rotor guard, a logo, a burnt-in time stamp or a frame do.
+ground, as landing gear, a rotor guard or a logo do.
 
 Texture that both images show at the same pixels, but not where the rest of the image moves to. What both explain is
 left alone: ground around the focus of expansion, edges along the motion, a pattern that moves by its own period.
@@ -105,9 +105,12 @@ def _correlation(first: FloatImage, second: FloatImage) -> FloatImage:
 
 
 def _without_lines(mask: BoolArray) -> BoolArray:
-    """A mask without what is as narrow as that which a window sees of a single edge."""
+    """A mask without what a window sees of a single edge, and without narrow frames of images.
+
+    The robust solution copes with these, and gains nothing if they are left out.
+    """
     outside = {"borderType": cv2.BORDER_CONSTANT, "borderValue": 0}
-    wide = cv2.morphologyEx(mask.astype(np.uint8), cv2.MORPH_OPEN, _disc(1.5), **outside)  # type: ignore[call-overload]
+    wide = cv2.morphologyEx(mask.astype(np.uint8), cv2.MORPH_OPEN, _disc(3.0), **outside)  # type: ignore[call-overload]
     return np.asarray(wide, bool)
 
 
