@@ -21,7 +21,7 @@ from slopecli.look.matches import MIN_ON_PLANE, ON_PLANE_PX, Matches
 from slopecli.look.noise import MAX_GAIN, ROUNDING_GREY, SAME_GROUND
 from slopecli.look.photometric import TILTS, View, align_plane
 from slopecli.look.scene import FINE_PX, Scene, view_of
-from slopecli.options import MANY_WINDOWS
+from slopecli.options import MANY_WINDOWS, MOST_SIGMA_DEG
 from slopecli.patches.patch import IN_DOUBT_DEG, Patch
 from slopecli.patches.regions.surest_planes import surest_planes
 from slopecli.patches.windows.borrowed import angles, from_elsewhere, points_on, shares, similarity, with_matches
@@ -263,10 +263,13 @@ def _tells_more(patch: Patch, plane: KnownPlane, is_parallel: bool, chance: floa
     """Whether a known orientation tells more of a window than the window's own matches.
 
     is_parallel : whether it is about that of the matches; known no better than by these, it tells no more than they do.
+    One that is not takes the place of clear matches only if these leave more open than is reported without asking.
     chance : probability of it and of those parallel to it.  as_well : whether it fits as well as the own plane.
     """
-    told = is_parallel and plane.sigma_rad >= _noise_rad(patch, scene)
-    return not told and chance >= (0.25 if as_well else 0.5)
+    noise = _noise_rad(patch, scene)
+    clear = patch.share >= TUNE.scarce_share and patch.score >= KNOWN.faint_score
+    stays = plane.sigma_rad >= noise if is_parallel else clear and noise < np.radians(MOST_SIGMA_DEG)
+    return not stays and chance >= (0.25 if as_well else 0.5)
 
 
 def _on_known(patch: Patch, known: Sequence[KnownPlane], scene: Scene) -> Patch:
