@@ -5,19 +5,22 @@ from __future__ import annotations
 import logging
 import time
 from collections.abc import Callable, Iterable, Iterator
+from contextlib import suppress
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from slopecli.errors import expect
+from slopecli.errors import NoAnswer, expect
+from slopecli.findings.camera_test import Cameras
 from slopecli.findings.checks import check_pair
 from slopecli.findings.facts import PairFacts
+from slopecli.findings.focal_use import refocused
 from slopecli.findings.pair_checks import refuse_identical, refuse_mirrored, refuse_unmatched
 from slopecli.findings.wording import forbidding
 from slopecli.geometry.statistics import median
 from slopecli.look.changes import Change, find_changes
-from slopecli.look.features import FeatureMemory
+from slopecli.look.features import FeatureMemory, Images
 from slopecli.look.scene import Scene
-from slopecli.look.scene_from_images import FINE, find_scene
+from slopecli.look.scene_from_images import FINE, find_scene, focal_by_features
 from slopecli.look.standing_still import find_still, without_still
 from slopecli.measure import up_sigma_rad
 from slopecli.options import MapOptions, Options
@@ -40,6 +43,7 @@ if TYPE_CHECKING:
 AGAIN = 0.002  # change of the focal length, beyond its 1-sigma by the matches, from which on these are found again
 
 LOGGER = logging.getLogger("slopecli")
+Pair = tuple[Image, Image]
 OnStage = Callable[[str, float], None]  # called with the name of a stage and its processor time, s
 
 
@@ -207,13 +211,7 @@ def _with_largest_plane(options: Options) -> Options:
 
 
 def _estimated(
-    images: tuple[Image, Image],
-    cameras: tuple[Camera, Camera],
-    options: Options,
-    memory: FeatureMemory | None,
-    clock: _Clock,
-    *,
-    dense: bool,
+    images: Pair, cameras: Cameras, options: Options, memory: FeatureMemory | None, clock: _Clock, *, dense: bool
 ) -> tuple[Report, Answer, Scene]:
     """The report of a pair, with the answer and the scene that it comes from.
 
@@ -222,11 +220,10 @@ def _estimated(
     refuse_identical(*images)
     windows = many_windows(options, images[0].width, images[0].height) if dense else []
     solved = replace(options, windows=(), grid=Options().grid) if windows else options
-    answer, changes, scene = _answer(images, cameras, cameras, solved, memory, clock)
-    for _ in range(2 if options.free_focal else 0):  # far off, the second time is off by a few percent of that
-        if abs(answer.cameras[0].focal_px / scene.camera1.focal_px - 1.0) <= max(AGAIN, answer.test.sigma):
-            break
-        answer, changes, scene = _answer(images, answer.cameras, cameras, solved, memory, clock)
+    if options.free_focal:
+        answer, changes, scene = _answer_freed(images, cameras, solved, memory, clock)
+    else:
+        answer, changes, scene = _answer(images, cameras, cameras, solved, memory, clock)
     scene = replace(scene, camera1=answer.cameras[0], camera2=answer.cameras[1])
     if dense:
         pair = answer.joined, answer.solution, scene, answer.focal_sigma
@@ -242,13 +239,26 @@ def _estimated(
     return report, answer, scene
 
 
+def _answer_freed(
+    images: Pair, given: Cameras, options: Options, memory: FeatureMemory | None, clock: _Clock
+) -> tuple[Answer, list[Change], Scene]:
+    """As `_answer`, with the focal length that the images prefer; the one given stays where they do not tell it."""
+    found = None
+    if step := focal_by_features(Images(images[0].grey, images[1].grey, *given), memory, options.seed):
+        with suppress(NoAnswer):
+            found = _answer(images, refocused(given, step), given, options, memory, clock)
+    if found is None or found[0].test.focal_factor is None:
+        found = _answer(images, given, given, options, memory, clock)
+    for _ in range(2):  # far off, the second time is off by a few percent of that
+        answer, _, scene = found
+        if abs(answer.cameras[0].focal_px / scene.camera1.focal_px - 1.0) <= max(AGAIN, answer.test.sigma):
+            break
+        found = _answer(images, answer.cameras, given, options, memory, clock)
+    return found
+
+
 def _answer(
-    images: tuple[Image, Image],
-    cameras: tuple[Camera, Camera],
-    given: tuple[Camera, Camera],
-    options: Options,
-    memory: FeatureMemory | None,
-    clock: _Clock,
+    images: Pair, cameras: Cameras, given: Cameras, options: Options, memory: FeatureMemory | None, clock: _Clock
 ) -> tuple[Answer, list[Change], Scene]:
     """The answer for a pair, and what changed between its images; given: the cameras, if another focal length is used.
 

@@ -7,7 +7,7 @@ from functools import cache, partial
 
 import numpy as np
 
-from slopecli.errors import DegenerateConfiguration
+from slopecli.errors import DegenerateConfiguration, SlopemapError
 from slopecli.findings.camera_checks import with_aspect
 from slopecli.findings.camera_suspicion import Again, suspicion
 from slopecli.findings.camera_test import Cameras, CameraTest, examine_cameras
@@ -25,6 +25,7 @@ from slopecli.patches.given import RAYS, settling_rows, solve_given
 from slopecli.patches.join import Joined, merge_patches, solve_jointly
 from slopecli.patches.settling import set_aside_unsettled
 from slopecli.patches.sightings import every_sighting, seen_by, sightings_of
+from slopecli.patches.windows.window_finder import join_widely
 from slopecli.types import Diagnostic, Solution
 
 
@@ -58,7 +59,8 @@ def solve_scene(
     """
     cameras = scene.camera1, scene.camera2
     joined, solution, against_prior = _solve_settled(joined, scene, motions, options)
-    test = examine_cameras(joined, solution, cameras, scene, free=options.free_focal)
+    test = _examined_widely(solution, scene, options) if options.free_focal and options.planes == "windows" else None
+    test = test or examine_cameras(joined, solution, cameras, scene, free=options.free_focal)
     answer = Answer(joined, solution, cameras, known, test, 0.0)
     answer = _with_focal(answer, given, options, partial(_solve_scene_again, scene, options))
     joined, solution = answer.joined, answer.solution
@@ -66,6 +68,22 @@ def solve_scene(
     joined, solution, merged = _merge_coplanar(joined, solution, options)
     diagnostics = [*answer.diagnostics, *against_prior, *merged]
     return replace(answer, joined=joined, solution=solution, diagnostics=diagnostics)
+
+
+def _examined_widely(solution: Solution, scene: Scene, options: Options) -> CameraTest | None:
+    """The test of the cameras by windows all over image 1, which tell more than those asked for; None if they do not.
+
+    solution : of those asked for, whose motion these start from.
+    """
+    cameras, wide = (scene.camera1, scene.camera2), join_widely(scene)
+    if wide is None:
+        return None
+    try:
+        solved = _solve_scene_again(scene, options, wide, cameras, Settled.of(solution))
+    except SlopemapError:
+        return None
+    test = examine_cameras(wide, solved, cameras, scene, free=True)
+    return test if test.focal_factor is not None else None
 
 
 def _with_focal(answer: Answer, given: Cameras, options: Options, again: Again) -> Answer:

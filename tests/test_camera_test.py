@@ -26,6 +26,7 @@ from slopecli.geometry.solver import (
     start_by_lines,
     with_planes,
 )
+from slopecli.look import Images, focal_by_features
 from slopecli.options import Options
 from slopecli.patches import Given
 from slopecli.pipeline import estimate, solve
@@ -293,6 +294,22 @@ def test_a_free_focal_length_gives_the_right_slopes(camera: Camera) -> None:
     assert note.value == pytest.approx(1 / 0.7, rel=1e-6)
     assert freed.fit.focal_factor == pytest.approx(1 / 0.7, rel=1e-6)
     assert "suspect-camera" not in {d.code for d in freed.diagnostics}
+
+
+@pytest.mark.parametrize("given", [0.6, 1.0])
+def test_features_tell_a_focal_length_under_which_no_motion_fits(given: float, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of views that turn by 60 degrees about the axis of a wide lens and tilt by 40; the right one stays."""
+    rng = np.random.default_rng(5)
+    camera = Camera(640, 480, 500.0, 500.0, 319.5, 239.5)
+    P1 = rng.uniform(-1.0, 1.0, (100, 3)) * [3.0, 2.0, 2.0] + [0.0, 0.0, 6.0]
+    R = rotation_from_vector(np.radians([0.0, 40.0, 0.0])) @ rotation_from_vector(np.radians([0.0, 0.0, 60.0]))
+    P2 = (P1 - [0.0, 0.0, 6.0]) @ R.T + [0.3, -0.2, 6.5]
+    uv1, uv2 = (500.0 * P[:, :2] / P[:, 2:] + [319.5, 239.5] for P in (P1, P2))
+    monkeypatch.setattr("slopecli.look.scene_from_images.match_sift", lambda *images, **how: (uv1, uv2, (100, 100)))
+    grey = np.zeros((480, 640), np.float32)
+    wrong = changed(camera, "f", np.log(given))
+    step = focal_by_features(Images(grey, grey, wrong, wrong), None)
+    assert step == 0.0 if given == 1.0 else abs(step + np.log(given)) < 0.2
 
 
 def test_a_focal_length_that_is_not_told_is_not_freed() -> None:

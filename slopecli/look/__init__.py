@@ -20,8 +20,8 @@ __getattr__, __dir__ = lazy_names(
         "photometric": "PlaneFit View align_plane cell_shifts correlation detrend gain_between normalise sweep_planes",
         "scene": "Scene epipolar_axes whole_grid",
         "segments": "Segments find_segments",
-        "scene_from_images": "COARSE FINE build_scene feature_matchers find_scene is_decided may_suffice "
-        "overview_effort",
+        "scene_from_images": "COARSE FINE build_scene feature_matchers find_scene focal_by_features is_decided "
+        "may_suffice overview_effort",
         "standing_still": "Still find_still without_still",
         "threads": "single_threaded",
         "transfer_error": "Comparison OUTSIDE TRUNCATED_COST",

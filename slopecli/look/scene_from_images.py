@@ -16,6 +16,8 @@ from functools import partial
 import numpy as np
 
 from slopecli.geometry.motion import MotionEstimate, assess_motion, epipolar_residual, refine_motion
+from slopecli.geometry.solver.free_camera import FOCAL_STEPS
+from slopecli.geometry.solver.seen_points import changed
 from slopecli.geometry.statistics import median
 from slopecli.look.dense import (
     CELL,
@@ -86,6 +88,25 @@ def find_scene(
     check_sparse(sparse.n_features, len(sparse.matches), sparse.n_inliers)
     on_lap("features")
     return build_scene(images, sparse, options.seed)
+
+
+def focal_by_features(images: Images, memory: FeatureMemory | None, seed: int = 0) -> float:
+    """Logarithm of the focal length over that given under which far more features agree with one motion; else 0.
+
+    A focal length that is far off may leave so few that they agree with quite another motion: overview and windows
+    are then matched along wrong lines, and no search of the right one comes back from there.
+    """
+    matcher = partial(match_sift, effort=QUICK, memory=memory or FeatureMemory())
+
+    def agreeing(step: float) -> int:
+        """Number of features that agree with one motion under a focal length."""
+        first, second = (changed(camera, "f", step) for camera in images[2:])
+        return find_motions(images._replace(camera1=first, camera2=second), [matcher], seed, thorough=False).n_inliers
+
+    with single_threaded():
+        found = {step: agreeing(step) for size in FOCAL_STEPS for step in (size, -size)}
+        best = max(found, key=lambda step: found[step])
+        return best if found[best] > 1.2 * agreeing(0.0) else 0.0  # where the camera is right, others have no more
 
 
 def feature_matchers(name: str, memory: FeatureMemory | None = None) -> Sequence[FeatureMatcher]:

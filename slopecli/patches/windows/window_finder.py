@@ -20,6 +20,7 @@ from slopecli.look.scene import FINE_PX, Scene, axis_variance, view_of
 from slopecli.look.threads import single_threaded
 from slopecli.look.warp import covered, resample, sample_map
 from slopecli.options import MIN_SIDE_PX, Options
+from slopecli.patches.join import Joined, join_patches
 from slopecli.patches.patch import Found, Patch, overdispersion, weight_of, window_footprint
 from slopecli.patches.windows.borrowed import borrow
 from slopecli.patches.windows.direct_alignment import align_directly
@@ -38,6 +39,22 @@ def find_in_windows(scene: Scene, options: Options) -> Found:
         patches = [match(window_patch(window, k), scene) for k, window in enumerate(windows, 1)]
         rematch = REMATCHERS[options.features]
         return Found(with_known_orientations(patches, scene, rematch, options.max_sigma_deg))
+
+
+def join_widely(scene: Scene) -> Joined | None:
+    """Windows all over image 1 that are matched by themselves, for what they tell of the cameras; None if none is.
+
+    Their matches are three times as precise as those of the overview, which is all there is outside windows.
+    """
+    height, width = scene.shape1
+    along = 5  # windows along each side; with 3, relief bends the planes of towns
+    if min(width, height) < along * MIN_SIDE_PX:
+        return None
+    windows = grid_windows(along, along, width, height)
+    with single_threaded():
+        patches = [match_window(window_patch(window, k), scene) for k, window in enumerate(windows, 1)]
+    own = [patch for patch in patches if patch.origin == "own"]
+    return join_patches(Found(own), scene) if own else None
 
 
 def wanted_windows(options: Options, width: int, height: int) -> list[Window]:
