@@ -79,6 +79,11 @@ def doubled(number: int) -> FloatArray:
     return frame(number - 1)
 
 
+def doubled_with_noise(number: int) -> FloatArray:
+    noise = np.random.default_rng(number).normal(0.0, 2.0, frame(0).shape)
+    return to_grey(frame(number - 1) + noise)
+
+
 def blurred(number: int) -> FloatArray:
     return cv2.GaussianBlur(frame(number), (0, 0), 4.0)
 
@@ -94,7 +99,14 @@ def smaller(number: int) -> FloatArray:
 
 @pytest.mark.parametrize(
     ("bad", "why"),
-    [(black, "dark"), (doubled, "repeated"), (blurred, "blurred"), (foreign, "foreign"), (smaller, "size")],
+    [
+        (black, "dark"),
+        (doubled, "repeated"),
+        (doubled_with_noise, "repeated"),
+        (blurred, "blurred"),
+        (foreign, "foreign"),
+        (smaller, "size"),
+    ],
     ids=lambda value: getattr(value, "__name__", value),
 )
 def test_a_frame_that_tells_nothing_is_said_and_leaves_no_trace(bad, why) -> None:  # type: ignore[no-untyped-def]

@@ -15,12 +15,12 @@ from slopecli.findings.parallax import LOW_PARALLAX_PX
 from slopecli.geometry.solver.many_views import ViewsSolution
 from slopecli.geometry.solver.reference_change import last_view
 from slopecli.geometry.solver.resection import Motion
-from slopecli.geometry.statistics import median
+from slopecli.geometry.statistics import GATE_SIGMAS, median
 from slopecli.look.features import Grey
 from slopecli.look.matches import ON_PLANE_PX
 from slopecli.sequence.carried_windows import CarriedWindows, later_tracks
 from slopecli.sequence.coarse_motion import CoarseMotion
-from slopecli.sequence.frame_alignment import Aligner
+from slopecli.sequence.frame_alignment import Aligner, Found
 from slopecli.sequence.frame_gates import Skipped
 from slopecli.sequence.tracking_tunables import TRACKING
 from slopecli.sequence.view_estimator import Held, ViewEstimator
@@ -61,10 +61,19 @@ class Follower:
         share = estimator.share_of(found, motion)
         if share < TRACKING.least_agreement:
             return Skipped("foreign", f"agrees with the frames before at {100 * share:.0f} % of its points only")
+        if self._repeats(found):
+            return Skipped("repeated", "repeats the frame before but for noise")
         estimator.add(found, motion)
         self.coarse.accept(frame, estimator.motion)
         self.zoom = found.zoom
         return estimator.motion
+
+    def _repeats(self, found: Found) -> bool:
+        """Whether points moved less since the last frame than noise displaces them: it would add nothing but noise."""
+        root, points = self.estimator.best.root, self.estimator.best.points
+        both = found.seen & (points.weight[-1] > 0.0)
+        moved = np.hypot(*(found.x - points.x[-1])[:, both])
+        return bool(both.any()) and median(moved) < GATE_SIGMAS * root.noise * found.zoom
 
     def in_first(self, motion: Motion) -> Motion:
         """A motion against this reference, in its unit, as one against the first frame, in that of the first move."""
