@@ -27,7 +27,7 @@ from slopecli.options import MapOptions, Options
 from slopecli.patches import PLANE_FINDERS
 from slopecli.patches.given import RAYS, Given, join_rows
 from slopecli.patches.join import Joined, join_patches
-from slopecli.patches.windows.dense_planes import rough_windows, with_dense_planes
+from slopecli.patches.windows.dense_planes import rough_windows, with_dense_planes, with_steps
 from slopecli.patches.windows.many_windows import answer_together, many_windows
 from slopecli.patches.windows.window_finder import wanted_windows
 from slopecli.report.build import build_report
@@ -232,9 +232,14 @@ def _estimated(
         clock.tick("dense windows")
 
     # slopes, verdicts and findings
-    report = build_report(
-        images, answer.cameras, options, answer.joined, answer.solution, answer.diagnostics, changes, answer.test
-    )
+    def reported(joined: Joined) -> Report:
+        test, said = answer.test, answer.diagnostics
+        return build_report(images, answer.cameras, options, joined, answer.solution, said, changes, test)
+
+    report = reported(answer.joined)
+    joined = with_steps(answer.joined, answer.solution, scene, report.planes) if dense else answer.joined
+    if joined is not answer.joined:
+        answer, report = replace(answer, joined=joined), reported(joined)
     clock.tick("report")
     return report, answer, scene
 

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from depth_scenes import scene_of, true_depth
-from scenery import render, tilted, turn, unit
+from scenery import Surface, make_camera, render, tilted, turn, unit
 
 from slopecli import Image, Options, Report, estimate, load_camera, load_image
 from slopecli.geometry import tangent_basis
@@ -121,3 +121,20 @@ def test_flat_windows_keep_the_planes_of_their_matches(monkeypatch: pytest.Monke
     monkeypatch.setattr("slopecli.patches.windows.dense_planes.measure_depth", None)
     report = estimate(*images, pair.camera1, pair.camera2, Options(windows=((140, 40, 120, 150),)))
     assert report.planes[0].roughness < 1e-3
+
+
+def test_a_window_of_which_a_small_part_is_a_drop_is_not_safe() -> None:
+    """A drop in 5 % of a window on gentle ground: the plane nearest to all of it has 40 degrees."""
+    drop = Surface(tilted(0.0, 0.0, 8.0), (90.0, 70.0, 110.0, 14.0))
+    ground = [Surface(tilted(0.1, 0.0)), Surface(tilted(-0.1, 0.1), (200.0, 0.0, 200.0, 320.0))]
+    camera = make_camera(400, 320)
+    pair = render(turn(1, 2, 2), unit(0.9, 0.2, 0.3), [*ground, drop], camera1=camera, noise=1.0)
+    windows = (100, 80, 80, 80), (220, 80, 100, 80), (220, 180, 100, 80)
+    report = estimate(Image(pair.grey1), Image(pair.grey2), camera, pair.camera2, Options(windows=windows))
+    onto, *clear = report.planes
+    assert (onto.verdict, onto.status) == ("undecided", "poor")
+    assert "across a step" in (onto.reason or "")
+    assert [one.message.partition(":")[0] for one in report.diagnostics if one.code == "non-planar-patch"] == [
+        "window 1 is not one plane"
+    ]
+    assert all((plane.verdict, plane.status) == ("safe", "ok") for plane in clear)

@@ -136,6 +136,11 @@ def across_steps(depth: DenseDepth, windows: Sequence[Window], planes: Footprint
     return np.asarray(stepped)
 
 
+def steps_across(depth: DenseDepth, windows: Sequence[Window]) -> BoolArray:
+    """(n,) as `across_steps`, of windows whose planes through all their ground are not known yet."""
+    return across_steps(depth, windows, _nearest_planes(depth, parts_of(depth, windows)))
+
+
 def onto_bare(depth: DenseDepth, windows: Sequence[Window]) -> BoolArray:
     """(n,) whether a window reaches onto ground without texture of its own, which may be a drop, or nearly so: see
     `tilt_uncertainty.beside_bare`."""

@@ -15,7 +15,7 @@ import numpy as np
 from slopecli.geometry.statistics import CHI2
 from slopecli.ground.footprint_planes import LEAST_SHARE
 from slopecli.ground.tilt_uncertainty import Root, focal_shift, motion_gain, normals_under
-from slopecli.ground.window_planes import FIT, WindowPlanes, fit_windows
+from slopecli.ground.window_planes import FIT, WindowPlanes, fit_windows, steps_across
 from slopecli.look.dense_depth import DenseDepth, measure_depth
 from slopecli.look.scene import Scene
 from slopecli.look.scene_from_images import FINE
@@ -24,7 +24,7 @@ from slopecli.look.warp import covered
 from slopecli.patches.join import Joined
 from slopecli.patches.windows.raw_grey import KNOWN
 from slopecli.patches.windows.unmatched_parts import imaged
-from slopecli.types import BoolArray, Camera, FloatArray, IntArray, Solution
+from slopecli.types import BoolArray, Camera, FloatArray, IntArray, Plane, Solution
 from slopecli.windows import Window
 
 
@@ -62,6 +62,31 @@ def with_dense_planes(joined: Joined, solution: Solution, scene: Scene, focal_si
         depth = measure_depth(scene, windows, _pixels_needed(windows))
     cameras = scene.camera1, scene.camera2
     return with_planes_of_depth(depth, joined, solution, cameras, focal_sigma, DENSE.as_sure, index)
+
+
+def with_steps(joined: Joined, solution: Solution, scene: Scene, planes: Sequence[Plane]) -> Joined:
+    """The patches, those poor of which a part lies across a step: windows called safe that left out matches.
+
+    The plane of a window is that of the matches kept. A few left out are as often mismatches as a drop, but the depth
+    of all pixels shows which.
+
+    planes : as reported, with their verdicts.
+    """
+    called_safe = {plane.id for plane in planes if plane.verdict == "safe"}
+    index = [k for k, patch in enumerate(joined.patches) if patch.left_out > 0.0 and patch.id in called_safe]
+    if not index:
+        return joined
+    windows = [joined.patches[k].footprint.bounds for k in index]
+    with single_threaded():
+        depth = measure_depth(replace(scene, R=solution.R, T=solution.T), windows, _pixels_needed(windows))
+        stepped = steps_across(depth, windows)
+    if not stepped.any():
+        return joined
+    code, patches = "non-planar-patch", list(joined.patches)
+    for k in np.array(index)[stepped].tolist():
+        reason = f"{code}: a part of it lies across a step, and its slope is that of the rest"
+        patches[k] = replace(patches[k], code=code, reason=reason)
+    return replace(joined, patches=tuple(patches))
 
 
 def _pixels_needed(windows: Sequence[Window]) -> float:
