@@ -177,6 +177,14 @@ def test_positions_count_by_their_sigma() -> None:
     assert scale.sigma == pytest.approx(np.hypot(0.1, 0.1) / 2.5, rel=0.01)
 
 
+def test_lengths_that_differ_give_no_exact_scale() -> None:
+    """Without sigmas nothing but their differences tells how well they are known: 30 % off each other is not exact."""
+    sequence = Sequence(CAMERA, Options(grid=(2, 2)))
+    for number, along in enumerate([0.0, 2.5, 6.5]):
+        sequence.add(frame(number), prior=FramePrior((along, 0.0, 0.0)))
+    assert 0.05 < sequence.report().scale.sigma < 0.2
+
+
 @pytest.mark.parametrize(
     ("text", "said"),
     [

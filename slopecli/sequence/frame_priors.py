@@ -130,7 +130,10 @@ def _weights(sigmas: FloatArray) -> FloatArray:
 
 
 def _with_length(options: Options, seen: list[_Seen], estimator: ViewEstimator) -> Options:
-    """The options with the length of the first move by least squares over all lengths known, and its relative sigma."""
+    """The options with the length of the first move by least squares over all lengths known, and its relative sigma.
+
+    It is that of the surest, and at least the RMS, weighted, by which the lengths differ from those of the images.
+    """
     if options.baseline_m is not None or options.altitude_m is not None:
         return options
     rows = np.array([*_moves(seen), *_heights(options, seen, estimator)]).reshape(-1, 3)
@@ -140,7 +143,8 @@ def _with_length(options: Options, seen: list[_Seen], estimator: ViewEstimator) 
     weight = _weights(sigmas)
     length = float((weight * found) @ known / ((weight * found) @ found))
     share = 0.0 if np.isnan(sigmas).all() else 100.0 * float(np.nanmin(sigmas / np.maximum(known, 1e-12)))
-    return replace(options, baseline_m=length, scale_sigma_percent=options.scale_sigma_percent or share)
+    off = 100.0 * float(np.sqrt(weight @ (known - length * found) ** 2 / (weight @ known**2)))
+    return replace(options, baseline_m=length, scale_sigma_percent=options.scale_sigma_percent or max(share, off))
 
 
 def _moves(seen: list[_Seen]) -> list[tuple[float, float, float]]:
