@@ -96,8 +96,9 @@ def _is_unmatched(patch: Patch, scene: Scene, most_sigma_deg: float) -> bool:
         return patch.code == "low-texture"
     by_chance = patch.score < KNOWN.faint_score and patch.tilt_sigma_rad > np.radians(IN_DOUBT_DEG)
     in_part = patch.share < TUNE.scarce_share and patch.tilt_sigma_rad > np.radians(most_sigma_deg)
-    # an orientation known elsewhere tells more already at three quarters of that
-    return by_chance or in_part or _noise_rad(patch, scene) > 0.75 * np.radians(most_sigma_deg)
+    # without a clear agreement an orientation known elsewhere tells more already at three quarters of that
+    told = most_sigma_deg * (1.0 if patch.score >= CLEAR_AGREEMENT else 0.75)
+    return by_chance or in_part or _noise_rad(patch, scene) > np.radians(told)
 
 
 def _noise_rad(patch: Patch, scene: Scene) -> float:
