@@ -16,6 +16,7 @@ from slopecli.findings.given_checks import refuse_unrelated, review
 from slopecli.findings.known_motion import contradiction, motion_prior
 from slopecli.findings.solution_checks import POOR_FIT_PX, merged_groups
 from slopecli.geometry.motion import MotionEstimate
+from slopecli.geometry.solver.free_camera import FOCAL_STEPS
 from slopecli.geometry.solver.intrinsics import Settled, score_camera, with_focal_sigma
 from slopecli.geometry.solver.scatter import with_scatter
 from slopecli.geometry.statistics import CERTAIN_SIGMAS, median
@@ -59,8 +60,10 @@ def solve_scene(
     """
     cameras = scene.camera1, scene.camera2
     joined, solution, against_prior = _solve_settled(joined, scene, motions, options)
-    test = _examined_widely(solution, scene, options) if options.free_focal and options.planes == "windows" else None
-    test = test or examine_cameras(joined, solution, cameras, scene, free=options.free_focal)
+    test = examine_cameras(joined, solution, cameras, scene, free=options.free_focal)
+    if options.free_focal and options.planes == "windows":
+        wide = _examined_widely(solution, scene, options)
+        test = wide if wide and not _differ(wide, test) else test
     answer = Answer(joined, solution, cameras, known, test, 0.0)
     answer = _with_focal(answer, given, options, partial(_solve_scene_again, scene, options))
     joined, solution = answer.joined, answer.solution
@@ -68,6 +71,16 @@ def solve_scene(
     joined, solution, merged = _merge_coplanar(joined, solution, options)
     diagnostics = [*answer.diagnostics, *against_prior, *merged]
     return replace(answer, joined=joined, solution=solution, diagnostics=diagnostics)
+
+
+def _differ(wide: CameraTest, own: CameraTest) -> bool:
+    """Whether a focal length that is told to be far off is another one by windows all over.
+
+    Matched under the wrong one, so many windows may come to fit it; near the right one they tell it better.
+    """
+    if own.focal_factor is None or abs(own.step) < FOCAL_STEPS[0]:
+        return False
+    return abs(wide.step - own.step) > CERTAIN_SIGMAS * float(np.hypot(wide.sigma, own.sigma))
 
 
 def _examined_widely(solution: Solution, scene: Scene, options: Options) -> CameraTest | None:
