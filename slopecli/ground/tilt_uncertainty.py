@@ -281,8 +281,8 @@ def across_step(depth: DenseDepth, planes: FootprintPlanes, jump: FloatArray) ->
 def beside_bare(depth: DenseDepth, planes: FootprintPlanes) -> BoolArray:
     """(rows, columns) whether a footprint reaches onto ground without texture, which may be a drop.
 
-    Or nearly so: where the window of the alignment still has an edge beside the
-    bare ground, that has the depth of the edge.
+    Or nearly so: where the window of the alignment still has an edge beside the bare ground, that has the depth of the
+    edge.
     """
     wider = replace(planes.cells, radius_px=planes.cells.radius_px + gaussian_reach(DEPTH.window_px))
     pixels = disc_sums((depth.bare,), wider)[0]

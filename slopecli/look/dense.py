@@ -221,7 +221,7 @@ def sparse_transfer(uv1: FloatArray, uv2: FloatArray, scale: FloatArray, shape: 
 
     def transfer(uv: FloatArray) -> FloatArray:
         node = (((uv + 0.5) * scale) / (2 * CELL) - 0.5).astype(np.float32)
-        at = node[:, None]  # a column, as OpenCV allows at most 32767 points in a row
+        at = node[:, None]  # OpenCV takes at most 32766 points
         missed = cv2.remap(field, at[..., 0], at[..., 1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
         return np.asarray(apply(uv) + missed[:, 0], float)
 

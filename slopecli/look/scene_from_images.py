@@ -182,9 +182,8 @@ def _finer_around(around: Window, scene: Scene, images: Images, guide: Sparse, s
     x, y, width, height = around
     grid = cut(layer, x - margin, y - margin, width + 2 * margin, height + 2 * margin)
     transfer = sparse_transfer(guide.matches.uv1, guide.matches.uv2, layer.scale, layer.grey.shape)
-    fine = dense_cells(
-        *(grid, transfer_map(grid, transfer), scene.pyramid2, scene.shape2, CELL, WHOLE.finest, WHOLE.smoothings)
-    )
+    mapping = transfer_map(grid, transfer)
+    fine = dense_cells(grid, mapping, scene.pyramid2, scene.shape2, CELL, WHOLE.finest, WHOLE.smoothings)
     beyond = scene.cells.textured & ~inside_window(scene.cells.uv1, around)
     near = fine.textured & inside_window(fine.uv1, around)
     uv1, uv2 = (np.vstack([getattr(scene.cells, at)[beyond], getattr(fine, at)[near]]) for at in ("uv1", "uv2"))

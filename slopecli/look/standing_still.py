@@ -47,8 +47,7 @@ class Still:
             return np.zeros(uv.shape[:-1], bool)
         at = np.asarray((uv + 0.5) * self.scale.astype(np.float32) - 0.5, np.float32)
         mask = self.mask.astype(np.uint8)
-        # points as a column, as OpenCV allows at most 32767 in a row
-        place = at if at.ndim == 3 else at[:, None]
+        place = at if at.ndim == 3 else at[:, None]  # OpenCV takes at most 32766 rows, and as many columns
         found = cv2.remap(mask, place, None, cv2.INTER_NEAREST, borderMode=cv2.BORDER_CONSTANT)  # type: ignore[call-overload]
         return np.asarray(found > 0).reshape(at.shape[:-1])
 

@@ -212,7 +212,7 @@ def sample_grey(grey: Grey | FloatImage, uv: FloatArray) -> FloatArray:
     """(n,) grey values of an image at pixels (n, 2), bilinear."""
     if len(uv) == 0:
         return np.empty(0)
-    at = uv.astype(np.float32)[:, None]  # a column, as OpenCV allows at most 32767 points in a row
+    at = uv.astype(np.float32)[:, None]  # OpenCV takes at most 32766 points
     return np.asarray(
         cv2.remap(grey, at[..., 0], at[..., 1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)[:, 0], float
     )

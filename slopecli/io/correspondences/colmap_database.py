@@ -1,8 +1,8 @@
 """Verified matches of a pair of images in COLMAP's database.db, with the cameras where these were given to COLMAP.
 
-Source: COLMAP's documentation, "Database Format". Keypoints have pixel centres at (0.5, 0.5). The number of a
-pair is first image_id x (2^31 - 1) + second, the smaller image_id first. Tables and columns
-that only COLMAP 4 has are not read.
+Source: COLMAP's documentation, "Database Format". Keypoints have pixel centres at (0.5, 0.5). The number of a pair is
+first image_id x (2^31 - 1) + second, the smaller image_id first. Tables and columns that only COLMAP 4 has are not
+read.
 """
 
 from __future__ import annotations
