@@ -157,26 +157,24 @@ def find_blank_planes(
     cells : the labels (h, w) of cells, 0 for none.  least : px of the smallest component that is compared.
     """
     at = component_of_middles(components, lattice.shape)
-    count, bare = (np.bincount(at[mask], minlength=components.max() + 1) for mask in (cells >= 0, cells == 0))
+    count, bare = (np.bincount(labels.ravel(), minlength=components.max() + 1) for labels in (at, at[cells == 0]))
     normals, sigmas = _known(pieces, lattice)
     if not len(normals):
         return []
-    greys, depths, found = _Greys(view, scene), swept_depths(view, scene), []
+    greys, depths = _Greys(view, scene), swept_depths(view, scene)
 
-    def told(mask: BoolArray, own: BoolArray) -> bool:
-        """Add the plane of a part of the components, on the cells `own`, if the images tell one; whether they do."""
+    def plane_of(mask: BoolArray, own: BoolArray) -> KnownTilt | None:
+        """The plane of a part of the components, on the cells `own`, if the images tell one."""
         evidence = _Evidence(mask, own & lattice.known, lattice, greys, view)
         best = _best(evidence, normals, sigmas, depths)
-        if best is not None:
-            found.append(KnownTilt(Piece(best[0], 1.0, own & (cells == 0)), best[1]))
-        return best is not None
+        return None if best is None else KnownTilt(Piece(best[0], 1.0, own & (cells == 0)), best[1])
 
-    whole = [k for k in _numbers(components, least) if 2 * bare[k] > count[k] and told(components == k, at == k)]
-    parts = _bare_parts(np.where(np.isin(components, whole), 0, components), cells)
+    mostly_bare = [k for k in _numbers(components, least) if 2 * bare[k] > count[k]]
+    whole = {k: plane for k in mostly_bare if (plane := plane_of(components == k, at == k)) is not None}
+    parts = _bare_parts(np.where(np.isin(components, list(whole)), 0, components), cells)
     at = component_of_middles(parts, lattice.shape)
-    for k in _numbers(parts, least):
-        told(parts == k, at == k)
-    return found
+    found = (plane_of(parts == k, at == k) for k in _numbers(parts, least))
+    return [*whole.values(), *(plane for plane in found if plane is not None)]
 
 
 def _numbers(labels: Labels, least: float) -> IntArray:
