@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from slopecli.look.features import Grey
 from slopecli.look.noise import NOISE_GREY
-from slopecli.look.warp import FloatImage, image_gradient
+from slopecli.look.warp import Box, FloatImage, image_gradient
 from slopecli.types import IntArray
 
 INTERIOR_SHARE = 0.6  # of all pixels are taken to lie inside surfaces if no threshold is given
@@ -61,6 +61,20 @@ def resized(labels: Labels, shape: tuple[int, int]) -> Labels:
         return labels
     size = (shape[1], shape[0])
     return np.asarray(cv2.resize(labels.astype(np.uint16), size, interpolation=cv2.INTER_NEAREST), np.int32)
+
+
+def boxes_of(labels: NDArray[np.generic]) -> dict[int, Box]:
+    """Return the bounding box of every id in a label map (h, w), 0 left out, in the order of the ids."""
+    # runs of equal pixels along the rows
+    row, left = np.nonzero(np.insert(labels[:, 1:] != labels[:, :-1], 0, True, axis=1))
+    right = np.append(left[1:], 0)
+    right[right == 0] = labels.shape[1]
+    order = np.argsort(labels[row, left], kind="stable")
+    ids, first = np.unique(labels[row, left][order], return_index=True)
+    top, start = (np.minimum.reduceat(values[order], first) for values in (row, left))
+    bottom, end = (np.maximum.reduceat(values[order], first) for values in (row + 1, right))
+    boxes = zip(ids.tolist(), top.tolist(), bottom.tolist(), start.tolist(), end.tolist(), strict=True)
+    return {i: (slice(a, b), slice(c, d)) for i, a, b, c, d in boxes if i > 0}
 
 
 def grown(labels: Labels, reach_px: float) -> Labels:

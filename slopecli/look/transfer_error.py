@@ -11,15 +11,13 @@ import numpy as np
 from slopecli.geometry.statistics import CERTAIN_SIGMAS
 from slopecli.look.noise import DIFFERENCE_GREY
 from slopecli.look.photometric import View, detrend
-from slopecli.look.warp import NODE_STEP, FloatImage, image_gradient, map_nodes, node_shape, spread_table
+from slopecli.look.warp import NODE_STEP, Box, FloatImage, image_gradient, map_nodes, node_shape, spread_table
 from slopecli.types import FloatArray
 
 SHADING_PX = 8.0  # working px, sigma of the Gaussian that separates shading from texture
 MISPLACED_PX = 0.45  # working px, 1-sigma by which a surface is off its plane: relief, lens, interpolation
 TRUNCATED_COST = CERTAIN_SIGMAS * CERTAIN_SIGMAS  # cost of a pixel that is off by three sigmas or more
 OUTSIDE = 2 * TRUNCATED_COST  # cost of a pixel that the plane maps outside image 2
-
-Box = tuple[slice, slice]  # rows and columns of a rectangle of working pixels
 
 
 class Comparison:

@@ -21,6 +21,7 @@ from slopecli.types import FloatArray
 NODE_STEP = 8  # px between exactly computed nodes of a map or a lens; bilinear in between
 
 FloatImage = NDArray[np.float32]
+Box = tuple[slice, slice]  # rows and columns of a rectangle of pixels
 
 Transfer = Callable[[FloatArray], FloatArray]  # (n, 2) px of image 1 -> (n, 2) px of image 2
 

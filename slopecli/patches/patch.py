@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import Literal, NamedTuple
 
 import cv2
@@ -11,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from slopecli.geometry.statistics import CHI2, median
-from slopecli.look.gradient_components import Labels, resized
+from slopecli.look.gradient_components import Labels, boxes_of, resized
 from slopecli.look.matches import Matches
 from slopecli.look.noise import LEAST_MATCH_PX
 from slopecli.patches import FINDER_OF, Finder
@@ -38,7 +39,7 @@ class Footprint:
         """Pixels covered."""
         return int(np.count_nonzero(self.mask))
 
-    @property
+    @cached_property
     def largest_share(self) -> float:
         """Share of the pixels that the largest connected piece holds; 1 for a patch in one piece."""
         if self.mask.all():
@@ -69,11 +70,9 @@ def region_footprints(labels: Labels, shape: tuple[int, int]) -> list[Footprint]
     """Footprints of labels 1, 2, ..., none without pixels, enlarged to the image's shape (rows, columns) if smaller."""
     labels = resized(labels, shape)
     footprints = []
-    for number in range(1, int(labels.max()) + 1):
-        mask = (labels == number).astype(np.uint8)
-        x, y, w, h = cv2.boundingRect(mask)
-        mask = mask[y : y + h, x : x + w]
-        footprints.append(Footprint((x, y), mask.astype(bool), _outline(mask) + np.array([x, y])))
+    for number, (rows, columns) in boxes_of(labels).items():
+        mask, corner = labels[rows, columns] == number, (columns.start, rows.start)
+        footprints.append(Footprint(corner, mask, _outline(mask.astype(np.uint8)) + np.array(corner)))
     return footprints
 
 

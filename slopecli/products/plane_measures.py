@@ -10,6 +10,7 @@ import numpy as np
 
 from slopecli.geometry.camera import points_on_plane, rays_from_pixels
 from slopecli.geometry.epipolar import homogeneous
+from slopecli.report.kinds import plane_pixels
 from slopecli.report.slope_units import SLOPE_UNITS
 from slopecli.types import Camera, FloatArray, Plane, Report
 
@@ -108,9 +109,8 @@ def _areas_of_pixels(planes: list[Plane], report: Report) -> dict[int, float]:
     square = np.abs(falling[..., 0] * rising[..., 1] - falling[..., 1] * rising[..., 0]).ravel() / 2.0
     rays = homogeneous(((nodes[1:, 1:] + nodes[:-1, :-1]) / 2.0).reshape(-1, 2))
     label = report.labels[v[:-1, :-1].ravel() + step // 2, u[:-1, :-1].ravel() + step // 2]
-    pixels = np.bincount(report.labels.ravel(), minlength=1)
     areas = [(plane.id, _covered(plane, rays[label == plane.id], square[label == plane.id])) for plane in planes]
-    return {i: float(mean * pixels[i] / step**2) for i, mean in areas if mean > 0.0}
+    return {i: float(mean * plane_pixels(report)[i] / step**2) for i, mean in areas if mean > 0.0}
 
 
 def _covered(plane: Plane, rays: FloatArray, square: FloatArray) -> float:

@@ -17,7 +17,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from slopecli.geometry.camera import points_on_plane
-from slopecli.products.drawing.outlines import Box, Mask, boxes_of, inner_distance, mask_of
+from slopecli.look.gradient_components import boxes_of
+from slopecli.look.warp import Box
+from slopecli.products.drawing.outlines import Mask, inner_distance, mask_of
 from slopecli.types import BoolArray, Camera, FloatArray, IntArray, Plane, Report
 
 MOST_TRIANGLES = 200_000  # of all regions: a file of 7 MB, a vertex for every third or fourth pixel of a megapixel

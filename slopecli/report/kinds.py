@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from typing import Literal
+from weakref import WeakKeyDictionary
 
 import numpy as np
 
@@ -28,11 +29,23 @@ def many_windows(report: Report) -> bool:
     return len(report.planes) + len(report.rejected) >= MANY_WINDOWS and report.noun == "window"
 
 
+_PIXELS: WeakKeyDictionary[Report, dict[int, int]] = WeakKeyDictionary()
+
+
+def plane_pixels(report: Report) -> dict[int, int]:
+    """Return the number of pixels of image 1 that every plane of the report holds, by id; counted once."""
+    if report not in _PIXELS:
+        most = max((plane.id for plane in report.planes), default=0)
+        # a few rows at a time: to count, NumPy makes every label eight bytes long
+        blocks = np.array_split(report.labels, 1 + report.labels.size // 2**20)
+        counts = np.sum([np.bincount(block.ravel(), minlength=most + 1) for block in blocks], axis=0)
+        _PIXELS[report] = {plane.id: int(counts[plane.id]) for plane in report.planes}
+    return _PIXELS[report]
+
+
 def plane_shares(report: Report) -> dict[int, float]:
     """Return the share of image 1, 0..1, that every plane of the report holds, by id."""
-    most = max((plane.id for plane in report.planes), default=0)
-    counts = np.bincount(report.labels.ravel(), minlength=most + 1)
-    return {plane.id: float(counts[plane.id]) / report.labels.size for plane in report.planes}
+    return {number: count / report.labels.size for number, count in plane_pixels(report).items()}
 
 
 def main_planes(report: Report) -> set[int]:

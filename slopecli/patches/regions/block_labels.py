@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from slopecli.look.gradient_components import Labels, grown
-from slopecli.look.transfer_error import OUTSIDE, Box, Comparison
-from slopecli.look.warp import NODE_STEP, FloatImage
+from slopecli.look.transfer_error import OUTSIDE, Comparison
+from slopecli.look.warp import NODE_STEP, Box, FloatImage
 from slopecli.patches.regions.cell_lattice import CellLattice, component_of_cells
 from slopecli.patches.regions.plane_pieces import Piece, around
 from slopecli.patches.regions.region_tunables import REGION

@@ -13,26 +13,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from slopecli.geometry.camera import rays_from_pixels
+from slopecli.look.gradient_components import boxes_of
 from slopecli.products.drawing import marks
 from slopecli.report.slope_units import SLOPE_UNITS, SlopeUnit, slope_unit_of
 from slopecli.types import AlternativePlane, BoolArray, Camera, FloatArray, Plane, Rejected, Report
 
 Mask = NDArray[np.uint8]
-Box = tuple[slice, slice]  # rows and columns
-
-
-def boxes_of(labels: NDArray[np.generic]) -> dict[int, Box]:
-    """Return the bounding box of every id in a label map (h, w), 0 left out, in the order of the ids."""
-    # runs of equal pixels along the rows
-    row, left = np.nonzero(np.insert(labels[:, 1:] != labels[:, :-1], 0, True, axis=1))
-    right = np.append(left[1:], 0)
-    right[right == 0] = labels.shape[1]
-    order = np.argsort(labels[row, left], kind="stable")
-    ids, first = np.unique(labels[row, left][order], return_index=True)
-    top, start = (np.minimum.reduceat(values[order], first) for values in (row, left))
-    bottom, end = (np.maximum.reduceat(values[order], first) for values in (row + 1, right))
-    boxes = zip(ids.tolist(), top.tolist(), bottom.tolist(), start.tolist(), end.tolist(), strict=True)
-    return {i: (slice(a, b), slice(c, d)) for i, a, b, c, d in boxes if i > 0}
 
 
 def mask_of(labels: NDArray[np.generic], label: int) -> Mask:
