@@ -53,6 +53,15 @@ def test_a_descent_is_as_good_as_its_best_pair() -> None:
     assert all((row.errors <= 2.0 * row.sigmas).all() for row in rows())
 
 
+def test_sigmas_of_rough_ground_fall_as_frames_come() -> None:
+    """What is left at the end is of the parts of windows that no other frame shows; of the middle one all is shown."""
+    sigmas = np.array([row.sigmas for row in rows()])
+    middle, all_of_them = sigmas[:, 4], np.median(sigmas, axis=1)
+    assert (np.diff(all_of_them) < 0.01 * all_of_them[0]).all()
+    assert all_of_them[-1] < 0.95 * all_of_them[0]
+    assert middle[1:].max() < 0.7 * middle[0]
+
+
 def test_the_answer_at_the_end_is_as_good_as_that_of_the_best_pair() -> None:
     """It has all pixels of rough windows, as `estimate` has."""
     pair, truth = errors_of_pair(1), descent()

@@ -7,6 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from slopecli.findings.codes import LIMITS
 from slopecli.geometry.solver.many_views import Root
 from slopecli.geometry.solver.views import ViewPoints
 from slopecli.sequence.tracking_tunables import TRACKING
@@ -87,6 +88,24 @@ def neighbours_ratio(points: ViewPoints, root: Root, cell: IntArray) -> float:
         total += float((sums * np.linalg.solve(window.information(), sums)).sum()) / root.noise**2
         count += 3
     return max(total / count, 1.0)
+
+
+def tracking_share(points: ViewPoints, root: Root) -> FloatArray:
+    """(m,) share of the variance of a window's relief that errors of its tracks may have made, at most 1.
+
+    Heights of up to two sigma of a point are no evidence of ground. Relief beyond that is of the ground itself, and
+    the points are all over it: only what lies between them is unknown, as `halves_ratio` tells. Relief of which the
+    planes of halves tell too little, as they are no planes, is not divided.
+    """
+    V, u = root.system.V, np.abs((points.per_point(root.state.N.T) * points.p).sum(axis=0))
+    told = (root.q > 0.0) & (V > 0.0) & (u > 0.0)
+    sigma = root.noise / np.sqrt(np.where(told, V, 1.0)) / np.where(told, u, 1.0)
+    share = np.ones(points.n_planes)
+    for i, (first, number) in enumerate(zip(points.first.tolist(), points.count.tolist(), strict=True)):
+        own = sigma[first : first + number][told[first : first + number]]
+        if len(own) and 0.0 < root.relief[i] <= LIMITS["non-planar-patch"]:
+            share[i] = min((2.0 * float(np.median(own)) / root.relief[i]) ** 2, 1.0)
+    return share
 
 
 def noise_alone(points: ViewPoints, root: Root) -> FloatArray:
