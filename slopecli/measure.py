@@ -18,6 +18,7 @@ from slopecli.geometry.slope import (
     measure_slopes,
     normal_covariances,
     surface_normals,
+    tilt_axes,
     tilt_growth,
 )
 from slopecli.geometry.statistics import CERTAIN_SIGMAS
@@ -90,7 +91,7 @@ def measure(solution: Solution, joined: Joined, options: Options) -> Measured:
     else:
         vector = CAMERA_UP if isinstance(options.up, str) else checked_direction("up", options.up)
         slopes = measure_slopes(solution, vector, sigma, north, north_sigma_rad=of_north, growth=growth)
-    widened = _with_tilt_variance(slopes, joined, level)
+    widened = _with_tilt_variance(slopes, joined, surer_tilts(joined, surface_normals(solution), vector), level)
     if widened is not slopes:
         facing = aspect_sigmas(widened, surface_normals(solution), vector, sigma, north, of_north)
         slopes = replace(widened, aspect_sigma_rad=facing)
@@ -123,20 +124,30 @@ def dominant_plane(joined: Joined) -> int:
     return int(np.argmax(np.where(areas >= 0.99 * areas.max(), matches, -1)))
 
 
-def _with_tilt_variance(slopes: Slopes, joined: Joined, level: int | None = None) -> Slopes:
+def surer_tilts(joined: Joined, normals: FloatArray, up: FloatArray) -> FloatArray:
+    """(m, 2) `Patch.surer_cam1` of all planes, along their slopes and across.
+
+    normals : (m, 3) unit.  up : (3,) unit.
+    """
+    surer = np.array([patch.surer_cam1 for patch in joined.patches])
+    return np.stack([(surer * axis).sum(axis=1) for axis in tilt_axes(normals, up)], axis=1)
+
+
+def _with_tilt_variance(slopes: Slopes, joined: Joined, surer: FloatArray, level: int | None = None) -> Slopes:
     """Add the tilt variance that residuals do not show: of borrowed patches, and of those matched in part.
 
+    surer : (m, 2) of `surer_tilts`.
     level : index of the plane that slopes are measured against, if any. Its own variance is added to all others.
     """
     extra = np.array([np.hypot(borrowed_sigma_rad(patch), patch.tilt_sigma_rad) for patch in joined.patches])
     if level is not None:
         extra = np.hypot(extra, extra[level])
-        extra[level] = 0.0
+        extra[level], surer[level] = 0.0, 0.0
     if not extra.any():
         return slopes
     variance = extra**2
-    covariance = slopes.tilt_covariance + variance[:, None, None] * np.eye(2)
-    sigma = np.sqrt(slopes.sigma_rad**2 + variance)
+    covariance = slopes.tilt_covariance + variance[:, None, None] * np.eye(2) - surer[:, :, None] * surer[:, None]
+    sigma = np.sqrt(slopes.sigma_rad**2 + variance - surer[:, 0] ** 2)
     aspect = np.where(slopes.slope_rad < ASPECT_SIGMAS * sigma, np.nan, slopes.aspect_rad)
     return Slopes(slopes.slope_rad, sigma, aspect, slopes.aspect_sigma_rad, covariance)
 
@@ -147,9 +158,9 @@ def normal_covariances_deg2(root: Measured, joined: Joined) -> list[FloatArray |
     normals = surface_normals(root.solution)
     extra = [borrowed_sigma_rad(patch) ** 2 + patch.tilt_sigma_rad**2 for patch in joined.patches]
     across = np.eye(3) - normals[:, :, None] * normals[:, None]
-    covariance = np.degrees(
-        np.degrees(normal_covariances(root.solution, root.growth) + np.array(extra)[:, None, None] * across)
-    )
+    surer = np.einsum("mij,mj->mi", across, np.array([patch.surer_cam1 for patch in joined.patches]))
+    added = np.array(extra)[:, None, None] * across - surer[:, :, None] * surer[:, None]
+    covariance = np.degrees(np.degrees(normal_covariances(root.solution, root.growth) + added))
     return [one if np.isfinite(one).all() else None for one in 0.5 * (covariance + covariance.swapaxes(1, 2))]
 
 

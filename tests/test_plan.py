@@ -251,7 +251,7 @@ def test_a_window_that_sees_no_ground_has_no_baseline() -> None:
 
 
 def test_what_is_not_shown_is_doubted_as_estimate_doubts_it() -> None:
-    from slopecli.patches.windows import unmatched_parts as unseen
+    from slopecli.geometry import plane_fit as unseen
 
     plan = flight(90.0)
     found = unseen_tilts(plan, 0.4)

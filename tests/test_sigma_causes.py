@@ -103,6 +103,21 @@ def test_what_no_residual_shows_has_its_cause(changes: dict[str, object], expect
     )
 
 
+def test_a_tilt_that_is_surer_along_the_slope_has_a_smaller_part_and_across_it_changes_the_slope_in_nothing() -> None:
+    solution = make_solution([12.0], SIGMA)
+    down, open_rad, surer_rad = along(solution), math.radians(2.0), math.radians(1.6)
+    level = np.cross(surface_normals(solution)[0], down)
+    sigmas = []
+    for direction, gaps in ((down, 1.2), (level, 2.0)):
+        gap = {"tilt_sigma_rad": open_rad, "unmatched_sigma_rad": open_rad, "surer_cam1": surer_rad * direction}
+        report = make_report_of(solution, patch_changes={0: gap})
+        assert causes_of(report) == pytest.approx({"matches": SIGMA, "gaps": gaps}, rel=2e-3)
+        covariance = np.array(report.planes[0].normal_covariance_cam1)
+        sigmas.append([math.sqrt(axis @ covariance @ axis) for axis in (down, level)])
+    assert sigmas[0] == pytest.approx([math.hypot(SIGMA, 1.2), math.hypot(SIGMA, 2.0)], rel=1e-3)
+    assert sigmas[1] == pytest.approx(sigmas[0][::-1], rel=1e-3)
+
+
 @pytest.mark.parametrize(
     "options",
     [Options(), Options(up="dominant-plane", focal_sigma_percent=2.0), Options(solver="ha"), Options(up_sigma_deg=1.0)],

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from slopecli.look import Evidence
-from slopecli.patches.windows import bend_rad, beside_rad, gaps_of, stepped_rad, unseen_rad
+from slopecli.patches.windows import bend_rad, beside_rad, gaps_of, stepped_rad, surer_along, unseen_rad
 from slopecli.types import FloatArray
 
 WINDOW = (100, 80, 160, 160)
@@ -73,6 +73,23 @@ def test_what_is_rough_where_it_is_seen_is_rough_where_it_is_not() -> None:
     assert doubt_deg(side, height_px=5.0) > doubt_deg(side, height_px=2.0) > doubt_deg(side)
     # a tenth of the window at its edge, 5 px high, tilts the least squares over 160 px by 0.1 5 72 / (160^2 / 12)
     assert doubt_deg(side, 0.0, 5.0) == pytest.approx(np.degrees(0.1 * 5 * 72 / (160**2 / 12)), rel=0.3)
+
+
+@pytest.mark.parametrize(("axis", "along"), [(0, [0.0, 1.0, 0.0]), (1, [1.0, 0.0, 0.0])])
+def test_the_tilt_along_the_border_of_what_is_seen_is_surer(axis: int, along: list[float]) -> None:
+    uv1 = matches()
+    half = uv1[uv1[:, axis] < [180, 160][axis]]
+    surer = surer_along(gaps_of(WINDOW, half, 0.5), LEVEL, np.array([0.0, 0.0, 1.0]))
+    assert np.sqrt(1.0 - surer @ surer) == pytest.approx(0.5)
+    assert abs(surer @ along) == pytest.approx(np.linalg.norm(surer), rel=1e-3)
+
+
+def test_with_gaps_on_all_sides_the_tilt_is_as_open_in_all_directions() -> None:
+    uv1 = matches()
+    middle = uv1[np.abs(uv1 - [180, 160]).max(axis=1) < 40]
+    surer = surer_along(gaps_of(WINDOW, middle, 0.25), LEVEL, np.array([0.0, 0.0, 1.0]))
+    assert np.linalg.norm(surer) < 0.4
+    assert not surer_along(gaps_of(WINDOW, uv1, 1.0), LEVEL, np.array([0.0, 0.0, 1.0])).any()
 
 
 def test_ground_hardly_seen_may_bend_as_ground_does() -> None:

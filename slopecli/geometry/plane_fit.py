@@ -196,7 +196,14 @@ def lever(at: FloatArray, seen: BoolArray) -> float:
     """
     if seen.all() or not seen.any():
         return 0.0 if seen.all() else 1.0
+    return min(float(np.linalg.norm(gap_gain(at, seen), 2)), 1.0)
+
+
+def gap_gain(at: FloatArray, seen: BoolArray) -> FloatArray:
+    """(2, 2) tilt of the plane fitted to the whole window by that of its unmatched part, hinged where matches end.
+
+    at, seen : as in `lever`; some seen, some not.
+    """
     gap, known = at[~seen], at[seen]
     nearest = known[((gap[:, None] - known[None]) ** 2).sum(axis=2).argmin(axis=1)]
-    gain = np.linalg.lstsq(at.T @ at, gap.T @ (gap - nearest), rcond=None)[0]
-    return min(float(np.linalg.norm(gain, 2)), 1.0)
+    return np.asarray(np.linalg.lstsq(at.T @ at, gap.T @ (gap - nearest), rcond=None)[0])

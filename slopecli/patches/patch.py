@@ -94,6 +94,10 @@ def paint_labels(footprints: Sequence[Footprint], ids: Sequence[int], shape: tup
     return labels
 
 
+def _no_direction() -> FloatArray:
+    return np.zeros(3)
+
+
 def _no_cells() -> IntArray:
     return np.empty((0, 2), np.int64)
 
@@ -113,6 +117,8 @@ class Patch:
     tilt_sigma_rad : 1-sigma of the tilt in addition to what the residuals tell.
     unmatched_sigma_rad : the part of it that is due to parts of the patch without matches.
     off_plane_sigma_rad : the part of that which is due to unmatched parts that are not on the plane.
+    surer_cam1 : (3,) rad, camera-1 axes: along this direction on the plane, the variance of the normal is smaller than
+        tilt_sigma_rad has it, by the square of its length. Zero where the tilt is as open in all directions.
     dense_shares : of a plane through all pixels, shares of the variance of its tilt, motion apart, that are due to
         matches, relief, and ground without matches; None for a plane through matches, whose residuals tell.
     left_out : share of the matches found that was left out, far off the plane or across a step.
@@ -132,6 +138,7 @@ class Patch:
     tilt_sigma_rad: float = 0.0
     unmatched_sigma_rad: float = 0.0
     off_plane_sigma_rad: float = 0.0
+    surer_cam1: FloatArray = field(default_factory=_no_direction)
     dense_shares: tuple[float, float, float] | None = None
     left_out: float = 0.0
 

@@ -6,7 +6,8 @@ __getattr__, __dir__ = lazy_names(
     __name__,
     {
         "known_orientations": "known_planes with_known_orientations",
-        "unmatched_parts": "bend_rad beside_rad confirmed_cells contradicting_cells gaps_of stepped_rad unseen_rad",
+        "ground_bend": "bend_rad",
+        "unmatched_parts": "beside_rad confirmed_cells contradicting_cells gaps_of stepped_rad surer_along unseen_rad",
         "window_finder": "REMATCHERS match_window window_patch",
     },
 )

@@ -142,6 +142,7 @@ def with_planes_of_depth(
             tilt_sigma_rad=0.0,
             unmatched_sigma_rad=float(np.sqrt(gaps * variance)),
             off_plane_sigma_rad=0.0,
+            surer_cam1=np.zeros(3),
             dense_shares=(noise, relief, gaps),
         )
     return replace(joined, patches=tuple(patches)), _replaced(solution, index, dense, better, root)

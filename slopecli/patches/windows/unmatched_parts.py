@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from functools import lru_cache
 
 import numpy as np
 
 from slopecli.geometry.epipolar import homogeneous
 from slopecli.geometry.motion import inverse_depth
-from slopecli.geometry.plane_fit import BEND_RAD, lever, plane_products, planes_of_sums
+from slopecli.geometry.plane_fit import gap_gain, lever
 from slopecli.geometry.statistics import median
 from slopecli.look.matches import MIN_ON_PLANE, ON_PLANE_PX, Evidence
 from slopecli.look.noise import NOISE_GREY
@@ -17,6 +16,7 @@ from slopecli.look.scene import Scene
 from slopecli.look.warp import FloatImage, covered, plane_transfer, sample_layer
 from slopecli.patches.neighbours import nearest_of
 from slopecli.patches.patch import Patch
+from slopecli.patches.windows.ground_bend import bend_rad
 from slopecli.patches.windows.tunables import TUNE
 from slopecli.types import BoolArray, FloatArray, IntArray
 from slopecli.windows import Window
@@ -46,7 +46,31 @@ def with_unmatched_parts(patch: Patch, measured: Patch, scene: Scene) -> Patch:
     unseen = max(against, hidden)
     # what is hidden knows nothing of the matches; an object beside them may have made some of these wrong as well
     total = float(np.hypot(patch.tilt_sigma_rad + against, hidden))
-    return replace(patch, tilt_sigma_rad=total, unmatched_sigma_rad=unseen, off_plane_sigma_rad=against)
+    return replace(
+        patch,
+        tilt_sigma_rad=total,
+        unmatched_sigma_rad=unseen,
+        off_plane_sigma_rad=against,
+        surer_cam1=hidden * surer_along(gaps, normal, homogeneous(x1).mean(axis=0)),
+    )
+
+
+def surer_along(gaps: Gaps, normal: FloatArray, ray: FloatArray) -> FloatArray:
+    """(3,) direction on the plane along which its normal is surer than `unseen_rad` has it, times by how much.
+
+    That is the border of the unmatched part. Its tilt about the border is open from there on; along the border it can
+    only grow from nothing, with distance from the matches, and is half as much in the mean. (On rendered terrain: 0.53
+    of the sigma against 1.08, over 150 windows.)
+
+    normal : (3,) scaled, of the plane.  ray : (3,) about the middle of the window, camera-1 axes.
+    """
+    if gaps.seen.all() or not gaps.seen.any():
+        return np.zeros(3)
+    directions, gains, _ = np.linalg.svd(gap_gain(gaps.at, gaps.seen))
+    border = np.append(directions[:, 1], 0.0)
+    border = border * (normal @ ray) - ray * (normal @ border)
+    along = max(float(gains[1] / max(gains[0], 1e-12)), 0.5)
+    return np.asarray(border / np.linalg.norm(border) * np.sqrt(1.0 - along**2))
 
 
 @dataclass(frozen=True, eq=False)
@@ -315,32 +339,3 @@ def unseen_rad(gaps: Gaps, height_px: float, evidence: Evidence) -> float:
         return 0.0
     bend = lever(gaps.at, gaps.seen) * bend_rad(evidence, 0.5 * max(gaps.window[2:]))
     return float(np.hypot(bend, gaps.tilt_rad(np.where(gaps.off, height_px, 0.0))))
-
-
-@lru_cache(maxsize=4)  # windows of a grid are all of one size
-def bend_rad(evidence: Evidence, side_px: float) -> float:
-    """RMS change of tilt per axis, rad, between neighbouring blocks of ground, `side_px` wide in image 1."""
-    extent = np.ptp(evidence.uv1, axis=0) if len(evidence) else np.zeros(2)
-    spacing = float(np.sqrt(extent.prod() / max(len(evidence), 1)))
-    normals = _block_normals(evidence, max(side_px, 4 * spacing))  # some 16 matches a block
-    steps = (normals[1:] - normals[:-1], normals[:, 1:] - normals[:, :-1])
-    half = 0.5 * np.linalg.norm(np.concatenate([step.reshape(-1, 3) for step in steps]), axis=1)
-    angles = 2.0 * np.arcsin(np.clip(half[np.isfinite(half)], 0.0, 1.0))
-    squares = TUNE.bend_count * BEND_RAD**2 + 0.5 * float((angles**2).sum())
-    return float(np.sqrt(squares / (TUNE.bend_count + len(angles))))
-
-
-def _block_normals(evidence: Evidence, side_px: float) -> FloatArray:
-    """(rows, columns, 3) unit normals of square blocks of image 1; NaN where there are too few matches."""
-    if len(evidence) < MIN_ON_PLANE:
-        return np.full((1, 1, 3), np.nan)
-    column, row = ((evidence.uv1 - evidence.uv1.min(0)) / side_px).astype(int).T
-    columns, rows = column.max() + 1, row.max() + 1
-    block = row * columns + column
-    leverage = evidence.leverage
-    products = plane_products(homogeneous(evidence.x1) * leverage[:, None], evidence.w * leverage)
-    sums = np.array([np.bincount(block, column, rows * columns) for column in products.T]).T
-    enough = np.bincount(block, minlength=rows * columns) >= MIN_ON_PLANE
-    normals = np.full((rows * columns, 3), np.nan)
-    normals[enough] = planes_of_sums(sums[enough])
-    return np.asarray(normals / np.linalg.norm(normals, axis=1, keepdims=True)).reshape(rows, columns, 3)
