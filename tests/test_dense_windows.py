@@ -6,6 +6,8 @@ import json
 from dataclasses import replace
 from functools import lru_cache
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -16,6 +18,7 @@ from slopecli import Image, Options, Report, estimate, load_camera, load_image
 from slopecli.geometry import tangent_basis
 from slopecli.ground import Root, fit_windows
 from slopecli.look import DenseDepth, measure_depth
+from slopecli.patches.windows import with_steps
 from slopecli.pipeline import sequence_answer
 from slopecli.sequence import Sequence
 
@@ -138,3 +141,10 @@ def test_a_window_of_which_a_small_part_is_a_drop_is_not_safe() -> None:
         "window 1 is not one plane"
     ]
     assert all((plane.verdict, plane.status) == ("safe", "ok") for plane in clear)
+
+
+def test_planes_that_were_found_have_no_step_in_the_rectangle_around_them() -> None:
+    """Beside a flat roof, in that rectangle, are walls and the street: nothing is measured there."""
+    roof, nothing = SimpleNamespace(id=1, source="region", left_out=0.1, verdict="safe"), SimpleNamespace()
+    joined: Any = SimpleNamespace(patches=(roof,))
+    assert with_steps(joined, solution=nothing, scene=nothing, planes=[roof]) is joined  # type: ignore[arg-type]

@@ -68,12 +68,13 @@ def with_steps(joined: Joined, solution: Solution, scene: Scene, planes: Sequenc
     """The patches, those poor of which a part lies across a step: windows called safe that left out matches.
 
     The plane of a window is that of the matches kept. A few left out are as often mismatches as a drop, but the depth
-    of all pixels shows which.
+    of all pixels shows which. Planes that were found are their pixels, not the rectangle around these.
 
     planes : as reported, with their verdicts.
     """
     called_safe = {plane.id for plane in planes if plane.verdict == "safe"}
-    index = [k for k, patch in enumerate(joined.patches) if patch.left_out > 0.0 and patch.id in called_safe]
+    left_out = [patch.source == "window" and patch.left_out > 0.0 for patch in joined.patches]
+    index = [k for k, patch in enumerate(joined.patches) if left_out[k] and patch.id in called_safe]
     if not index:
         return joined
     windows = [joined.patches[k].footprint.bounds for k in index]
