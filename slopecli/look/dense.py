@@ -107,12 +107,13 @@ def dense_cells(
     finest: int,
     smoothings: int = FULL_SMOOTHINGS,
     *,
-    thorough: bool = True,
+    check: int | None = None,
 ) -> Cells:
     """Match every cell of `cell` px of the grid; cells of which less than a third of the pixels pass are left out.
 
     mapping : (h, w, 2) approximate full px of image 2 of the grid's pixels.  shape2 : (rows, columns) of image 2.
-    finest, smoothings : see `flow`.  thorough : whether a check in doubt is made again at the full resolution.
+    finest, smoothings : see `flow`.  check : `finest` of the backward flow where a coarse one leaves doubt; that of the
+        forward flow by default.
     """
     valid = covered(mapping, shape2)
     pulled = match_exposure(resample(pyramid2, mapping, grid), grid.grey, valid)
@@ -129,10 +130,10 @@ def dense_cells(
         closes = (np.abs(forward + _at(back, qx, qy)) < 0.6).all(axis=-1)
         return _collect(grid, inside & closes, points, target, found, cell), closes[inside]
 
-    # backward flow is only a check: first at half the resolution, for a fourth of the time, then as fine if in doubt
+    # backward flow is only a check: first at half the resolution and not smoothed, for a tenth of the time
     cells, closes = checked(flow(pulled, grid.grey, finest + 1, 0))
     clear = len(cells) and closes.mean() >= CLOSED_SHARE and np.quantile(cells.agreement, 0.1) > CLEAR_AGREEMENT
-    return cells if clear or not thorough else checked(flow(pulled, grid.grey, finest, smoothings))[0]
+    return cells if clear else checked(flow(pulled, grid.grey, finest if check is None else check, smoothings))[0]
 
 
 def _at(values: NDArray[Any], x: FloatImage, y: FloatImage) -> NDArray[Any]:

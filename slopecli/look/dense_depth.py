@@ -162,7 +162,7 @@ def measure_depth(
 def depth_cells(scene: Scene, grid: Grid, cell: int) -> Cells:
     """Match every cell of `cell` px of a grid over all of image 1, image 2 resampled by the depth of the overview."""
     mapping = DepthTransfer(scene, grid).pixels2(spread_table(_start(scene, grid), grid.shape))
-    return dense_cells(grid, mapping, scene.pyramid2, scene.shape2, cell, finest=0, thorough=True)
+    return dense_cells(grid, mapping, scene.pyramid2, scene.shape2, cell, finest=0)
 
 
 def _grid_around(scene: Scene, windows: Sequence[Window], max_pixels: float) -> Grid:

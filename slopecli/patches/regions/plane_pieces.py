@@ -93,19 +93,20 @@ def _split_at_fold(lattice: CellLattice, piece: Piece) -> list[tuple[FloatArray,
     at = np.argwhere(own)
     for direction in ((0, 1), (1, 0), (1, 1), (1, -1)):
         first = (at - at.mean(0)) @ direction > 0
-        planes: list[FloatArray] = []
+        planes = np.empty((0, 3))
         for _ in range(5):  # settles in three or four
             if min(np.count_nonzero(first), np.count_nonzero(~first)) < MIN_ON_PLANE:
-                planes = []
+                planes = np.empty((0, 3))
                 break
-            planes = [solve_regular(rows[k].T @ rows[k], rows[k].T @ target[k]) for k in (first, ~first)]
-            off = [np.abs(rows @ plane - target) for plane in planes]
+            sides = np.stack([first, ~first]).astype(float)
+            planes = solve_regular((rows.T * sides[:, None]) @ rows, (sides * target) @ rows)
+            off = np.abs(planes @ rows.T - target)
             nearer = np.zeros(lattice.shape, np.float32)
             nearer[own] = np.clip(off[0] - off[1], -GATE_SIGMAS, GATE_SIGMAS)
             last, first = first, cv2.blur(nearer, (3, 3))[own] < 0  # neighbours are on one side
             if np.array_equal(first, last):
                 break
-        if planes:
+        if len(planes):
             cost = float(lattice.cost(np.where(first, *off), 1.0).sum())  # each half flat: no tolerance beyond noise
             if cost < best:
                 best, found = cost, (planes, first)

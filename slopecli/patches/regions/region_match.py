@@ -35,7 +35,8 @@ def match_labelled(labels: Labels, planes: list[FloatArray], scene: Scene) -> Ce
     grid = whole_grid(scene, FINE.max_pixels)
     # flow needs to see past a region's border, and over the holes in it
     mapping = _mapping(grid, grown(labels, REGION.reach_px), planes, scene)
-    return dense_cells(grid, mapping, scene.pyramid2, scene.shape2, REGION.cell_px, finest=0)
+    # under its own plane a region has hardly any flow left, which half the resolution tells as well
+    return dense_cells(grid, mapping, scene.pyramid2, scene.shape2, REGION.cell_px, finest=0, check=1)
 
 
 def match_regions(labels: Labels, cells: Cells, patches: list[Patch], scene: Scene) -> list[Patch]:
