@@ -148,10 +148,10 @@ def _told_nearby(test: CameraTest, score: CameraScore, sightings: Sightings, sta
 
 
 def _may_be_wrong(score: CameraScore) -> bool:
-    """Whether a focal length that is wrong enough to be told is within 1 sigma of the step of the score, roughly."""
+    """Whether a focal length that is wrong enough to be told is within 2 sigmas of the step of the score, roughly."""
     step, sigma = float(score.step[0]), float(score.sigma[0])
     told = sigma < TEST.telling or (sigma < 1.0 and score.px[0] > TEST.faint * score.noise_px)
-    return bool(told and abs(step) + sigma > TEST.least_wrong)
+    return bool(told and abs(step) + 2.0 * sigma > TEST.least_wrong)
 
 
 def _asks_for_more(score: CameraScore) -> bool:

@@ -240,7 +240,7 @@ def _gauss_newton(sightings: Sightings, parameter: str, best: _Tried) -> Freed:
     score = score_camera(best.seen, best.settled)
     for _ in range(12):
         step, sigma = float(score.step[index]), float(score.sigma[index])
-        if abs(step) <= max(0.03 * sigma, 1e-10):  # far less than it is known to
+        if abs(step) <= max(0.1 * sigma, 1e-10):  # far less than it is known to
             break
         step = float(np.clip(step, -LONGEST_STEP[parameter], LONGEST_STEP[parameter]))
         for size in (1.0, 0.5, 0.2):

@@ -87,7 +87,7 @@ def maximum_likelihood(
     starts = partial(states_of, motions=initial) if initial_only else partial(_starts, initial=initial)
     fit = _refit(observations, starts(observations))
     if robust:
-        fit = _without_mismatches(fit, starts, relief)
+        fit = _without_mismatches(fit, starts, relief, once=initial_only)
     return _with_relief(fit, noise, robust and fit.observations.freedom() >= MANY_FREEDOM) if relief else fit
 
 
@@ -180,14 +180,14 @@ def _equal_by_rotation(
     return sorted(ties, key=lambda i: float(rotation_angle(R[i]))) + order[len(ties) :]
 
 
-def _without_mismatches(fit: Fit, starts: Callable[[Observations], State], each_patch: bool) -> Fit:
+def _without_mismatches(fit: Fit, starts: Callable[[Observations], State], each_patch: bool, once: bool = False) -> Fit:
     """The given fit if all residuals are within the gate, else a fit without mismatches.
 
     With few points a fit follows a mismatch, and a subset agrees by chance: then a fit to a subset is always computed,
     and accepted if it is significantly better. Mismatches may hide a root from the starts, so starts are computed again
     from the points kept. Every root chooses its own points, as points chosen by one root are biased against another.
 
-    starts : states to begin at, of the points kept.  each_patch : as in `inliers`.
+    starts : states to begin at, of the points kept.  each_patch : as in `inliers`.  once : these are always the same.
     """
     full = fit.observations
     everything = Kept(full.weight > 0.0, full.free_weight > 0.0)
@@ -199,6 +199,8 @@ def _without_mismatches(fit: Fit, starts: Callable[[Observations], State], each_
         return fit
     agreed = Kept(everything.planes & consensus(full), np.zeros_like(everything.free))
     best = _settled(full, agreed, starts(agreed.applied_to(full)), each_patch)
+    if once:
+        return best.fit if _is_better(best.fit, fit) else fit
     others, before = [], best
     for _ in range(3):  # the second round mostly repeats the first
         left = best.kept.applied_to(full)
