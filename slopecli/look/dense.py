@@ -125,15 +125,21 @@ def dense_cells(
     inside &= valid & covered(target, shape2)
     found, points = _at(pulled, qx, qy), np.stack([x, y], -1)
 
-    def checked(back: FloatImage) -> tuple[Cells, NDArray[np.bool_]]:
-        """The cells of the pixels where forward and backward flow cancel to within 0.6 px along either axis; those."""
-        closes = (np.abs(forward + _at(back, qx, qy)) < 0.6).all(axis=-1)
-        return _collect(grid, inside & closes, points, target, found, cell), closes[inside]
+    def closing(back: FloatImage) -> NDArray[np.bool_]:
+        """(h, w) where forward and backward flow cancel to within 0.6 px along either axis."""
+        off = np.abs(forward + _at(back, qx, qy))
+        return np.asarray(inside & (off[..., 0] < 0.6) & (off[..., 1] < 0.6))
+
+    def collected(closes: NDArray[np.bool_]) -> Cells:
+        return _collect(grid, closes, points, target, found, cell)
 
     # backward flow is only a check: first at half the resolution and not smoothed, for a tenth of the time
-    cells, closes = checked(flow(pulled, grid.grey, finest + 1, 0))
-    clear = len(cells) and closes.mean() >= CLOSED_SHARE and np.quantile(cells.agreement, 0.1) > CLEAR_AGREEMENT
-    return cells if clear else checked(flow(pulled, grid.grey, finest if check is None else check, smoothings))[0]
+    closes = closing(flow(pulled, grid.grey, finest + 1, 0))
+    if np.count_nonzero(closes) >= CLOSED_SHARE * np.count_nonzero(inside):
+        cells = collected(closes)
+        if len(cells) and np.quantile(cells.agreement, 0.1) > CLEAR_AGREEMENT:
+            return cells
+    return collected(closing(flow(pulled, grid.grey, finest if check is None else check, smoothings)))
 
 
 def _at(values: NDArray[Any], x: FloatImage, y: FloatImage) -> NDArray[Any]:

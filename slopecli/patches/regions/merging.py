@@ -66,15 +66,18 @@ def _joined(lattice: CellLattice, one: _Member, other: _Member, limit: float) ->
     apart = float(large.distance[small.piece.cells].min())
     if apart > max(np.sqrt(small.count), 2.0):
         return None
-    cells = one.piece.cells | other.piece.cells
-    plane = solve_regular(one.system + other.system, one.right + other.right)
     own = small.piece.cells & lattice.known
     between = lattice.rows[own] @ (large.piece.plane - small.piece.plane)
+    step = median(np.abs(between))
+    if step > max(REGION.tolerances) * limit:
+        return None
+    cells = one.piece.cells | other.piece.cells
+    plane = solve_regular(one.system + other.system, one.right + other.right)
     lost = sum(_quadratic(member.system, member.piece.plane - plane) for member in (one, other))
-    same, step = lost / (CHI2[3, 0.999] * lattice.sharing + REGION.alike * small.count), median(np.abs(between))
+    same = lost / (CHI2[3, 0.999] * lattice.sharing + REGION.alike * small.count)
     if same < 1.0 and step <= limit:
         return same, Piece(plane, _tolerance(lattice, plane, cells), cells)
-    if apart > 2.0 or step > max(REGION.tolerances) * limit:
+    if apart > 2.0:
         return None
     if np.degrees(normal_angle(large.piece.plane, small.piece.plane)) > REGION.parallel_deg:
         return None
