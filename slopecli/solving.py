@@ -122,7 +122,8 @@ def _with_focal(answer: Answer, given: Cameras, options: Options, again: Again) 
     if use.sigma:
         solution = with_focal_uncertainty(solution, joined, cameras, use.sigma, options)
     preferred_px = answer.cameras[0].focal_px * float(np.exp(test.step)) if doubted else None
-    notes = [*notes, *focal_note(given, cameras, use.sigma, options, preferred_px)]
+    told = test.focal_factor is not None
+    notes = [*notes, *focal_note(given, cameras, use.sigma, options, told, preferred_px)]
     step = test.step + float(np.log(answer.cameras[0].focal_px / given[0].focal_px))
     return Answer(joined, solution, cameras, notes, replace(test, step=step), use.sigma)
 

@@ -13,7 +13,7 @@ from campaign import seeds
 
 from slopecli import load_camera, load_image
 from slopecli.cli import result_table
-from slopecli.findings import CameraTest, focal_to_use
+from slopecli.findings import CameraTest, focal_note, focal_to_use
 from slopecli.geometry import rays_from_pixels, rotation_angle, rotation_from_vector, solve_planes
 from slopecli.geometry.solver import (
     Settled,
@@ -447,3 +447,14 @@ def test_a_focal_length_that_was_to_be_free_and_is_not_told_is_known_no_better_t
     assert focal_to_use(CameraTest(), prior=0.0, free=True).sigma == pytest.approx(0.404, abs=0.001)
     assert focal_to_use(CameraTest(), prior=0.03, free=True).sigma == 0.03
     assert focal_to_use(CameraTest(), prior=0.0, free=False).sigma == 0.0
+
+
+def test_a_focal_length_that_was_freed_and_is_not_told_in_the_end_is_not_called_preferred() -> None:
+    freed = changed(PINHOLE, "f", 0.4)
+    told, untold = (
+        focal_note((PINHOLE, PINHOLE), (freed, freed), 0.4, Options(free_focal=True), known) for known in (True, False)
+    )
+    assert "that the images prefer" in told[0].message
+    assert "prefer" not in untold[0].message
+    assert "the images do not tell it" in untold[0].message
+    assert "--focal-sigma" in (untold[0].remedy or "")

@@ -10,7 +10,7 @@ __getattr__, __dir__ = lazy_names(
         "checks": "check_answer check_pair",
         "codes": "CODES LIMITS",
         "facts": "AnswerFacts PairFacts epipole1_px",
-        "focal_use": "focal_to_use",
+        "focal_use": "focal_note focal_to_use",
         "level_evidence": "LevelOdds SUPPORTED Seen odds_of_camera odds_of_plane",
         "known_motion": "motion_prior rotation_of_quaternion",
         "pair_checks": "check_lens refuse_identical refuse_mirrored refuse_unmatched",

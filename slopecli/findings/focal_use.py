@@ -18,6 +18,9 @@ FIELD_OF_VIEW = "field of view"  # source of a camera that is known to no better
 FIELD_OF_VIEW_PERCENT = 3.0  # 1-sigma of its focal length: data sheets round, and sensors are cropped
 
 
+BETTER_KNOWN = "if you know it better, give it, and say by --focal-sigma how well"
+
+
 class FocalUse(NamedTuple):
     """step : logarithm of the focal length used over that of the cameras.  sigma : its 1-sigma, 0 if it is exact."""
 
@@ -70,21 +73,24 @@ def _freed(camera: Camera) -> Camera:
 
 
 def focal_note(
-    given: Cameras, used: Cameras, sigma: float, options: Options, preferred_px: float | None = None
+    given: Cameras, used: Cameras, sigma: float, options: Options, told: bool = True, preferred_px: float | None = None
 ) -> list[Diagnostic]:
     """Say which focal length was used, if it is not the one given, or was to be freed and could not be.
 
-    preferred_px : the one that the images prefer, where they contradict the one given.
+    told : whether the images tell it, as they are matched now.  preferred_px : the one that the images prefer, where
+    they contradict the one given.
     """
     if used[0] is given[0]:
         if not options.free_focal:
             return []
         message = "the images do not tell the focal length, so the one given was used, "
         message += f"as if it were known to {100.0 * sigma:.2g} %"
-        return [finding("focal-length", message, 1.0, "if you know it better, say so by --focal-sigma")]
+        return [finding("focal-length", message, 1.0, BETTER_KNOWN)]
     before, after = given[0].focal_px, used[0].focal_px
     known = f"{after * sigma:.2g}" if after * sigma < 10.0 else f"{after * sigma:.0f}"
     why = "that the images prefer (--free-focal)" if options.free_focal else "that images and --focal-sigma agree on"
+    if options.free_focal and not told:
+        why = "which --free-focal came to, but matched with it the images do not tell it"
     if preferred_px is not None and not options.free_focal:
         why = (
             f"the mean, weighted by their sigmas, of the {preferred_px:.4g} px that the images prefer and the one given"
@@ -93,4 +99,5 @@ def focal_note(
         f"slopes were computed with a focal length of {after:.5g} ± {known} px, {why}: "
         f"{after / before:.4g} times the {before:.5g} px given; their sigmas include its own"
     )
-    return [finding("focal-length", message, after / before)]
+    remedy = None if told else BETTER_KNOWN
+    return [finding("focal-length", message, after / before, remedy)]
