@@ -88,6 +88,12 @@ def blurred(number: int) -> FloatArray:
     return cv2.GaussianBlur(frame(number), (0, 0), 4.0)
 
 
+def blurred_by_motion(number: int) -> FloatArray:
+    """Along y alone, and as noisy as any frame."""
+    noise = np.random.default_rng(number).normal(0.0, 1.0, frame(0).shape)
+    return to_grey(cv2.blur(frame(number), (1, 13)) + noise)
+
+
 def foreign(number: int) -> FloatArray:
     rng = np.random.default_rng(number)
     return to_grey(128 + 200 * cv2.GaussianBlur(rng.standard_normal(frame(0).shape), (0, 0), 2.0))
@@ -104,6 +110,7 @@ def smaller(number: int) -> FloatArray:
         (doubled, "repeated"),
         (doubled_with_noise, "repeated"),
         (blurred, "blurred"),
+        (blurred_by_motion, "blurred"),
         (foreign, "foreign"),
         (smaller, "size"),
     ],
@@ -230,6 +237,23 @@ def plane_frames(*positions: FloatArray) -> list[FloatArray]:
         pair = render(R, position if number else np.array([0.0, 0.0, 1.0]), [normal], noise=1.0, noise_seed=number)
         shown.append(pair.grey2 if number else pair.grey1)
     return shown
+
+
+def test_blur_is_judged_at_the_scale_of_the_reference() -> None:
+    """From nearer all detail is larger, and the frame as a whole smoother: that is not blur, and what is, is told."""
+    down = np.array([0.05, 0.1, 1.0])
+    first, second, nearer = plane_frames(0 * down, down, 4.5 * down)
+    sequence = run(first, second, cv2.GaussianBlur(nearer, (0, 0), 4.0), nearer)
+    assert [state.status for state in sequence.frames] == ["reference", "used", "skipped", "used"]
+    assert sequence.frames[2].why is not None
+    assert sequence.frames[2].why.code == "blurred"
+    np.testing.assert_array_equal(sequence.solution().R, run(first, second, nearer).solution().R)
+
+
+def test_a_second_frame_that_is_blurred_begins_nothing() -> None:
+    sequence = run(frame(0), blurred_by_motion(1), frame(1), frame(2))
+    assert [state.status for state in sequence.frames] == ["reference", "skipped", "used", "used"]
+    np.testing.assert_array_equal(sequence.solution().R, run(frame(0), frame(1), frame(2)).solution().R)
 
 
 def test_a_view_off_the_line_decides_between_two_answers_for_one_plane() -> None:

@@ -12,7 +12,7 @@ from slopecli.options import Options
 from slopecli.sequence.coarse_motion import CoarseMotion
 from slopecli.sequence.first_move import first_move
 from slopecli.sequence.frame_alignment import Aligner
-from slopecli.sequence.frame_gates import Skipped
+from slopecli.sequence.frame_gates import FrameGates, Skipped
 from slopecli.sequence.known_camera import KnownCamera
 from slopecli.sequence.later_reference import Follower
 from slopecli.sequence.sequence_report import tested_by_last_view
@@ -40,7 +40,13 @@ def reference_of(frame: Grey, windows: list[Window], camera: Camera) -> Aligner 
 
 
 def first_answer(
-    frame: Grey, aligner: Aligner, windows: list[Window], camera: KnownCamera, options: Options, memory: FeatureMemory
+    frame: Grey,
+    aligner: Aligner,
+    windows: list[Window],
+    camera: KnownCamera,
+    options: Options,
+    memory: FeatureMemory,
+    gates: FrameGates,
 ) -> FirstAnswer | Skipped:
     """The first answer by a frame, or why it gives none."""
     if (still := find_still(aligner.grey, frame)) is not None:
@@ -48,18 +54,20 @@ def first_answer(
         if isinstance(rest, Skipped):
             return rest
         aligner, frame = rest, still.painted(frame)
-    begun = _followed(frame, aligner, camera, memory)
+    begun = _followed(frame, aligner, camera, memory, gates)
     if isinstance(begun, Skipped):
         return begun
     known = tested_by_last_view(camera, begun.estimator, windows, options).refocused(options)
     if known.used is not camera.used:  # begin again with the focal length that the images and its sigma agree on
         anew = Aligner(aligner.grey, known.used, windows, choose_tracks(aligner.grey, windows, known.used))
-        begun = _followed(frame, anew, known, memory)
+        begun = _followed(frame, anew, known, memory, gates)
     return begun if isinstance(begun, Skipped) else FirstAnswer(begun, known, still)
 
 
-def _followed(frame: Grey, aligner: Aligner, camera: KnownCamera, memory: FeatureMemory) -> Follower | Skipped:
-    move = first_move(aligner.grey, frame, camera.used, aligner, memory)
+def _followed(
+    frame: Grey, aligner: Aligner, camera: KnownCamera, memory: FeatureMemory, gates: FrameGates
+) -> Follower | Skipped:
+    move = first_move(aligner.grey, frame, camera.used, aligner, memory, gates)
     if isinstance(move, Skipped):
         return move
     estimator = ViewEstimator(aligner.tracks, camera.used.focal_px)

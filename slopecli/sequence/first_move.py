@@ -24,7 +24,7 @@ from slopecli.look.matches import LEAST_MATCHES, thin
 from slopecli.look.motions import Sparse, find_motions
 from slopecli.look.noise import LEAST_MATCH_PX, WORST_MATCH_PX
 from slopecli.sequence.frame_alignment import Aligner, Found
-from slopecli.sequence.frame_gates import Skipped
+from slopecli.sequence.frame_gates import FrameGates, Skipped
 from slopecli.types import Camera, FloatArray, IntArray, Solution
 
 
@@ -36,12 +36,12 @@ class FirstMove(NamedTuple):
 
 
 def first_move(
-    reference: Grey, frame: Grey, camera: Camera, aligner: Aligner, memory: FeatureMemory
+    reference: Grey, frame: Grey, camera: Camera, aligner: Aligner, memory: FeatureMemory, gates: FrameGates
 ) -> FirstMove | Skipped:
     """The pair of the reference and the first frame with enough parallax, or why there is none yet."""
     sparse = _matched(Images(reference, frame, camera, camera), memory)
     if sparse is None:
-        return Skipped("foreign", "has no clear matches with the first frame")
+        return gates.blur_alone(frame) or Skipped("foreign", "has no clear matches with the first frame")
     matches = sparse.matches.take(sparse.consistent_with(sparse.motions[0]))
     R = fit_rotation(homogeneous(matches.x1).T, matches.x2.T, np.ones(len(matches)))
     y = R @ homogeneous(matches.x1).T
@@ -49,12 +49,12 @@ def first_move(
     if parallax < LOW_PARALLAX_PX:
         return Skipped("parallax", f"moved too little for a first answer: {parallax:.1f} px of parallax")
     try:
-        return _solved(frame, sparse, camera, aligner)
+        return _solved(frame, sparse, camera, aligner, gates)
     except SlopemapError as problem:
         return Skipped("parallax", str(problem))
 
 
-def _solved(frame: Grey, sparse: Sparse, camera: Camera, aligner: Aligner) -> FirstMove | Skipped:
+def _solved(frame: Grey, sparse: Sparse, camera: Camera, aligner: Aligner, gates: FrameGates) -> FirstMove | Skipped:
     """Points aligned under the best motion, then under the planes they give, and the joint solution."""
     tracks, best = aligner.tracks, sparse.motions[0]
     normals, u = _first_depths(sparse, best, aligner)
@@ -71,6 +71,8 @@ def _solved(frame: Grey, sparse: Sparse, camera: Camera, aligner: Aligner) -> Fi
     found = aligner.find(frame, (near.R, near.T), normals, depth, known, levels=1)
     if _shown(aligner, found) == 0:
         return Skipped("foreign", "shows no window of the first frame")
+    if (blurred := gates.blur(found.detail)) is not None:
+        return blurred
     solution = _pair(aligner, found, [near, *sparse.roots()[1:]])
     if solution.noise * focal_px > WORST_MATCH_PX or not solution.converged:
         return Skipped("foreign", f"fits no motion: its points are {solution.noise * focal_px:.1f} px off")

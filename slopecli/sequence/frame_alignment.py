@@ -18,6 +18,7 @@ from slopecli.geometry.epipolar import homogeneous
 from slopecli.geometry.solver.views import predict_views
 from slopecli.look.features import Grey
 from slopecli.look.warp import NODE_STEP
+from slopecli.sequence.frame_detail import detail_shown
 from slopecli.sequence.tracking_tunables import TRACKING
 from slopecli.sequence.tracks import Tracks
 from slopecli.types import BoolArray, Camera, FloatArray, IntArray
@@ -30,7 +31,7 @@ class Found(NamedTuple):
     """Where a frame shows the points: uv (n, 2) px, x (2, n) rays, seen (n,).
 
     zoom : px of the frame to one of the reference, so that errors there are as many times those of the alignment.
-    likeness : correlation of the frame, pulled onto the reference, with it.
+    likeness : correlation of the frame, pulled onto the reference, with it.  detail : (4,) of `detail_shown`.
     """
 
     uv: FloatArray
@@ -38,6 +39,7 @@ class Found(NamedTuple):
     seen: BoolArray
     zoom: float
     likeness: float
+    detail: FloatArray
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,7 +89,7 @@ class Aligner:
         """
         places = self._places(motion, normals, u, known)
         zoom, moved = self._zoom(places), self.tracks.uv.copy()
-        near, likeness = np.zeros(len(self.tracks), bool), 0.0
+        near, likeness, detail = np.zeros(len(self.tracks), bool), 0.0, np.ones(4)
         asked = np.flatnonzero(known & _inside(_sampled(places, moved), self.camera, TRACKING.border_px))
         if len(asked):
             part = self._part(moved[asked])
@@ -96,13 +98,16 @@ class Aligner:
             gain, offset, likeness = _brightness(reference, pulled, places[:, part[0], part[1]], self.camera)
             pulled = _brightened(pulled, gain, offset)
             corner = np.array([part[1].start, part[0].start])
-            found, near[asked] = _tracked(reference, pulled, moved[asked] - corner, levels)
+            start = moved[asked] - corner
+            found, well = _tracked(reference, pulled, start, levels)
+            detail = detail_shown(reference, pulled, places[:, part[0], part[1]], start[well], found[well])
+            near[asked] = well
             moved[asked] = found + corner
         uv = _sampled(places, moved)
         inside = _inside(uv, self.camera, TRACKING.border_px)
         x = rays_from_pixels(self.camera, np.where(inside[:, None], uv, 0.0))
         seen = near & inside & np.isfinite(x).all(axis=1)
-        return Found(uv, np.where(seen[:, None], x, 0.0).T, seen, zoom, likeness)
+        return Found(uv, np.where(seen[:, None], x, 0.0).T, seen, zoom, likeness, detail)
 
     def _part(self, uv: FloatArray) -> tuple[slice, slice]:
         """Rows and columns of the reference around points (k, 2), with room for windows and displacements."""

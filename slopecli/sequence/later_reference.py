@@ -21,7 +21,7 @@ from slopecli.look.matches import ON_PLANE_PX
 from slopecli.sequence.carried_windows import CarriedWindows, later_tracks
 from slopecli.sequence.coarse_motion import CoarseMotion
 from slopecli.sequence.frame_alignment import Aligner, Found
-from slopecli.sequence.frame_gates import Skipped
+from slopecli.sequence.frame_gates import FrameGates, Skipped
 from slopecli.sequence.tracking_tunables import TRACKING
 from slopecli.sequence.view_estimator import Held, ViewEstimator
 from slopecli.types import Camera, FloatArray, IntArray
@@ -47,17 +47,19 @@ class Follower:
     carried: CarriedWindows | None
     zoom: float
 
-    def follow(self, frame: Grey) -> Motion | Skipped:
+    def follow(self, frame: Grey, gates: FrameGates) -> Motion | Skipped:
         """The motion of a frame against the reference, in its own unit; the frame is taken into the answer."""
         estimator = self.estimator
         u, alive = estimator.inverse_depth, estimator.alive
         placed = self.coarse.place(frame, u, alive) or self.coarse.place_anew(frame, estimator.normals, u, alive)
         if placed is None:
-            return Skipped("foreign", "does not show the ground of the frames before")
+            return gates.blur_alone(frame) or Skipped("foreign", "does not show the ground of the frames before")
         motion: Motion = (placed.R, placed.T)
         found = self.aligner.find(frame, motion, estimator.normals, u, alive)
         if found.likeness < TRACKING.least_agreement:
             return Skipped("foreign", "does not look like the ground where it should be")
+        if (blurred := gates.blur(found.detail)) is not None:
+            return blurred
         share = estimator.share_of(found, motion)
         if share < TRACKING.least_agreement:
             return Skipped("foreign", f"agrees with the frames before at {100 * share:.0f} % of its points only")

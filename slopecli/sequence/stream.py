@@ -159,7 +159,8 @@ class Sequence:
 
     def _started(self, frame: Grey) -> Placed | Skipped:
         """The first move, if this frame is far enough from the first."""
-        begun = first_answer(frame, self._reference(), self.windows, self._camera, self.options, self._memory)
+        known = self._camera, self.options, self._memory, self._gates
+        begun = first_answer(frame, self._reference(), self.windows, *known)
         if isinstance(begun, Skipped):
             return begun
         self._first, self._camera, self._still = begun
@@ -171,7 +172,7 @@ class Sequence:
         current = self._later or self._first
         if current is None:
             raise InputError("the sequence has not started")
-        found = current.follow(frame)
+        found = current.follow(frame, self._gates)
         if isinstance(found, Skipped):
             return found
         motion, camera = current.in_first(found), self._camera
@@ -204,6 +205,7 @@ class Sequence:
         current.estimator.restore(reference.held)
         self.frames = used_frames.later_from(self.frames, reference.number)
         self._later, self._next, self._depth = begun, None, self._depth_then or self._depth
+        self._gates.forget_detail()
 
     def _reference(self) -> Aligner:
         if self._aligner is None:
@@ -241,10 +243,9 @@ class Sequence:
             frame = frame._replace(image=resampled(frame.image, frame.camera, self._camera.given))
         self.current = frame.image
         if frame.image is None:
-            why = Skipped("unread", frame.problem)
-            state = FrameState(len(self.frames) + 1, "skipped", frame.name, frame.time_s, why)
-            self.frames.append(state)
-            return state
+            unread = Skipped("unread", frame.problem)
+            self.frames.append(FrameState(len(self.frames) + 1, "skipped", frame.name, frame.time_s, unread))
+            return self.frames[-1]
         state = self.add(frame.image.grey, frame.name, frame.time_s, frame.prior)
         if state.status == "reference":
             self._reference_image = frame.image
@@ -336,8 +337,7 @@ class Sequence:
     @property
     def options_now(self) -> Options:
         """The options of what is reported now: of the first frame used and the last, where they depend on these."""
-        first, last = self.images
-        options = self.options if self.options_of is None else self.options_of(first.path, last.path)
+        options = self.options if self.options_of is None else self.options_of(*(image.path for image in self.images))
         return options if self._first is None else with_priors(options, self._used, self._first.estimator)
 
     def motions(self, report: Report) -> list[FrameMotion]:

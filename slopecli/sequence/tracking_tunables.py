@@ -26,7 +26,7 @@ class TrackingTunables(NamedTuple):
     tells_less: float = 1.3  # times the 1-sigma of the best test of the camera, from which on another tells nothing new
     misses: int = 2  # frames in turn whose track contradicts the rest, after which it is given up
     same_grey: float = 0.2  # mean difference of two frames, grey levels, below which one repeats the other
-    sharpness: float = 0.6  # of the frame used before: with less a frame is blurred
+    sharpness: float = 0.65  # of the frame used before: with less, in any direction, a frame is blurred
     # frames in turn that are blurred, after which the next is taken, as the ground itself may be smoother; or that do
     # not go with the first one, after which the next is the first
     in_turn: int = 4
