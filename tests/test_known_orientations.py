@@ -79,6 +79,20 @@ def test_a_wall_without_any_shading_is_no_better_known_than_the_walls_agree() ->
     assert bare.origin == "none" or np.degrees(bare.tilt_sigma_rad) > Options().max_sigma_deg
 
 
+@pytest.mark.parametrize(("normal", "most_deg"), [(RIGHT, 10.0), (LEFT, 90.0), (FLOOR, 90.0)])
+def test_a_bare_surface_amid_one_wall_is_that_wall_as_surely_as_its_shading_tells(
+    normal: FloatArray, most_deg: float
+) -> None:
+    as_far = normal * (RIGHT[2] / normal[2])
+    bare = Surface(as_far, (130, 90, 60, 60), contrast=0.35, coarseness=16.0)
+    pair = render(R, T, [Surface(RIGHT), bare], noise=1.0)
+    found = asked(pair, ((20, 40, 70, 70), (230, 40, 70, 70), (134, 94, 52, 52)))[2]
+    assert found.origin == "borrowed"
+    sigma = float(np.hypot(5.0, np.degrees(found.tilt_sigma_rad)))  # as reported
+    assert tilt_error_deg(found, pair, normal) < 3 * sigma
+    assert sigma < most_deg
+
+
 @pytest.mark.parametrize("seed", range(2))
 def test_faint_texture_that_matches_by_chance_gives_way_to_a_known_orientation(seed: int) -> None:
     pair = room(1.1 * LEFT, 0.05, coarseness=1.0, noise=2.0, seed=seed)

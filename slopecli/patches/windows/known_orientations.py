@@ -96,7 +96,9 @@ def _is_unmatched(patch: Patch, scene: Scene, most_sigma_deg: float) -> bool:
         return patch.code == "low-texture"
     by_chance = patch.score < KNOWN.faint_score and patch.tilt_sigma_rad > np.radians(IN_DOUBT_DEG)
     in_part = patch.share < TUNE.scarce_share and patch.tilt_sigma_rad > np.radians(most_sigma_deg)
-    # without a clear agreement an orientation known elsewhere tells more already at three quarters of that
+    # without a clear agreement an orientation known elsewhere tells more already at three quarters of that: three of
+    # 315 windows drawn in 28 pairs gain (errors of 4.4, 12.2, 7.1 degrees are 0.3, 0.5, 3.3), none loses; at a half as
+    # many gain as lose
     told = most_sigma_deg * (1.0 if patch.score >= CLEAR_AGREEMENT else 0.75)
     return by_chance or in_part or _noise_rad(patch, scene) > np.radians(told)
 
@@ -242,15 +244,15 @@ def _settled(
         as_well = bool(found.misfit[best] < (1.0 + KNOWN.alike) * found.misfit[-1])
         is_parallel = bool(apart[best, -1] < KNOWN.parallel_rad)
         enough = _tells_more(patch, known[best], is_parallel, float(mass.max()), as_well, scene)
-    else:
-        enough = not _is_around(patch, found.normals[best], scene)
-    if not enough:
-        return patch
+        if not enough:
+            return patch
+    stays = not own and _is_around(patch, found.normals[best], scene)
     near = depths[np.abs(depths - found.depth[best]) < 6.0 * (depths[1] - depths[0])]
     found = found.joined(compared(view, tilted_aside(found.normals[best]), near, exposure, KNOWN.unknown))
     chance = found.chance(variance)
     spread = np.sqrt(chance @ angles(found.normals)[best] ** 2)
-    if patch.origin == "borrowed" and spread > patch.tilt_sigma_rad:  # grey values leave more open than what is around
+    # grey values leave more open than what is around, all of which may be another surface than a window without texture
+    if stays or (patch.origin == "borrowed" and spread > patch.tilt_sigma_rad):
         spread = np.sqrt(chance @ angles(np.vstack([own_plane(patch, scene), found.normals]))[0, 1:] ** 2)
         return replace(patch, tilt_sigma_rad=max(patch.tilt_sigma_rad, float(spread)))
     matches, name = known[best].matches, known[best].name
