@@ -64,6 +64,18 @@ class Cells:
         names = ("uv1", "uv2", "information", "index", "share", "agreement")
         return replace(self, **{name: getattr(self, name)[keep] for name in names})
 
+    def joined(self, other: Cells) -> Cells:
+        """These cells and others of the same grid."""
+        return Cells(
+            np.concatenate([self.uv1, other.uv1]),
+            np.concatenate([self.uv2, other.uv2]),
+            np.concatenate([self.information, other.information]),
+            np.concatenate([self.index, other.index]),
+            np.concatenate([self.share, other.share]),
+            np.concatenate([self.agreement, other.agreement]),
+            self.pixel_scale,
+        )
+
     @cached_property
     def textured(self) -> NDArray[np.bool_]:
         """(n,) whether noise hardly moves the match."""

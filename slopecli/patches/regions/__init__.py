@@ -15,5 +15,6 @@ __getattr__, __dir__ = lazy_names(
         "region_finder": "RegionStages region_stages",
         "region_match": "match_labelled match_regions on_known_orientation",
         "region_tunables": "REGION",
+        "swept_cells": "with_swept_cells",
     },
 )

@@ -12,7 +12,7 @@ from slopecli.geometry.statistics import GATE_SIGMAS, median, robust_sigma
 from slopecli.look.dense import Cells
 from slopecli.look.gradient_components import Labels
 from slopecli.look.matches import MIN_ON_PLANE, ON_PLANE_PX, pair_rays
-from slopecli.look.noise import SYSTEMATIC_PX, correlation_gain
+from slopecli.look.noise import ROUNDING_GREY, SYSTEMATIC_PX, correlation_gain
 from slopecli.look.scene import Scene, axis_variance
 from slopecli.look.warp import FloatImage
 from slopecli.patches.regions.region_tunables import REGION
@@ -70,7 +70,8 @@ def lattice_of(cells: Cells, shape: tuple[int, int], scene: Scene) -> CellLattic
     x1, x2, seen = pair_rays(scene.camera1, scene.camera2, cells.uv1, cells.uv2)
     across = epipolar_residual(scene.R, scene.T, x1, x2) * focal
     w, leverage = inverse_depth(scene.R, scene.T, x1, x2)
-    texture = axis_variance(cells.information, cells.uv1, scene, 0.0, REGION.grey)
+    # both images are rounded, and resampled: flow sees more than the cell, so that this explains errors of faint ones
+    texture = axis_variance(cells.information, cells.uv1, scene, 0.0, 2.0 * ROUNDING_GREY)
     good = seen & (w > 0) & (leverage > 0) & (cells.agreement > TUNE.fair_score)
     noise = _noise_px(across[good], texture[good, 1])
     good &= np.abs(across) < 3.0 * np.sqrt(noise**2 + texture[:, 1])

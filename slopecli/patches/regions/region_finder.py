@@ -26,6 +26,7 @@ from slopecli.look.scene import Scene, whole_grid
 from slopecli.look.scene_from_images import FINE
 from slopecli.look.threads import single_threaded
 from slopecli.look.transfer_error import Comparison
+from slopecli.look.warp import Grid
 from slopecli.options import Options
 from slopecli.patches.patch import Found, Patch, region_footprints
 from slopecli.patches.regions.blank_planes import find_blank_planes
@@ -37,6 +38,7 @@ from slopecli.patches.regions.merging import merged
 from slopecli.patches.regions.plane_pieces import KnownTilt, Piece, fewest_pieces, grown_pieces
 from slopecli.patches.regions.region_match import match_labelled, match_regions, on_known_orientation
 from slopecli.patches.regions.region_tunables import REGION
+from slopecli.patches.regions.swept_cells import with_swept_cells
 from slopecli.patches.windows.raw_grey import KNOWN
 from slopecli.types import Segmentation
 
@@ -79,7 +81,7 @@ def region_stages(scene: Scene, options: Options) -> RegionStages:
     components = connected_components(gradient, threshold, REGION.least_share * gradient.size)
     # steps 4-7: planes of components and of neighbouring matches proposed and grown, merged where one fits two
     with single_threaded():
-        lattice = lattice_of(depth_cells(scene, grid, REGION.cell_px), grid.shape, scene)
+        lattice = _lattice(components, scene, grid)
         proposed = grown_pieces(lattice, components)
         chosen = fewest_pieces(lattice, proposed)
         common = find_common_planes(lattice, components, chosen)
@@ -102,6 +104,14 @@ def region_stages(scene: Scene, options: Options) -> RegionStages:
     account = _account(lattice, (proposed, chosen, common, pieces, blank, kept), cells, options)
     segmentation = Segmentation(gradient, threshold, components, labels, account)
     return RegionStages(lattice, proposed, chosen, pieces, labels, patches, segmentation)
+
+
+def _lattice(components: Labels, scene: Scene, grid: Grid) -> CellLattice:
+    """Return the cells of the working grid, those that a sweep of planes finds among them; components (h, w)."""
+    cells = depth_cells(scene, grid, REGION.cell_px)
+    lattice = lattice_of(cells, grid.shape, scene)
+    swept = with_swept_cells(cells, lattice, components, scene, grid)
+    return lattice if swept is cells else lattice_of(swept, grid.shape, scene)
 
 
 def _account(lattice: CellLattice, stages: tuple[Sized, ...], cells: Labels, options: Options) -> tuple[str, ...]:

@@ -18,7 +18,7 @@ class RegionTunables(NamedTuple):
     # cells
     cell_px: int = 6  # working px a side: several fit in a region of a thousandth of the image
     least_noise_px: float = 0.04  # 1-sigma of a cell of ideal texture, working px: less is not believed of flow
-    grey: float = 1.0  # 1-sigma of a grey value that explains the errors of faint cells: flow sees more than the cell
+    swept_share: float = 0.01  # of the image, in one piece without a match: less is not looked for at other depths
     # planes proposed, and the pieces grown from them
     windows: tuple[int, ...] = (3, 5, 9, 17, 33)  # cells a side of the squares that propose a plane
     tolerances: tuple[float, ...] = (1.0, 2.5, 5.0)  # in sigmas: a surface with relief is off its plane by more
