@@ -71,6 +71,21 @@ def undisturbed() -> Sequence:
     return run(*(frame(number) for number in range(5)))
 
 
+def test_points_left_out_of_their_plane_widen_its_sigma() -> None:
+    """Ground that stands off, such as a rock, belongs to its window: the plane without it is known less well."""
+    sequence = undisturbed()
+    estimator = sequence._first.estimator  # type: ignore[union-attr]
+    line, held, before = estimator.best, estimator.kept(), sigmas_deg(sequence.solution())
+    rocky = np.isin(np.arange(len(line.root.q)), range(60, 72))  # points of the first window
+    state = line.root.state._replace(u=line.root.state.u * np.where(rocky, 1.05, 1.0))
+    rock = line.root._replace(q=np.where(rocky, 0.0, line.root.q), state=state)
+    estimator.restore(held._replace(lines=[replace(line, root=rock)]))
+    after = sigmas_deg(sequence.solution())
+    estimator.restore(held)
+    assert after[0] > 3.0 * before[0]
+    assert (after[1:] < 1.5 * before[1:]).all()
+
+
 def black(number: int) -> FloatArray:
     return np.zeros_like(frame(number))
 

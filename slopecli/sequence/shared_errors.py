@@ -9,7 +9,7 @@ import numpy as np
 
 from slopecli.findings.codes import LIMITS
 from slopecli.geometry.solver.many_views import Root
-from slopecli.geometry.solver.views import ViewPoints
+from slopecli.geometry.solver.views import ViewPoints, predict_views
 from slopecli.sequence.tracking_tunables import TRACKING
 from slopecli.types import FloatArray, IntArray
 
@@ -106,6 +106,29 @@ def tracking_share(points: ViewPoints, root: Root) -> FloatArray:
         if len(own) and 0.0 < root.relief[i] <= LIMITS["non-planar-patch"]:
             share[i] = min((2.0 * float(np.median(own)) / root.relief[i]) ** 2, 1.0)
     return share
+
+
+def left_out(points: ViewPoints, root: Root) -> FloatArray:
+    """(m, 3, 3) covariance of the normals by points that views show and that are not on their planes, such as rocks.
+
+    They are ground of their window, which its plane lacks: each by its height, or where none agrees with the motion, by
+    the least with which a point is no part of the relief, four times that. What no view shows is not counted here.
+    """
+    state, V, n = root.state, root.system.V, points.n_on_planes
+    plane = (points.per_point(state.N.T) * points.p).sum(axis=0)
+    x, ahead = predict_views(points.p, state.R, state.T, np.where(V > 0.0, state.u, plane))
+    shown = np.zeros(len(V), bool)
+    for view, used in enumerate(points.weight > 0.0):
+        if used.any():
+            low, high = (edge(points.x[view][:, used], axis=1)[:, None] for edge in (np.min, np.max))
+            shown |= (ahead[view] > 0.0) & ((x[view] > low) & (x[view] < high)).all(axis=0)
+    on = (root.q > 0.0) & (V > 0.0)
+    height = np.where(V > 0.0, np.abs(state.u - plane), 4.0 * points.per_point(root.relief) * np.abs(plane))
+    p, off = points.p[:, :n], np.where(shown & ~on, height, 0.0)[:n]
+    kept = points.sum_planes((p * on[:n])[:, None] * p[None]).transpose(2, 0, 1)
+    lift = 1e-9 * np.trace(kept, axis1=1, axis2=2) + np.finfo(float).tiny
+    response = np.linalg.inv(kept + lift[:, None, None] * np.eye(3))
+    return np.asarray(response @ points.sum_planes((p * off**2)[:, None] * p[None]).transpose(2, 0, 1) @ response)
 
 
 def noise_alone(points: ViewPoints, root: Root) -> FloatArray:

@@ -29,7 +29,7 @@ from slopecli.look.noise import SYSTEMATIC_PX, correlation_gain
 from slopecli.patches.windows.tunables import TUNE
 from slopecli.sequence.frame_alignment import Found
 from slopecli.sequence.fused_planes import Ground, fused_normals
-from slopecli.sequence.shared_errors import halves_ratio, neighbours_ratio, noise_alone, tracking_share
+from slopecli.sequence.shared_errors import halves_ratio, left_out, neighbours_ratio, noise_alone, tracking_share
 from slopecli.sequence.tracking_tunables import TRACKING
 from slopecli.sequence.tracks import Tracks
 from slopecli.types import BoolArray, FloatArray, IntArray, Solution
@@ -290,7 +290,7 @@ class ViewEstimator:
         return self._answer()[0]
 
     def with_shared_errors(self, found: ViewsSolution) -> ViewsSolution:
-        """A solution of these windows, widened by the errors of tracks that neighbouring points share.
+        """A solution of these windows, widened by errors of tracks that neighbours share and by points left out.
 
         `solution` weighs windows and references against each other without them.
         """
@@ -300,13 +300,14 @@ class ViewEstimator:
         return replace(found, own_covariance=found.own_covariance + more, alternative=other)
 
     def _answer(self) -> tuple[ViewsSolution, FloatArray]:
-        """The solution, and what errors that neighbouring points share add to the covariance (m, 3, 3) of normals."""
+        """The solution, and what errors of neighbours and points left out add to the (m, 3, 3) of its normals."""
         if self._solved is None:
             line, alone = self.best, self._judged(self._lines)
             found = self._resampled(alone, line)
             ratio = neighbours_ratio(line.points, line.root, self.tracks.cell)
             by_tracks = tracking_share(line.points, line.root)[:, None, None]
             shared = by_tracks * (ratio * alone.own_covariance - found.own_covariance)
+            shared = shared + left_out(line.points, line.root)
             if (other := found.alternative) is not None:
                 other = replace(self._resampled(other, self._lines[1]), scaled_normals=self._fused(self._lines[1]))
             self._solved = replace(found, scaled_normals=self._fused(line), alternative=other), shared
