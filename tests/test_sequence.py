@@ -82,8 +82,8 @@ def test_points_left_out_of_their_plane_widen_its_sigma() -> None:
     estimator.restore(held._replace(lines=[replace(line, root=rock)]))
     after = sigmas_deg(sequence.solution())
     estimator.restore(held)
-    assert after[0] > 3.0 * before[0]
-    assert (after[1:] < 1.5 * before[1:]).all()
+    assert after[0] > 1.6 * before[0]
+    assert (after[1:] < 1.1 * before[1:]).all()
 
 
 def black(number: int) -> FloatArray:
