@@ -7,6 +7,7 @@ import time
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import suppress
 from dataclasses import replace
+from functools import partial
 from typing import TYPE_CHECKING
 
 from slopecli.errors import NoAnswer, expect
@@ -31,7 +32,7 @@ from slopecli.patches.windows.dense_planes import rough_windows, with_dense_plan
 from slopecli.patches.windows.many_windows import answer_together, many_windows
 from slopecli.patches.windows.window_finder import wanted_windows
 from slopecli.report.build import build_report
-from slopecli.solving import Answer, solve_rows, solve_scene
+from slopecli.solving import Answer, is_no_better, solve_rows, solve_scene
 from slopecli.types import Camera, Image, ImageInfo, Report, Solution
 
 if TYPE_CHECKING:
@@ -39,8 +40,6 @@ if TYPE_CHECKING:
     from slopecli.ground.slope_map import SlopeMap
     from slopecli.sequence.frame import Frame, SequenceAnswer, SequenceStep
     from slopecli.sequence.stream import Sequence
-
-AGAIN = 0.002  # change of the focal length, beyond its 1-sigma by the matches, from which on these are found again
 
 LOGGER = logging.getLogger("slopecli")
 Pair = tuple[Image, Image]
@@ -248,17 +247,19 @@ def _answer_freed(
     images: Pair, given: Cameras, options: Options, memory: FeatureMemory | None, clock: _Clock
 ) -> tuple[Answer, list[Change], Scene]:
     """As `_answer`, with the focal length that the images prefer; the one given stays where they do not tell it."""
-    found = None
+    found, answer_by = None, partial(_answer, images, given=given, options=options, memory=memory, clock=clock)
     if step := focal_by_features(Images(images[0].grey, images[1].grey, *given), memory, options.seed):
         with suppress(NoAnswer):
-            found = _answer(images, refocused(given, step), given, options, memory, clock)
+            found = answer_by(refocused(given, step))
     if found is None or found[0].test.focal_factor is None:
-        found = _answer(images, given, given, options, memory, clock)
+        by_given = answer_by(given)
+        found = found if found and by_given[0].noisier(found[0]) else by_given
     for _ in range(2):  # far off, the second time is off by a few percent of that
         answer, _, scene = found
-        if abs(answer.cameras[0].focal_px / scene.camera1.focal_px - 1.0) <= max(AGAIN, answer.test.sigma):
+        off = abs(answer.cameras[0].focal_px / scene.camera1.focal_px - 1.0)
+        if off <= answer.test.sigma or is_no_better((again := answer_by(answer.cameras))[0], answer, off):
             break
-        found = _answer(images, answer.cameras, given, options, memory, clock)
+        found = again
     return found
 
 

@@ -10,7 +10,7 @@ import numpy as np
 from slopecli.errors import DegenerateConfiguration, SlopemapError
 from slopecli.findings.camera_checks import with_aspect
 from slopecli.findings.camera_suspicion import Again, suspicion
-from slopecli.findings.camera_test import Cameras, CameraTest, examine_cameras
+from slopecli.findings.camera_test import TEST, Cameras, CameraTest, examine_cameras
 from slopecli.findings.focal_use import focal_note, focal_to_use, prior_sigma, refocused
 from slopecli.findings.given_checks import refuse_unrelated, review
 from slopecli.findings.known_motion import contradiction, motion_prior
@@ -44,6 +44,20 @@ class Answer:
     diagnostics: list[Diagnostic]
     test: CameraTest
     focal_sigma: float
+
+    def noisier(self, other: Answer) -> bool:
+        """Whether the matches of this answer fit it clearly less well than those of another, in px, fit that."""
+        noise_px, least_px = (answer.solution.noise * answer.cameras[1].focal_px for answer in (self, other))
+        return noise_px > TEST.clearly * least_px
+
+
+def is_no_better(again: Answer, before: Answer, off: float) -> bool:
+    """Whether images matched again with a focal length that the images prefer tell it no better than before.
+
+    off : share by which it is another than the one before. Under one far off, matches are too few for their noise to
+    say so.
+    """
+    return off < FOCAL_STEPS[0] and again.noisier(before)
 
 
 def solve_scene(
@@ -95,7 +109,7 @@ def _examined_widely(solution: Solution, scene: Scene, options: Options) -> Came
         solved = _solve_scene_again(scene, options, wide, cameras, Settled.of(solution))
     except SlopemapError:
         return None
-    test = examine_cameras(wide, solved, cameras, scene, free=True)
+    test = examine_cameras(wide, solved, cameras, scene, free=True, patches_tell=True)
     return test if test.focal_factor is not None else None
 
 
@@ -111,21 +125,22 @@ def _with_focal(answer: Answer, given: Cameras, options: Options, again: Again) 
     freed = options.free_focal and test.focal_factor is not None
     doubted = contradicted(test, np.inf if freed else known)
     use = focal_to_use(test, known, options.free_focal, doubted)
+    step = test.step + float(np.log(answer.cameras[0].focal_px / given[0].focal_px))
     notes = answer.diagnostics
     if doubted:
         notes = suspicion(test, joined, solution, options, again, notes)
     notes = with_aspect(notes, given[0])
-    if use.step:
-        cameras = refocused(cameras, use.step)
+    agreed = freed and abs(step) <= use.sigma
+    cameras = given if agreed else refocused(cameras, use.step)
+    if cameras is not answer.cameras:
         joined = seen_by(joined, cameras)
         solution = again(joined, cameras, test.start or Settled.of(solution))
     if use.sigma:
         solution = with_focal_uncertainty(solution, joined, cameras, use.sigma, options)
-    preferred_px = answer.cameras[0].focal_px * float(np.exp(test.step)) if doubted else None
+    preferred_px = given[0].focal_px * float(np.exp(step)) if agreed or (doubted and not options.free_focal) else None
     told = test.focal_factor is not None
     notes = [*notes, *focal_note(given, cameras, use.sigma, options, told, preferred_px)]
-    step = test.step + float(np.log(answer.cameras[0].focal_px / given[0].focal_px))
-    return Answer(joined, solution, cameras, notes, replace(test, step=step), use.sigma)
+    return Answer(joined, solution, cameras, notes, replace(test, step=step, used=freed), use.sigma)
 
 
 def contradicted(test: CameraTest, prior: float) -> bool:

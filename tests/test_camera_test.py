@@ -31,7 +31,7 @@ from slopecli.options import Options
 from slopecli.patches import Given
 from slopecli.pipeline import estimate, solve
 from slopecli.products import report_to_csv
-from slopecli.solving import contradicted
+from slopecli.solving import Answer, contradicted
 from slopecli.study import Scene, field_of_view_camera, make_scene
 from slopecli.types import Camera, Report, Solution
 
@@ -320,6 +320,49 @@ def test_a_focal_length_that_is_not_told_is_not_freed() -> None:
     assert "do not tell" in note.message
     assert "as if it were known to 40 %" in note.message
     assert "--focal-sigma" in (note.remedy or "")
+
+
+@pytest.mark.parametrize("by", [0.0, 0.001])
+def test_a_focal_length_given_that_the_images_agree_with_is_used_with_the_sigma_of_theirs(by: float) -> None:
+    given = changed(PINHOLE, "f", by)
+    exact, freed = report_of(scene_of(6), given), report_of(scene_of(6), given, free_focal=True)
+    assert freed.cameras[0].fx == given.fx
+    (note,) = (d for d in freed.diagnostics if d.code == "focal-length")
+    assert note.value == 1.0
+    assert f"the {given.focal_px:.5g} px given differ by less, so they were used" in note.message
+    assert 0.0 < abs(freed.fit.focal_factor - 1.0) < freed.fit.focal_factor_sigma
+    assert [p.slope_deg for p in freed.planes] == [p.slope_deg for p in exact.planes]
+    assert all(wide.slope_sigma_deg > one.slope_sigma_deg for wide, one in zip(freed.planes, exact.planes, strict=True))
+
+
+@pytest.mark.parametrize(("noise_px", "focal_px"), [(1.0, 400.0), (1.2, 400.0), (1.0, 500.0)])
+def test_answers_are_compared_by_the_noise_of_their_matches_in_pixels(noise_px: float, focal_px: float) -> None:
+    camera = replace(PINHOLE, fx=focal_px, fy=focal_px)
+    solution = seen_through(scene_of(6), PINHOLE)[1]
+    first, second = (
+        Answer(
+            None,
+            replace(solution, noise=px / f),
+            (changed(camera, "f", np.log(f / focal_px)),) * 2,
+            [],
+            CameraTest(),
+            0.0,
+        )  # type: ignore[arg-type]
+        for px, f in ((noise_px, focal_px), (1.0, 400.0))
+    )
+    assert first.noisier(second) is (noise_px > 1.05)
+    assert not second.noisier(first)
+
+
+def test_a_focal_length_is_known_no_better_than_an_eighth_of_the_noise_tells_it() -> None:
+    """What lenses, shutters and matching leave alike everywhere does not average out."""
+    sightings, solution = seen_through(scene_of(6), PINHOLE)
+    score = score_camera(sightings, Settled.of(solution))
+    score = score._replace(px=np.full(4, 2.0), noise_px=0.4)
+    assert focal_to_use(CameraTest(0.05, 0.001, score=score), prior=0.0, free=True).sigma == pytest.approx(
+        0.4 / 8 / 2, rel=0.01
+    )
+    assert focal_to_use(CameraTest(0.05, 0.001, score=score._replace(noise_px=0.01)), 0.0, True).sigma < 0.006
 
 
 def test_a_field_of_view_is_known_to_three_percent() -> None:

@@ -12,6 +12,7 @@ import numpy as np
 from slopecli.errors import DegenerateConfiguration
 from slopecli.geometry.epipolar import epipolar_distance, essential_matrix
 from slopecli.geometry.solver.free_camera import (
+    ByLines,
     Freed,
     focal_by_lines,
     free_focal,
@@ -41,6 +42,7 @@ class CameraTestTunables(NamedTuple):
     faint: float = 0.5  # of the noise: change of residuals by a parameter below which a large sigma is no fault of it
     far: float = 4.0  # times as far from epipolar lines as the matches, for the farthest tenth of the overview's cells
     floor_px: float = 0.01  # systematic residual that f could explain; lens models and interpolation leave 0.02
+    floor_share: float = 0.125  # of the noise, alike: photographs of right cameras are covered with it
     centre_share: float = 0.03  # of the focal length: step of the principal point from which on it is freed
     centre_better: float = 1.15  # ratio of noises by which another principal point is believed; right ones reach 1.09
     telling: float = 0.1  # 1-sigma of its logarithm beyond which the images do not tell it
@@ -60,6 +62,8 @@ class CameraTest:
     score, sightings : what it was computed from; None where there is nothing to compute it from.
     alone : frees one of `PARAMETERS` alone, and remembers the result.
     start : the solution under the focal length preferred, None if it was not freed.
+    used : whether slopes are computed with the focal length that the images tell, whose sigma then holds `floor`.
+    preferred : the score under the focal length preferred, None if it was not freed.
     """
 
     step: float = 0.0
@@ -69,6 +73,8 @@ class CameraTest:
     sightings: Sightings | None = None
     start: Settled | None = None
     centre: bool = False
+    used: bool = False
+    preferred: CameraScore | None = None
     alone: Callable[[str], Freed | None] = lambda parameter: None
 
     @property
@@ -79,7 +85,16 @@ class CameraTest:
     @property
     def focal_factor_sigma(self) -> float | None:
         """Its 1-sigma."""
-        return float(np.exp(self.step)) * self.sigma if self.sigma < TEST.telling else None
+        sigma = float(np.hypot(self.sigma, self.floor if self.used else 0.0))
+        return float(np.exp(self.step)) * sigma if self.sigma < TEST.telling else None
+
+    @property
+    def floor(self) -> float:
+        """1-sigma of its logarithm by what lens models, shutters and matches leave alike all over the image."""
+        score = self.preferred or self.score
+        if score is None:
+            return float(np.inf)
+        return max(TEST.floor_px, TEST.floor_share * score.noise_px) / max(float(score.px[0]), 1e-9)
 
     @property
     def only_contradicted(self) -> bool:
@@ -88,11 +103,18 @@ class CameraTest:
 
 
 def examine_cameras(
-    joined: Joined, solution: Solution, cameras: Cameras, scene: Scene | None = None, *, free: bool = False
+    joined: Joined,
+    solution: Solution,
+    cameras: Cameras,
+    scene: Scene | None = None,
+    *,
+    free: bool = False,
+    patches_tell: bool = False,
 ) -> CameraTest:
     """Test the cameras by the residuals of the joint solution; 5 to 10 ms, and 0.1 to 0.3 s where these ask for more.
 
     scene : of the matches, None for a user's own correspondences.  free : free the focal length in any case.
+    patches_tell : take the focal length from the matches of the patches alone, as these are all over image 1.
     """
     spare = 2 * int(solution.inlier.sum()) - 5 - 3 * len(solution.scaled_normals)
     if cameras[1] is RAYS or spare < TEST.few_free:
@@ -113,9 +135,27 @@ def examine_cameras(
         if not (lines and lines.elsewhere) and (enough := _told_nearby(test, score, sightings, start)):
             return enough
     freed = free_focal(every, start, None if free else _is_far, lines)
+    freed = _by_patches(freed, every) if patches_tell else freed
     if freed and contradicted and _explains_nothing(freed, joined, every, start, free):
         freed = None
     return _told_by(freed, test, score, contradicted)
+
+
+def _by_patches(freed: Freed | None, every: Sightings) -> Freed | None:
+    """A focal length freed, by the matches of the patches alone where these tell it.
+
+    The overview is too coarse for one that is computed with: its errors are alike all over the image, so that right
+    cameras were off by twice as much, and by more than any sigma.
+    """
+    if freed is None:
+        return None
+    cameras = changed(every.cameras[0], "f", freed.value), changed(every.cameras[1], "f", freed.value)
+    own = replace(every.take(np.flatnonzero(every.patch >= 0)).seen_by(cameras).with_rays(), gain=every.gain)
+    here = ByLines((0.0, (freed.settled.R, freed.settled.T)))
+    again = free_focal(own, freed.settled, lines=here)
+    if again is None or not _sigma(again.score) < TEST.telling:
+        return freed
+    return again._replace(value=freed.value + again.value, less_noise=freed.less_noise)
 
 
 def _told_by(freed: Freed | None, test: CameraTest, score: CameraScore, contradicted: bool) -> CameraTest:
@@ -124,7 +164,7 @@ def _told_by(freed: Freed | None, test: CameraTest, score: CameraScore, contradi
         return replace(test, suspect=contradicted and _sigma(score) < TEST.telling)
     wrong = _is_wrong(freed, contradicted)
     sigma = float(freed.score.sigma[0]) if wrong else _sigma(freed.score)
-    return replace(test, step=freed.value, sigma=sigma, suspect=wrong, start=freed.settled)
+    return replace(test, step=freed.value, sigma=sigma, suspect=wrong, start=freed.settled, preferred=freed.score)
 
 
 def _explains_nothing(freed: Freed, joined: Joined, every: Sightings, start: Settled, used: bool) -> bool:

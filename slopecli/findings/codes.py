@@ -261,7 +261,8 @@ _ROWS: dict[Severity, dict[str, tuple[Any, ...]]] = {
         "focal-length": (
             "Which focal length the slopes were computed with, and its 1-sigma, where it is not the one given: "
             "`--free-focal`, or `--focal-sigma` where the images tell it better. Or that `--free-focal` found the "
-            "images to tell none, and the one given was used.",
+            "images to tell none, or one from which the one given differs by no more than its sigma, and the one "
+            "given was used.",
             "",
             "focal length used over the one given",
         ),

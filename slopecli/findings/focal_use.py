@@ -44,8 +44,7 @@ def focal_to_use(test: CameraTest, prior: float, free: bool, contradicted: bool 
     mean is larger by as many times as they differ by their sigmas (Birge, 1932).
     """
     told = test.focal_factor is not None and test.score is not None
-    floor = TEST.floor_px / max(float(test.score.px[0]), 1e-9) if test.score is not None else np.inf
-    own = float(np.hypot(test.sigma, floor))
+    own = float(np.hypot(test.sigma, test.floor))
     if free and told:
         return FocalUse(test.step, own)
     if free and not prior:
@@ -72,26 +71,36 @@ def _freed(camera: Camera) -> Camera:
     return camera if camera.source.endswith(note) else replace(camera, source=camera.source + note)
 
 
+def _rounded(sigma_px: float) -> str:
+    """A 1-sigma, with two digits."""
+    return f"{sigma_px:.2g}" if sigma_px < 10.0 else f"{sigma_px:.0f}"
+
+
 def focal_note(
     given: Cameras, used: Cameras, sigma: float, options: Options, told: bool = True, preferred_px: float | None = None
 ) -> list[Diagnostic]:
     """Say which focal length was used, if it is not the one given, or was to be freed and could not be.
 
     told : whether the images tell it, as they are matched now.  preferred_px : the one that the images prefer, where
-    they contradict the one given.
+    they contradict the one given, or agree with it if it was to be free.
     """
     if used[0] is given[0]:
         if not options.free_focal:
             return []
+        if preferred_px is not None:
+            best = f"the images prefer a focal length of {preferred_px:.5g} ± {_rounded(preferred_px * sigma)} px"
+            less = f"the {given[0].focal_px:.5g} px given differ by less, so they were used"
+            message = f"{best}, and {less}, as if known to {100.0 * sigma:.2g} %"
+            return [finding("focal-length", message, 1.0)]
         message = "the images do not tell the focal length, so the one given was used, "
         message += f"as if it were known to {100.0 * sigma:.2g} %"
         return [finding("focal-length", message, 1.0, BETTER_KNOWN)]
     before, after = given[0].focal_px, used[0].focal_px
-    known = f"{after * sigma:.2g}" if after * sigma < 10.0 else f"{after * sigma:.0f}"
+    known = _rounded(after * sigma)
     why = "that the images prefer (--free-focal)" if options.free_focal else "that images and --focal-sigma agree on"
     if options.free_focal and not told:
         why = "which --free-focal came to, but matched with it the images do not tell it"
-    if preferred_px is not None and not options.free_focal:
+    if preferred_px is not None:
         why = (
             f"the mean, weighted by their sigmas, of the {preferred_px:.4g} px that the images prefer and the one given"
         )
