@@ -74,7 +74,7 @@ def _followed(
     estimator.start(move.found, move.solution)
     # once more under the planes found: what is left is smaller than under the depths of single points
     found = aligner.find(frame, estimator.motion, estimator.normals, estimator.inverse_depth, estimator.alive)
-    estimator.found_again(found)
+    estimator.found_again(found, rounds=2)
     coarse = CoarseMotion(camera.used, aligner.tracks, aligner.grey, memory)
     coarse.accept(frame, estimator.motion)
     return Follower(aligner, estimator, coarse, np.eye(3), np.zeros(3), 1.0, None, 1.0)

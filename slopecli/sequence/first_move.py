@@ -10,6 +10,7 @@ from dataclasses import replace
 from functools import partial
 from typing import NamedTuple
 
+import cv2
 import numpy as np
 
 from slopecli.errors import SlopemapError
@@ -106,10 +107,8 @@ def _first_depths(sparse: Sparse, best: MotionEstimate, aligner: Aligner) -> tup
     off = w[fine] - homogeneous(matches.x1[fine]) @ plane
     limit = 3.0 * MAD_FACTOR * median(np.abs(off))
     # the mean of a few features around: their relief is that of the point, their noise is averaged
-    # |a - b|^2 without |a|^2, which is the same for all b
-    places = matches.x1[fine].T.astype(np.float32)
-    apart = (places**2).sum(axis=0) - (2.0 * tracks.p[:2].T).astype(np.float32) @ places
-    nearest = np.argpartition(apart, min(5, apart.shape[1] - 1), axis=1)[:, :5]
+    places, points = (np.ascontiguousarray(x, np.float32) for x in (matches.x1[fine], tracks.p[:2].T))
+    nearest = cv2.batchDistance(points, places, cv2.CV_32F, K=min(5, len(places)))[1]
     u = plane @ tracks.p + np.median(np.clip(off, -limit, limit)[nearest], axis=1)
     return np.repeat(plane[None], len(tracks.cells), axis=0), np.asarray(u)
 

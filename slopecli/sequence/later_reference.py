@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import cv2
 import numpy as np
 
 from slopecli.findings.parallax import LOW_PARALLAX_PX
@@ -89,8 +90,10 @@ class Follower:
 
     @property
     def moves_far(self) -> bool:
-        """Whether the last two frames are so far apart that one could be the reference of the other."""
-        return _tells_depth(self.coarse.step, self.estimator.inverse_depth, self.aligner.camera)
+        """Whether the three frames that a change takes at this pace would show nothing more of this reference."""
+        camera = self.aligner.camera
+        step_px = self.zoom * self.coarse.step * median(self.estimator.inverse_depth) * camera.focal_px
+        return 3.0 * step_px >= self.shown * camera.width
 
     @property
     def shown(self) -> float:
@@ -155,8 +158,8 @@ class ReferenceCandidate:
             return None
         tracks, rays = chosen.tracks, self.rays
         plane = np.linalg.lstsq(rays.T, self.u, rcond=None)[0]
-        # |a - b|^2 without |a|^2, which is the same for all b
-        nearest = ((rays[:2] ** 2).sum(axis=0) - 2.0 * tracks.p[:2].T @ rays[:2]).argmin(axis=1)
+        places, points = (np.ascontiguousarray(x[:2].T, np.float32) for x in (rays, tracks.p))
+        nearest = cv2.batchDistance(points, places, cv2.CV_32F, K=1)[1].ravel()
         near = np.hypot(*(tracks.p[:2] - rays[:2, nearest])) < 0.1 * camera.width / camera.focal_px
         depth = np.where(near, self.u[nearest], plane @ tracks.p)
         normals = np.repeat(plane[None], len(chosen.parts), axis=0)
@@ -203,7 +206,7 @@ class LaterReference:
         if estimator.best.root.noise * camera.focal_px > ON_PLANE_PX:
             return None
         planes, u = estimator.normals, estimator.inverse_depth
-        estimator.found_again(self.aligner.find(frame, estimator.motion, planes, u, estimator.alive))
+        estimator.found_again(self.aligner.find(frame, estimator.motion, planes, u, estimator.alive), rounds=1)
         coarse = CoarseMotion(camera, self.aligner.tracks, self.aligner.grey)
         coarse.accept(frame, estimator.motion)
         return Follower(self.aligner, estimator, coarse, self.R, self.T, length, self.carried, 1.0)

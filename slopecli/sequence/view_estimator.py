@@ -84,13 +84,13 @@ class ViewEstimator:
                 self._lines.append(self._settled(points, state, q, one.relief, noise, rounds=4, most=8))
         self._sort()
 
-    def found_again(self, found: Found) -> None:
+    def found_again(self, found: Found, rounds: int) -> None:
         """The first move again, by where its frame shows its points once these are looked for under its planes."""
         used = found.seen & self.alive & (self.best.points.weight[-1] > 0.0)
         weight = (used & self._agreeing(found, used, self.motion))[None] / found.zoom**2
         for k, line in enumerate(self._lines):
             points, root = replace(line.points, x=found.x[None].copy(), weight=weight), line.root
-            self._lines[k] = self._settled(points, root.state, root.q, root.relief, root.noise, rounds=2, most=8)
+            self._lines[k] = self._settled(points, root.state, root.q, root.relief, root.noise, rounds, most=8)
         self._sort()
         self._solved = None
 
@@ -100,7 +100,7 @@ class ViewEstimator:
         relief = np.full(m, TRACKING.rough)
         q = information_of_relief(points, normals, relief, self._floor)
         state = ViewState(R[None], T[None], normals, u, np.zeros(0))
-        self._lines = [self._settled(points, state, q, relief, self._floor, rounds=2, most=8)]
+        self._lines = [self._settled(points, state, q, relief, self._floor, rounds=1, most=8)]
 
     def _first_points(self, found: Found, kept: BoolArray) -> ViewPoints:
         """The points, and where the first view shows those that are kept (n,)."""
