@@ -19,6 +19,7 @@ from slopecli.patches.windows.unmatched_parts import gaps_of, unseen_rad
 from slopecli.patches.windows.window_finder import window_patch
 from slopecli.report.build import build_report
 from slopecli.sequence.known_camera import KnownCamera
+from slopecli.sequence.shared_errors import off_planes_shown
 from slopecli.sequence.view_estimator import ViewEstimator
 from slopecli.solving import with_focal_uncertainty
 from slopecli.types import BoolArray, Camera, Diagnostic, FloatArray, Image, ImageInfo, Plane, Report, Solution
@@ -44,7 +45,8 @@ def joined_of(
     every = Matches(tracks.uv, uv2, tracks.p[:2].T, x2.T)
     baseline = float(np.linalg.norm(state.T[-1]))
     evidence = None if shown_only else evidence_of(every, state.u, known, camera, baseline)
-    patches = [_patch(estimator, every, evidence, known, window, i) for i, window in enumerate(windows)]
+    off = off_planes_shown(line.points, line.root)
+    patches = [_patch(estimator, every, evidence, known, off, window, i) for i, window in enumerate(windows)]
     outside = every.take(known & (tracks.patch < 0))
     joined = Joined.of(patches, outside, np.ones(len(outside)))
     return joined, np.array([patch.origin == "own" for patch in patches])
@@ -61,9 +63,18 @@ def evidence_of(every: Matches, u: FloatArray, known: BoolArray, camera: Camera,
 
 
 def _patch(
-    estimator: ViewEstimator, every: Matches, evidence: Evidence | None, known: BoolArray, window: Window, i: int
+    estimator: ViewEstimator,
+    every: Matches,
+    evidence: Evidence | None,
+    known: BoolArray,
+    off: BoolArray,
+    window: Window,
+    i: int,
 ) -> Patch:
-    """Window number i (from 0) with its points, and by `evidence` the doubt of its part that only the first showed."""
+    """Window number i (from 0) with its points, and by `evidence` the doubt of its part that only the first showed.
+
+    known, off (n,) : points that are known, and that views show off their planes.
+    """
     tracks, blank = estimator.tracks, window_patch(window, i + 1)
     own = known & (tracks.patch == i)
     n = int(np.count_nonzero(own))
@@ -82,6 +93,7 @@ def _patch(
         origin="own",
         score=1.0,
         share=share,
+        left_out=float(off[tracks.patch == i].sum() / (own | (off & (tracks.patch == i))).sum()),
         tilt_sigma_rad=unseen,
         unmatched_sigma_rad=unseen,
     )

@@ -11,7 +11,7 @@ from slopecli.findings.codes import LIMITS
 from slopecli.geometry.solver.many_views import Root
 from slopecli.geometry.solver.views import ViewPoints, predict_views
 from slopecli.sequence.tracking_tunables import TRACKING
-from slopecli.types import FloatArray, IntArray
+from slopecli.types import BoolArray, FloatArray, IntArray
 
 
 class _OffPlane(NamedTuple):
@@ -108,13 +108,12 @@ def tracking_share(points: ViewPoints, root: Root) -> FloatArray:
     return share
 
 
-def left_out(points: ViewPoints, root: Root) -> FloatArray:
-    """(m, 3, 3) covariance of the normals by points that views show and that are not on their planes, such as rocks.
+def off_planes_shown(points: ViewPoints, root: Root) -> BoolArray:
+    """(n,) points that views show and that are not on their planes, such as rocks, or walls beside a roof.
 
-    They are ground of their window, which its plane lacks: each by its height, or where none agrees with the motion, by
-    the least with which a point is no part of the relief, four times that. What no view shows is not counted here.
+    Points of which no inverse depth is known count where a view shows the plane of their window.
     """
-    state, V, n = root.state, root.system.V, points.n_on_planes
+    state, V = root.state, root.system.V
     plane = (points.per_point(state.N.T) * points.p).sum(axis=0)
     x, ahead = predict_views(points.p, state.R, state.T, np.where(V > 0.0, state.u, plane))
     shown = np.zeros(len(V), bool)
@@ -123,9 +122,21 @@ def left_out(points: ViewPoints, root: Root) -> FloatArray:
             low, high = (edge(points.x[view][:, used], axis=1)[:, None] for edge in (np.min, np.max))
             shown |= (ahead[view] > 0.0) & ((x[view] > low) & (x[view] < high)).all(axis=0)
     on = (root.q > 0.0) & (V > 0.0)
+    return np.asarray(shown & ~on & (np.arange(len(V)) < points.n_on_planes))
+
+
+def left_out(points: ViewPoints, root: Root) -> FloatArray:
+    """(m, 3, 3) covariance of the normals by points that views show off their planes.
+
+    They are ground of their window, which its plane lacks: each by its height, or where none agrees with the motion, by
+    the least with which a point is no part of the relief, four times that. What no view shows is not counted here.
+    """
+    state, V, n = root.state, root.system.V, points.n_on_planes
+    plane = (points.per_point(state.N.T) * points.p).sum(axis=0)
     height = np.where(V > 0.0, np.abs(state.u - plane), 4.0 * points.per_point(root.relief) * np.abs(plane))
-    p, off = points.p[:, :n], np.where(shown & ~on, height, 0.0)[:n]
-    kept = points.sum_planes((p * on[:n])[:, None] * p[None]).transpose(2, 0, 1)
+    p, off = points.p[:, :n], np.where(off_planes_shown(points, root), height, 0.0)[:n]
+    on = ((root.q > 0.0) & (V > 0.0))[:n]
+    kept = points.sum_planes((p * on)[:, None] * p[None]).transpose(2, 0, 1)
     lift = 1e-9 * np.trace(kept, axis1=1, axis2=2) + np.finfo(float).tiny
     response = np.linalg.inv(kept + lift[:, None, None] * np.eye(3))
     return np.asarray(response @ points.sum_planes((p * off**2)[:, None] * p[None]).transpose(2, 0, 1) @ response)
