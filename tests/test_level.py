@@ -73,9 +73,16 @@ def town(tilt_deg: float, heading_deg: float = 25.0) -> tuple[FloatArray, Seen]:
     return up, scene(planes, edges_along(look @ ways[0], look @ ways[1]))
 
 
-def street(yaw_deg: float, raised_deg: float = 8.0, *, with_ground: bool = True) -> tuple[FloatArray, FloatArray, Seen]:
-    """A facade turned by a yaw before a camera that is raised a little: its normal, true up, and the scene."""
+def street(
+    yaw_deg: float, raised_deg: float = 8.0, *, with_ground: bool = True, side: float = 0.0
+) -> tuple[FloatArray, FloatArray, Seen]:
+    """A facade turned by a yaw before a camera that is raised a little: its normal, true up, and the scene.
+
+    side : 1 or -1 of a camera that is held on one of its sides.
+    """
     look = turned_about_x(-raised_deg)
+    if side:
+        look = np.array([[0.0, -side, 0.0], [side, 0.0, 0.0], [0.0, 0.0, 1.0]]) @ look
     yaw = np.radians(yaw_deg)
     facade, along = look @ [np.sin(yaw), 0.0, -np.cos(yaw)], look @ [np.cos(yaw), 0.0, np.sin(yaw)]
     up = look @ -DOWN
@@ -99,6 +106,23 @@ def test_a_facade_is_not_believed_level_and_the_true_up_is_named(yaw_deg: float,
     assert odds.doubted
     assert odds.against
     assert odds.upright @ up > np.cos(np.radians(12))
+
+
+@pytest.mark.parametrize("side", [1.0, -1.0])
+@pytest.mark.parametrize("yaw_deg", FACADE_YAWS)
+def test_a_facade_in_a_picture_held_on_its_side_is_not_believed_level(yaw_deg: float, side: float) -> None:
+    facade, up, seen = street(yaw_deg, side=side)
+    odds = odds_of_plane(facade, 6.0, seen)
+    assert odds.doubted
+    assert odds.against
+    if abs(yaw_deg) >= 40.0:  # one that is seen more squarely may be held any way
+        assert odds.upright @ up > np.cos(np.radians(12))
+
+
+@pytest.mark.parametrize("tilt_deg", [35.0, 50.0])
+def test_a_town_whose_streets_run_along_the_image_is_no_facade_on_its_side(tilt_deg: float) -> None:
+    up, seen = town(tilt_deg, 0.0)
+    assert not odds_of_plane(up, 10.0, seen).doubted
 
 
 @pytest.mark.parametrize("raised_deg", [0.0, 10.0, 20.0])

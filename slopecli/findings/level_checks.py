@@ -26,7 +26,7 @@ def level_assumed(facts: AnswerFacts) -> list[Diagnostic]:
     )
     why = f"but {'; '.join(level.against)}" if level.against else "and too little in the images tells that it is"
     up = ",".join(f"{value:.4f}" for value in level.upright + 0.0)
-    remedy = f"give up if you know it; if the camera was held upright it is about --up {up}"
+    remedy = f"give up if you know it; if the camera was held before a facade or a wall it is about --up {up}"
     return [finding("level-assumed", f"{assumed}, {why}", level.probability, remedy)]
 
 

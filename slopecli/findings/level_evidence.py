@@ -111,16 +111,28 @@ def _seen(solution: Solution, joined: Joined, planes: Sequence[Plane], camera1: 
 
 
 def odds_of_plane(up: FloatArray, distance: float, seen: Seen) -> LevelOdds:
-    """How probable it is that a plane is level.  up : its unit normal (3,).  distance : from camera 1."""
-    edges, upright = _edges_on_plane(up, _upright(up), seen.segments)
+    """How probable it is that a plane is level.  up : its unit normal (3,).  distance : from camera 1.
+
+    One picture in five is held on either side, and stored as it was read out. Streets and houses seen obliquely from
+    above look much like a facade that lies on its side, so what tells such a picture must outweigh all that speaks for
+    the ground.
+    """
+    sides = np.array([1.0, 0.0, 0.0]), np.array([-1.0, 0.0, 0.0])
+    ways = [(IMAGE_UP, 0.0), *((side, SUPPORTED + math.log(5.0)) for side in sides)]
+    return min((_odds_before(up, distance, seen, *way) for way in ways), key=lambda odds: odds.log_odds)
+
+
+def _odds_before(up: FloatArray, distance: float, seen: Seen, image_up: FloatArray, prior: float) -> LevelOdds:
+    """The same where up of the image (3,) is up, if it shows a facade; prior : log odds against that."""
+    edges, upright = _edges_on_plane(up, _upright(up, image_up), seen.segments)
     floor, upright_floor = _floor(upright, up, seen)
-    clues = [_attitude(up), _below(up, distance, seen), edges, floor, _faces(up, upright, seen, 15.0, False)]
-    return _sum(clues, 0.0, SUPPORTED, upright if upright_floor is None else upright_floor)
+    clues = [_attitude(up, image_up), _below(up, distance, seen), edges, floor, _faces(up, upright, seen, 15.0, False)]
+    return _sum(clues, prior, SUPPORTED, upright if upright_floor is None else upright_floor)
 
 
-def _upright(up: FloatArray) -> FloatArray:
+def _upright(up: FloatArray, image_up: FloatArray = IMAGE_UP) -> FloatArray:
     """Unit vector (3,) at right angles to a direction, as near to the image's own up as that allows."""
-    nearest = IMAGE_UP if abs(up[1]) < 0.9 else np.array([0.0, 0.0, -1.0])
+    nearest = image_up if abs(up @ image_up) < 0.9 else np.array([0.0, 0.0, -1.0])
     return unit_vector(nearest - (nearest @ up) * up)
 
 
@@ -161,14 +173,14 @@ def _gauss(x: float, sigma: float) -> float:
     return math.exp(-0.5 * (x / sigma) ** 2) / (math.sqrt(2.0 * math.pi) * sigma)
 
 
-def _attitude(up: FloatArray) -> _LevelEvidence:
+def _attitude(up: FloatArray, image_up: FloatArray) -> _LevelEvidence:
     """Attitude of a camera under either explanation, as densities over the directions of the plane's normal, 1/sr.
 
     Looking down: straight, to 4 deg, or obliquely with a level horizon, to 8 deg. Upright: the facade faces any way
     round the vertical, and the camera is raised or lowered by 12 deg; or a rig looks at it squarely. Some do neither.
     """
     tilt, roll = math.acos(max(min(-up[2], 1.0), -1.0)), math.atan2(up[0], -up[1])
-    raised = math.asin(max(min(-up[1], 1.0), -1.0))
+    raised = math.asin(max(min(float(up @ image_up), 1.0), -1.0))
     square = math.exp(-0.5 * (tilt / 0.07) ** 2) / (2.0 * math.pi * 0.07**2)
     oblique = _gauss(roll, 0.14) / 1.22 / max(math.sin(tilt), 0.05)  # the tilt is anything up to 70 deg
     facade = _gauss(raised, 0.21) / 2.8 / max(math.cos(raised), 0.2)  # seen from up to 80 deg to either side
