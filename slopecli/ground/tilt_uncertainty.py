@@ -32,7 +32,7 @@ class TiltTunables(NamedTuple):
     step_share: float = 0.25
     step_length: float = 0.15  # pixels on it, of the footprint's diameter
     step_off_px: int = 6  # grid px by which matching misplaces a step, towards the ground below it
-    step_off_share: float = 1 / 8  # the same at most, of the footprint's diameter
+    step_off_share: float = 1 / 8  # the same at most, of the side of a small window
     cause_cells: int = 2500  # that the causes of the sigma are a mean of; more take time only
     delta: float = 1e-4  # rad and relative, of numerical derivatives
 
@@ -265,8 +265,7 @@ def across_step(depth: DenseDepth, planes: FootprintPlanes, jump: FloatArray) ->
     Or so near one, on its upper side, that it may: matching misplaces a step towards the ground below it.
     """
     diameter = 2 * planes.cells.radius_px
-    off_px = min(TILT.step_off_px, TILT.step_off_share * diameter)
-    wider = replace(planes.cells, radius_px=planes.cells.radius_px + off_px)
+    wider = replace(planes.cells, radius_px=planes.cells.radius_px + TILT.step_off_px)
     height = TILT.step_share * diameter / depth.focal_px
     # where depth makes little displacement a step makes little of it, too: its height tells, over squares of `side_px`
     high = (depth.span > height) & depth.known

@@ -7,6 +7,7 @@ __getattr__, __dir__ = lazy_names(
     {
         "changes": "Change find_changes",
         "dense": "WHOLE Cells dense_cells flow match_exposure overview_cells sparse_transfer spread",
+        "depth_edges": "Edges",
         "dense_depth": "DenseDepth depth_cells measure_depth",
         "depth_transfer": "DepthTransfer",
         "features": "EFFORTS FeatureEffort FeatureMemory Grey Images match_descriptors match_sift shrink to_full",

@@ -3,6 +3,7 @@
 The inverse depth of the overview's matches is spread over the image, and image 2 is resampled by it. Optical flow to
 the resampled image gives the displacement that remains; its part along the epipolar line corrects the depth. Then
 every pixel is aligned along its line, in rounds, on a small Gaussian window (Lucas and Kanade 1981, in one dimension).
+Around steps, the pixels that such a window gave the depth of the other side can be found (`depth_edges`).
 What remains across the lines, where nothing should, is the check and the noise.
 """
 
@@ -19,9 +20,10 @@ from numpy.typing import NDArray
 
 from slopecli.geometry.statistics import GATE_SIGMAS, robust_sigma
 from slopecli.look.dense import Cells, contrast_ratio, dense_cells, flow, match_exposure, spread
+from slopecli.look.depth_edges import Edges, hidden
 from slopecli.look.depth_transfer import DepthTransfer
 from slopecli.look.matches import ON_PLANE_PX
-from slopecli.look.noise import APART, LEAST_MATCH_PX, NOISE_GREY, OVERVIEW_CELL_PX, SAME_GROUND
+from slopecli.look.noise import LEAST_MATCH_PX, NOISE_GREY, OVERVIEW_CELL_PX, SAME_GROUND
 from slopecli.look.scene import Scene, whole_grid
 from slopecli.look.warp import (
     NODE_STEP,
@@ -29,13 +31,16 @@ from slopecli.look.warp import (
     Grid,
     covered,
     cut,
+    gaussian_reach,
     image_gradient,
     local_mean,
+    magnification,
     node_shape,
     resample,
+    sample_layer,
     spread_table,
 )
-from slopecli.types import FloatArray
+from slopecli.types import FloatArray, IntArray
 from slopecli.windows import Window
 
 
@@ -131,12 +136,15 @@ def measure_depth(
     windows: Sequence[Window] = (),
     max_pixels: float = DEPTH.most_pixels,
     start: FloatImage | None = None,
+    *,
+    edges: bool = False,
 ) -> DenseDepth:
     """Measure the inverse depth of every pixel of image 1 under the motion of the scene.
 
     windows : px of image 1; with some, only the rectangle around them is measured.
     max_pixels : of the working grid; what is measured is shrunk to it.
     start : inverse depths of its pixels to begin with, right to a pixel or two; None for evidence and flow.
+    edges : whether steps of depth are put where the images have them.
     """
     grid = _grid_around(scene, windows, max_pixels) if windows else whole_grid(scene, max_pixels)
     transfer = DepthTransfer(scene, grid)
@@ -145,14 +153,14 @@ def measure_depth(
     w = spread_table(nodes, grid.shape)
     pair = _Alignment(scene, grid, transfer, shifts)
     w, across = pair.by_flow(w) if start is None else (start, np.zeros_like(w))
-    for _ in range(DEPTH.rounds):
-        w = pair.along(w)
+    for number in range(DEPTH.rounds):
+        w = pair.along(w, edges=edges and number > 0)
     left = pair.check(w)
     uv2, told = left.uv2, left.told
     shown = scene.shown(grid, uv2)
     bare = shown & (_in_one_piece(~left.own, DEPTH.side_px) | _in_one_piece(~told, DEPTH.untold_px))
     known = shown & told & (np.abs(across) < ON_PLANE_PX) & (np.abs(left.across_px) < ON_PLANE_PX)
-    known &= ~_hidden(w, uv2, known, scene)
+    known &= ~hidden(w, uv2, known, scene.shape2)
     step = _steps(w, shifts) & shown
     side = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * DEPTH.beside_px + 1, 2 * DEPTH.beside_px + 1))
     sure = known & ~bare & (cv2.dilate((step | ~shown).astype(np.uint8), side) == 0)
@@ -201,6 +209,17 @@ class _Left(NamedTuple):
     along_px: FloatImage
 
 
+class _Compared(NamedTuple):
+    """Image 2 resampled by inverse depths: of every pixel (h, w) its px of image 2 (h, w, 2), whether these are in the
+    image, and the grey value there with the exposure of image 1, by a factor and a summand."""
+
+    uv2: FloatImage
+    valid: NDArray[np.bool_]
+    pulled: FloatImage
+    gain: np.float32
+    shading: FloatImage
+
+
 class _Alignment:
     """Image 1 and image 2 resampled by inverse depths; corrects these so that the two agree."""
 
@@ -227,40 +246,58 @@ class _Alignment:
         across = side / np.sqrt(self._length2 + 1e-12)
         return w * np.exp(np.clip(along, -DEPTH.most_change, DEPTH.most_change)), across
 
-    def _compared(self, w: FloatImage) -> tuple[FloatImage, FloatImage, FloatImage, FloatImage]:
+    def _compared(self, w: FloatImage) -> _Compared:
         uv2, pulled = self._resampled(w)
         valid = covered(uv2, self._scene.shape2)
-        pulled = _exposed_alike(pulled, self._grey, valid)
-        difference = np.where(valid, self._grey - pulled, 0.0)
-        gx, gy = image_gradient(0.5 * (self._grey + pulled))
-        return uv2, difference, gx, gy
+        gain, shading = _exposure(pulled, self._grey, valid)
+        return _Compared(uv2, valid, pulled * gain + shading, gain, shading)
 
-    def along(self, w: FloatImage) -> FloatImage:
-        """Inverse depths after one step of alignment along the epipolar lines."""
-        _, difference, gx, gy = self._compared(w)
+    def _differences(self, seen: _Compared) -> tuple[FloatImage, FloatImage, FloatImage]:
+        """Differences of grey values (h, w), and the gradients of the mean of both images."""
+        return np.where(seen.valid, self._grey - seen.pulled, 0.0), *image_gradient(0.5 * (self._grey + seen.pulled))
+
+    def along(self, w: FloatImage, *, edges: bool) -> FloatImage:
+        """Inverse depths after a step of alignment along epipolar lines; edges: with steps put in their place first."""
+        seen = self._compared(w)
+        if edges:
+            w, seen = self._at_edges(w, seen)
+        difference, gx, gy = self._differences(seen)
         slope = gx * self._shifts[..., 0] + gy * self._shifts[..., 1]
         step = _window(slope * difference) / (_window(slope * slope) + self._hold)
-        return np.asarray(
-            cv2.medianBlur(w * np.exp(np.clip(step, -DEPTH.most_step, DEPTH.most_step)), DEPTH.side_px), np.float32
-        )
+        aligned = w * np.exp(np.clip(step, -DEPTH.most_step, DEPTH.most_step))
+        return np.asarray(cv2.medianBlur(aligned, DEPTH.side_px), np.float32)
+
+    def _at_edges(self, w: FloatImage, seen: _Compared) -> tuple[FloatImage, _Compared]:
+        """Inverse depths, and image 2 resampled by them, with the pixels around steps on their own side."""
+        layer = self._scene.pyramid2.at(magnification(seen.uv2, self._grid) / self._grid.mean_scale)
+
+        def grey2(at: IntArray, logarithm: FloatImage) -> FloatImage:
+            pulled = sample_layer(layer, self._transfer.pixels2(np.exp(logarithm), at), cubic=True)
+            return np.asarray(pulled * seen.gain + seen.shading.ravel()[at])
+
+        reach_px = int(gaussian_reach(DEPTH.window_px))
+        edges = Edges(_steps(w, self._shifts), np.sqrt(self._length2), reach_px, DEPTH.own_px)
+        logarithm, pulled = edges.settled(np.log(w), self._grey, seen.pulled, grey2)
+        return (w, seen) if pulled is seen.pulled else (np.exp(logarithm), seen._replace(pulled=pulled))
 
     def check(self, w: FloatImage) -> _Left:
         """What is left of the alignment.
 
         The residual across is held back where texture is faint, as a step of alignment is; in its rounds depth is not.
         """
-        uv2, difference, gx, gy = self._compared(w)
+        seen = self._compared(w)
+        difference, gx, gy = self._differences(seen)
         length = np.sqrt(self._length2 + 1e-12)
         slope = gx * self._shifts[..., 0] + gy * self._shifts[..., 1]
         side = (gy * self._shifts[..., 0] - gx * self._shifts[..., 1]) / length
         told = _window(slope * slope)
         own = self._alike(slope, difference, length) > SAME_GROUND
-        seen, pull = _window(side * side), _window(side * difference)
+        across2, pull = _window(side * side), _window(side * difference)
         settled = 1.0 - (self._hold / (told + self._hold)) ** DEPTH.rounds
-        alike = settled * pull * length / np.sqrt((seen + np.float32(1e-3)) * (told + np.float32(1e-3)))
-        across = pull / (seen + DEPTH.window_noise / DEPTH.reach_px**2)
+        alike = settled * pull * length / np.sqrt((across2 + np.float32(1e-3)) * (told + np.float32(1e-3)))
+        across = pull / (across2 + DEPTH.window_noise / DEPTH.reach_px**2)
         along = _rest(slope * difference) * length / (_rest(slope * slope) + np.float32(0.3) * self._length2)
-        return _Left(uv2, told > DEPTH.told * (told + self._hold), own, across, alike, along)
+        return _Left(seen.uv2, told > DEPTH.told * (told + self._hold), own, across, alike, along)
 
     def _alike(self, slope: FloatImage, difference: FloatImage, length: FloatImage) -> FloatImage:
         """(h, w) correlation of the gradients of the images along the epipolar lines over the window around a pixel.
@@ -283,11 +320,10 @@ def _in_one_piece(mask: NDArray[np.bool_], side_px: int) -> NDArray[np.bool_]:
     return np.asarray(cv2.morphologyEx(mask.astype(np.uint8), cv2.MORPH_OPEN, square), bool)
 
 
-def _exposed_alike(pulled: FloatImage, grey: FloatImage, valid: NDArray[np.bool_]) -> FloatImage:
-    """Image 2 with the contrast of image 1, and with its shading."""
+def _exposure(pulled: FloatImage, grey: FloatImage, valid: NDArray[np.bool_]) -> tuple[np.float32, FloatImage]:
+    """Factor, and summand (h, w), that give image 2 the contrast of image 1, and its shading."""
     gain = contrast_ratio(float(grey[valid].std()), float(pulled[valid].std())) if valid.any() else 1.0
-    pulled = pulled * np.float32(gain)
-    return pulled + local_mean(grey - pulled, DEPTH.shading_px)
+    return np.float32(gain), local_mean(grey - pulled * np.float32(gain), DEPTH.shading_px)
 
 
 def _length2(shifts: FloatImage) -> FloatImage:
@@ -311,17 +347,3 @@ def _steps(w: FloatImage, shifts: FloatImage) -> NDArray[np.bool_]:
     """(h, w) whether the displacement changes by `DEPTH.step_gradient` px or more from one pixel to the next."""
     gx, gy = image_gradient(np.log(w))
     return np.asarray((gx**2 + gy**2) * _length2(shifts) > DEPTH.step_gradient**2)
-
-
-def _hidden(w: FloatImage, uv2: FloatImage, known: NDArray[np.bool_], scene: Scene) -> NDArray[np.bool_]:
-    """(h, w) whether a nearer surface stands before a pixel in image 2."""
-    step = 2.0 * max(1.0, float(np.sqrt(np.prod(scene.shape2) / w.size)))
-    height, width = (int(np.ceil(n / step)) for n in scene.shape2)
-    # not np.clip, which keeps the NaN of pixels that have no place in image 2; these are not known
-    row, column = (
-        (np.fmin(np.fmax(uv2[..., 1 - k], 0), scene.shape2[k] - 1) / np.float32(step)).astype(np.int64) for k in (0, 1)
-    )
-    place = row * width + column
-    nearest, logarithm = np.full(height * width, -np.inf, np.float32), np.log(w)
-    np.maximum.at(nearest, place[known], logarithm[known])
-    return np.asarray(nearest[place] - logarithm > APART)

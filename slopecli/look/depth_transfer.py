@@ -9,7 +9,7 @@ from slopecli.geometry.camera import OUTSIDE_PX, rays_from_pixels
 from slopecli.geometry.epipolar import homogeneous
 from slopecli.look.scene import Scene
 from slopecli.look.warp import NODE_STEP, FloatImage, Grid, map_nodes, node_shape, spread_table
-from slopecli.types import FloatArray
+from slopecli.types import FloatArray, IntArray
 
 SMALL_STEP = 1e-3  # relative change of depth, and change of a normalised coordinate, of numerical derivatives
 
@@ -26,9 +26,13 @@ class DepthTransfer:
         x, y = self.rays[..., 0], self.rays[..., 1]
         self._turned = [a * x + b * y + c for a, b, c in self._turn.astype(np.float32)]
 
-    def pixels2(self, w: FloatImage) -> FloatImage:
-        """(h, w, 2) full px of image 2 of the pixels at inverse depths w (h, w); OUTSIDE_PX behind a camera."""
-        x, y, z = (row - w * e for row, e in zip(self._turned, self._epipole.astype(np.float32), strict=True))
+    def pixels2(self, w: FloatImage, at: IntArray | None = None) -> FloatImage:
+        """(h, w, 2) full px of image 2 of the pixels at inverse depths w (h, w); OUTSIDE_PX behind a camera.
+
+        at (h, w) : flat indices of the pixels; None for all of the grid.
+        """
+        turned = self._turned if at is None else [row.ravel()[at] for row in self._turned]
+        x, y, z = (row - w * e for row, e in zip(turned, self._epipole.astype(np.float32), strict=True))
         hidden = (z < 1e-6) | ~(w > 0)
         z[hidden] = 1.0
         uv = np.empty((*w.shape, 2), np.float32)
