@@ -283,7 +283,7 @@ DIRECTION_PRIOR = comma_separated(
     f"the direction must not be zero and {SIGMA_IS}",
 )
 ROTATION_PRIOR = Parsed(_rotation_prior)
-GRID = two_sides("COLUMNSxROWS with both at least 1", "3x3", most=9999)
+GRID = two_sides("COLUMNSxROWS with both from 1 to 9999", "3x3", most=9999)
 SIZE = two_sides("WIDTHxHEIGHT in px", "1024x768")
 PATH, PAIRING = Parsed(_path), Parsed(_pairing)
 LANDER, CLASSES, POSITION = Parsed(_lander), Parsed(_classes), Parsed(_position)
