@@ -58,3 +58,9 @@ def test_ground_without_steps_is_left_as_it_is():
     logarithm, resampled = settled(grey, level, pulled, grey2)
     assert logarithm is level
     assert resampled is pulled
+
+
+def test_blank_ground_keeps_its_side():
+    _, grey, measured, _, _ = misplaced(texture=0.0, edge=EDGE + MISPLACED)
+    logarithm, _ = settled(grey, measured, grey, lambda at, _: grey.ravel()[at])
+    assert np.array_equal(logarithm, measured)

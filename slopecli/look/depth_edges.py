@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from slopecli.geometry.statistics import GATE_SIGMAS, robust_sigma
 from slopecli.look.matches import ON_PLANE_PX
-from slopecli.look.noise import APART
+from slopecli.look.noise import APART, ROUNDING_GREY
 from slopecli.look.warp import FloatImage
 from slopecli.types import BoolArray, IntArray
 
@@ -48,14 +48,16 @@ class Edges(NamedTuple):
         at = _in_rows(pixels)
         sides = [_in_rows(side) for side in sides]
         seen = [grey2(at, side) for side in sides]
-        limit = np.float32(GATE_SIGMAS * robust_sigma((grey - pulled).ravel()[:: grey.shape[1] // 8 + 1].astype(float)))
+        noise = robust_sigma((grey - pulled).ravel()[:: grey.shape[1] // 8 + 1].astype(float))
+        limit = np.float32(GATE_SIGMAS * max(noise, ROUNDING_GREY))
         misfits = [np.minimum(np.abs(grey.ravel()[at] - one), limit) ** 2 for one in seen]
         worse = np.zeros_like(logarithm)
         worse.ravel()[at] = misfits[0] - misfits[1]
-        better = (cv2.GaussianBlur(worse, (0, 0), self.own_px) < 0).astype(np.uint8)
-        first = cv2.medianBlur(better, 5).ravel()[at] > 0  # without specks
+        evidence = cv2.GaussianBlur(worse, (0, 0), self.own_px)
+        first = cv2.medianBlur((evidence < 0).astype(np.uint8), 5).ravel()[at] > 0  # without specks
         found = np.where(first, *sides)
         other = np.abs(found - logarithm.ravel()[at]) * self.shift_px.ravel()[at] > 0.5 * ON_PLANE_PX
+        other &= evidence.ravel()[at] != 0.0  # blank ground tells no side
         logarithm, pulled = logarithm.copy(), pulled.copy()
         logarithm.ravel()[at[other]] = found[other]
         pulled.ravel()[at[other]] = np.where(first, *seen)[other]
