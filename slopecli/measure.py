@@ -125,7 +125,7 @@ def dominant_plane(joined: Joined) -> int:
 
 
 def surer_tilts(joined: Joined, normals: FloatArray, up: FloatArray) -> FloatArray:
-    """(m, 2) `Patch.surer_cam1` of all planes, along their slopes and across.
+    """(m, 2) `Patch.surer_cam1` of all planes, along their slopes and across, rad.
 
     normals : (m, 3) unit.  up : (3,) unit.
     """
@@ -142,7 +142,8 @@ def _with_tilt_variance(slopes: Slopes, joined: Joined, surer: FloatArray, level
     extra = np.array([np.hypot(borrowed_sigma_rad(patch), patch.tilt_sigma_rad) for patch in joined.patches])
     if level is not None:
         extra = np.hypot(extra, extra[level])
-        extra[level], surer[level] = 0.0, 0.0
+        extra[level] = 0.0
+        surer = np.where((np.arange(len(extra)) == level)[:, None], 0.0, surer)
     if not extra.any():
         return slopes
     variance = extra**2

@@ -120,6 +120,13 @@ def test_shares_are_of_the_whole_image() -> None:
     assert shares[1] == pytest.approx(190 * 460 / (640 * 480), rel=0.02)
 
 
+def test_pixels_are_counted_in_every_part_of_a_large_image_and_those_of_other_labels_are_not() -> None:
+    labels = np.zeros((1200, 1000), np.uint16)
+    labels[0], labels[100:110], labels[1190:] = 7, 1, 1
+    report = replace(report_of([GROUND, plane(3, RIGHT, 40.0)]), labels=labels)
+    assert plane_shares(report) == {1: 20_000 / labels.size, 3: 0.0}
+
+
 def test_trees_and_people_are_no_ceilings() -> None:
     hanging = plane(2, MIDDLE, 130.0, 0.7)
     small = plane(2, rectangle(300, 100, 60, 60), 130.0, 0.7)

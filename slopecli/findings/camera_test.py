@@ -42,7 +42,7 @@ class CameraTestTunables(NamedTuple):
     faint: float = 0.5  # of the noise: change of residuals by a parameter below which a large sigma is no fault of it
     far: float = 4.0  # times as far from epipolar lines as the matches, for the farthest tenth of the overview's cells
     floor_px: float = 0.01  # systematic residual that f could explain; lens models and interpolation leave 0.02
-    floor_share: float = 0.125  # of the noise, alike: photographs of right cameras are covered with it
+    floor_share: float = 0.125  # the same, of the noise of matches: with it sigmas cover photographs of right cameras
     centre_share: float = 0.03  # of the focal length: step of the principal point from which on it is freed
     centre_better: float = 1.15  # ratio of noises by which another principal point is believed; right ones reach 1.09
     telling: float = 0.1  # 1-sigma of its logarithm beyond which the images do not tell it
@@ -62,7 +62,7 @@ class CameraTest:
     score, sightings : what it was computed from; None where there is nothing to compute it from.
     alone : frees one of `PARAMETERS` alone, and remembers the result.
     start : the solution under the focal length preferred, None if it was not freed.
-    used : whether slopes are computed with the focal length that the images tell, whose sigma then holds `floor`.
+    used : whether the focal length was free, and the images tell it: the sigma that is reported then holds `floor`.
     preferred : the score under the focal length preferred, None if it was not freed.
     """
 
@@ -144,8 +144,8 @@ def examine_cameras(
 def _by_patches(freed: Freed | None, every: Sightings) -> Freed | None:
     """A focal length freed, by the matches of the patches alone where these tell it.
 
-    The overview is too coarse for one that is computed with: its errors are alike all over the image, so that right
-    cameras were off by twice as much, and by more than any sigma.
+    The overview is too coarse for one that slopes are computed with: its errors are alike all over the image, and put
+    right cameras off by half as much again.
     """
     if freed is None:
         return None

@@ -113,21 +113,24 @@ def _seen(solution: Solution, joined: Joined, planes: Sequence[Plane], camera1: 
 def odds_of_plane(up: FloatArray, distance: float, seen: Seen) -> LevelOdds:
     """How probable it is that a plane is level.  up : its unit normal (3,).  distance : from camera 1.
 
-    One picture in five is held on either side, and stored as it was read out. Streets and houses seen obliquely from
-    above look much like a facade that lies on its side, so what tells such a picture must outweigh all that speaks for
-    the ground.
+    It is compared with a facade in an upright picture, and in one that was held on either side and stored as it was
+    read out, which is taken to be five times less likely. Streets and houses seen obliquely from above look much like
+    the latter, so that one casts doubt only where it is the more probable of the two.
     """
-    sides = np.array([1.0, 0.0, 0.0]), np.array([-1.0, 0.0, 0.0])
-    ways = [(IMAGE_UP, 0.0), *((side, SUPPORTED + math.log(5.0)) for side in sides)]
-    return min((_odds_before(up, distance, seen, *way) for way in ways), key=lambda odds: odds.log_odds)
+    upright = _odds_against_facade(up, distance, seen, IMAGE_UP)
+    odds = [upright._replace(needed=SUPPORTED)]
+    for side in ([1.0, 0.0, 0.0], [-1.0, 0.0, 0.0]):
+        on_side = _odds_against_facade(up, distance, seen, np.array(side))
+        odds.append(on_side._replace(log_odds=on_side.log_odds + math.log(5.0)))
+    return min(odds, key=lambda one: one.log_odds - one.needed)
 
 
-def _odds_before(up: FloatArray, distance: float, seen: Seen, image_up: FloatArray, prior: float) -> LevelOdds:
-    """The same where up of the image (3,) is up, if it shows a facade; prior : log odds against that."""
+def _odds_against_facade(up: FloatArray, distance: float, seen: Seen, image_up: FloatArray) -> LevelOdds:
+    """Odds of a level plane, beforehand even, against a facade in a picture of which `image_up` (3,) is about up."""
     edges, upright = _edges_on_plane(up, _upright(up, image_up), seen.segments)
     floor, upright_floor = _floor(upright, up, seen)
     clues = [_attitude(up, image_up), _below(up, distance, seen), edges, floor, _faces(up, upright, seen, 15.0, False)]
-    return _sum(clues, prior, SUPPORTED, upright if upright_floor is None else upright_floor)
+    return _sum(clues, 0.0, 0.0, upright if upright_floor is None else upright_floor)
 
 
 def _upright(up: FloatArray, image_up: FloatArray = IMAGE_UP) -> FloatArray:

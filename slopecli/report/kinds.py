@@ -29,16 +29,16 @@ def many_windows(report: Report) -> bool:
     return len(report.planes) + len(report.rejected) >= MANY_WINDOWS and report.noun == "window"
 
 
-_PIXELS: WeakKeyDictionary[Report, dict[int, int]] = WeakKeyDictionary()
+_PIXELS: WeakKeyDictionary[Report, dict[int, int]] = WeakKeyDictionary()  # of `plane_pixels`, while a report lives
 
 
 def plane_pixels(report: Report) -> dict[int, int]:
     """Return the number of pixels of image 1 that every plane of the report holds, by id; counted once."""
     if report not in _PIXELS:
-        most = max((plane.id for plane in report.planes), default=0)
+        counts = np.zeros(1 + max(int(report.labels.max()), *(plane.id for plane in report.planes), 0), np.int64)
         # a few rows at a time: to count, NumPy makes every label eight bytes long
-        blocks = np.array_split(report.labels, 1 + report.labels.size // 2**20)
-        counts = np.sum([np.bincount(block.ravel(), minlength=most + 1) for block in blocks], axis=0)
+        for rows in np.array_split(report.labels, 1 + report.labels.size // 2**20):
+            counts += np.bincount(rows.ravel(), minlength=len(counts))
         _PIXELS[report] = {plane.id: int(counts[plane.id]) for plane in report.planes}
     return _PIXELS[report]
 

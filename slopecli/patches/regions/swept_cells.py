@@ -143,7 +143,7 @@ class _Sweep:
     def clearest(self, normals: Sequence[FloatArray]) -> tuple[FloatImage, BoolArray]:
         """Return the inverse depth (n,) of the wanted cells at which they are most alike, and whether this is clear.
 
-        It is if no depth more than a px off is nearly as good.
+        It is if no depth that displaces by 1.5 px more or less, which is the next plane but one, is nearly as good.
         """
         per_w = float(self.transfer.grid.mean_scale * np.median(self.evidence.leverage) * self.evidence.focal_px)
         swept = list(self._swept(normals, per_w))
