@@ -76,7 +76,7 @@ class Edges(NamedTuple):
         some, level = logarithm[::2, ::2], (near_step & ~self.step)[::2, ::2]
         first, second = nearer & level, ~nearer & level
         if not (zone.any() and first.any() and second.any()):
-            return np.flatnonzero(np.zeros_like(zone)), []
+            return np.empty(0, np.int64), []
         rows, columns = np.nonzero(zone)
         sides = [_nearest(some, side, rows // 2, columns // 2) for side in (first, second)]
         apart = (sides[0] - sides[1]) * self.shift_px[zone] > 2 * ON_PLANE_PX

@@ -36,7 +36,10 @@ def detail_shown(
 
 
 def _sampling(places: NDArray[np.float32], uv: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Parts of a px (n, 2) of the places of points, and pixels of the frame (n,) to a pixel there, times a constant."""
+    """Fractional parts (n, 2) of the px of the frame where it shows points, and its px^2 to one of the reference (n,).
+
+    The latter are up to a constant factor, the same for all.
+    """
     u, v = uv.astype(np.int64).T
     reach = TRACKING.lk_px // 2
     here = places[:, v, u]
@@ -61,10 +64,10 @@ def _difference(patches: FloatArray, down: int, right: int) -> FloatArray:
 
 
 def _share(one: FloatArray, other: FloatArray) -> float:
-    """Contrast of what two arrays show, with independent noise of the same variance in both: that of the other.
+    """Contrast of the signal in `other` over that in `one`, both with independent noise of the same variance.
 
-    With b the share, s of the variance of the first signal and the rest noise, the covariance is b s, and the variance
-    of the other b^2 s + 1 - s, both over the variance of the first.
+    With b this ratio, and s the share of signal in the variance of `one`, the covariance is b s and the variance of
+    `other` b^2 s + 1 - s, both over the variance of `one`. Without s: c b^2 + (1 - v) b - c = 0, c and v being these.
     """
     variance = max(float(np.vdot(one, one)), 1e-9)
     common, less = float(np.vdot(one, other)) / variance, 1.0 - float(np.vdot(other, other)) / variance

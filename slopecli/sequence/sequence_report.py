@@ -71,9 +71,10 @@ def _patch(
     window: Window,
     i: int,
 ) -> Patch:
-    """Window number i (from 0) with its points, and by `evidence` the doubt of its part that only the first showed.
+    """Window number i (from 0) with its points; its tilt sigma allows for the part that only the first frame shows.
 
-    known, off (n,) : points that are known, and that views show off their planes.
+    evidence : of the known points, None if that part is not to count.
+    known, off (n,) : points of known inverse depth, and those that views show off their planes.
     """
     tracks, blank = estimator.tracks, window_patch(window, i + 1)
     own = known & (tracks.patch == i)

@@ -91,11 +91,11 @@ def neighbours_ratio(points: ViewPoints, root: Root, cell: IntArray) -> float:
 
 
 def tracking_share(points: ViewPoints, root: Root) -> FloatArray:
-    """(m,) share of the variance of a window's relief that errors of its tracks may have made, at most 1.
+    """(m,) share of the variance of a window's relief that errors of its tracks may explain, at most 1.
 
-    Heights of up to two sigma of a point are no evidence of ground. Relief beyond that is of the ground itself, and
-    the points are all over it: only what lies between them is unknown, as `halves_ratio` tells. Relief of which the
-    planes of halves tell too little, as they are no planes, is not divided.
+    The height of a point may be off by two of its sigmas. Relief beyond that is ground that the points show, as they
+    lie all over the window; that of the ground between them is estimated by `halves_ratio`. The share is 1 where the
+    relief exceeds the limit of `non-planar-patch`: the window is no plane then, and its halves do not tell.
     """
     V, u = root.system.V, np.abs((points.per_point(root.state.N.T) * points.p).sum(axis=0))
     told = (root.q > 0.0) & (V > 0.0) & (u > 0.0)
@@ -109,9 +109,10 @@ def tracking_share(points: ViewPoints, root: Root) -> FloatArray:
 
 
 def off_planes_shown(points: ViewPoints, root: Root) -> BoolArray:
-    """(n,) points that views show and that are not on their planes, such as rocks, or walls beside a roof.
+    """(n,) points of windows that views show and that are not on their planes, such as rocks, or walls beside a roof.
 
-    Points of which no inverse depth is known count where a view shows the plane of their window.
+    A view shows a point if the point lies within the rectangle around those that it is used for. A point whose inverse
+    depth is unknown is taken to lie on the plane of its window for this.
     """
     state, V = root.state, root.system.V
     plane = (points.per_point(state.N.T) * points.p).sum(axis=0)
@@ -125,11 +126,12 @@ def off_planes_shown(points: ViewPoints, root: Root) -> BoolArray:
     return np.asarray(shown & ~on & (np.arange(len(V)) < points.n_on_planes))
 
 
-def left_out(points: ViewPoints, root: Root) -> FloatArray:
-    """(m, 3, 3) covariance of the normals by points that views show off their planes.
+def off_covariance(points: ViewPoints, root: Root) -> FloatArray:
+    """(m, 3, 3) covariance of the normals due to the points of `off_planes_shown`, which the planes leave out.
 
-    They are ground of their window, which its plane lacks: each by its height, or where none agrees with the motion, by
-    the least with which a point is no part of the relief, four times that. What no view shows is not counted here.
+    These are ground of their windows. Each counts by its height above the plane, or by four times the relief where its
+    height is unknown: points that far off are left out of the relief (`geometry/solver/relief.py`). What no view shows
+    is not counted here.
     """
     state, V, n = root.state, root.system.V, points.n_on_planes
     plane = (points.per_point(state.N.T) * points.p).sum(axis=0)

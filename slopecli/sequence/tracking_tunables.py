@@ -32,12 +32,10 @@ class TrackingTunables(NamedTuple):
     in_turn: int = 4
     least_sampling: float = 0.2  # of the variance that independent points would have; see `halves_ratio`
     shared_cells: int = 3  # cells along the side of a square whose points err alike; a window has 15 along its own
-    rough: float = 0.02  # relief that ground is taken to have until it is measured
+    rough: float = 0.02  # relief over the distance that ground is taken to have until it is measured
     new_reference: float = 0.25  # of the points in view, below which the last frame becomes a reference, too
     most_zoom: float = 1.6  # px of a frame to one of its reference, above which it becomes one, too
-    later_points: int = (
-        64  # of each ninth of a later reference: for its motions, a quarter of those for slopes suffices
-    )
+    later_points: int = 64  # of each ninth of a later reference: motions need a quarter of the points of slopes
     next_depth: float = 1.25  # times the baseline of the last frame kept for depth, from which on another is kept
 
     @property

@@ -29,7 +29,7 @@ from slopecli.look.noise import SYSTEMATIC_PX, correlation_gain
 from slopecli.patches.windows.tunables import TUNE
 from slopecli.sequence.frame_alignment import Found
 from slopecli.sequence.fused_planes import Ground, fused_normals
-from slopecli.sequence.shared_errors import halves_ratio, left_out, neighbours_ratio, noise_alone, tracking_share
+from slopecli.sequence.shared_errors import halves_ratio, neighbours_ratio, noise_alone, off_covariance, tracking_share
 from slopecli.sequence.tracking_tunables import TRACKING
 from slopecli.sequence.tracks import Tracks
 from slopecli.types import BoolArray, FloatArray, IntArray, Solution
@@ -307,7 +307,7 @@ class ViewEstimator:
             ratio = neighbours_ratio(line.points, line.root, self.tracks.cell)
             by_tracks = tracking_share(line.points, line.root)[:, None, None]
             shared = by_tracks * (ratio * alone.own_covariance - found.own_covariance)
-            shared = shared + left_out(line.points, line.root)
+            shared = shared + off_covariance(line.points, line.root)
             if (other := found.alternative) is not None:
                 other = replace(self._resampled(other, self._lines[1]), scaled_normals=self._fused(self._lines[1]))
             self._solved = replace(found, scaled_normals=self._fused(line), alternative=other), shared

@@ -187,7 +187,8 @@ def _without_mismatches(fit: Fit, starts: Callable[[Observations], State], each_
     and accepted if it is significantly better. Mismatches may hide a root from the starts, so starts are computed again
     from the points kept. Every root chooses its own points, as points chosen by one root are biased against another.
 
-    starts : states to begin at, of the points kept.  each_patch : as in `inliers`.  once : these are always the same.
+    starts : states to begin at, of the points kept.  each_patch : as in `inliers`.
+    once : one round only, as the starts do not depend on the points kept.
     """
     full = fit.observations
     everything = Kept(full.weight > 0.0, full.free_weight > 0.0)

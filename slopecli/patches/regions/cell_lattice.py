@@ -70,7 +70,8 @@ def lattice_of(cells: Cells, shape: tuple[int, int], scene: Scene) -> CellLattic
     x1, x2, seen = pair_rays(scene.camera1, scene.camera2, cells.uv1, cells.uv2)
     across = epipolar_residual(scene.R, scene.T, x1, x2) * focal
     w, leverage = inverse_depth(scene.R, scene.T, x1, x2)
-    # both images are rounded, and resampled: flow sees more than the cell, so that this explains errors of faint ones
+    # this much noise explains the errors of cells of faint texture: grey values of both images are rounded, and
+    # resampled, and flow compares more pixels than those of the cell
     texture = axis_variance(cells.information, cells.uv1, scene, 0.0, 2.0 * ROUNDING_GREY)
     good = seen & (w > 0) & (leverage > 0) & (cells.agreement > TUNE.fair_score)
     noise = _noise_px(across[good], texture[good, 1])

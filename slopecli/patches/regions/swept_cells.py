@@ -79,7 +79,7 @@ def _around(mask: BoolArray) -> Box:
 
 
 def _orientations(lattice: CellLattice, components: Labels) -> list[FloatArray]:
-    """Return unit normals: towards the camera, those of the planes that explain most cells, and across any two."""
+    """Return unit normals: facing the camera, of the planes that explain most cells, and perpendicular to any two."""
     seeds = plane_seeds(lattice, components)
     current, planes = np.where(lattice.known, lattice.unexplained, 0.0), list[FloatArray]()
     for _ in range(KNOWN.most_known if len(seeds) else 0):
@@ -170,11 +170,12 @@ class _Sweep:
         number = int(np.clip((high - low) * per_w, 8, 400))
         variance = _mean(self.first * self.first) + np.float32(ROUNDING_GREY**2)
         weight = self.wanted.astype(np.float32)
-        side = REGION.windows[2]
+        side = REGION.windows[2]  # cells over which planes are compared: fewer are alike by chance, more cross edges
         total = np.maximum(_mean(weight, side), 1e-6)[self.wanted]
         for normal in normals:
             along = self.transfer.rays @ normal[:2].astype(np.float32) + np.float32(normal[2])
             along *= np.sign(np.median(along[self.wanted])) or 1.0
+            # not the largest: of planes seen edge-on a few cells near the horizon would take nearly all of the depths
             steepest = max(float(np.quantile(along[self.wanted], 0.98)), 1e-6)
             nearness = np.linspace(low / steepest, high / steepest, number, dtype=np.float32)
             alike = np.empty((number, np.count_nonzero(self.wanted)), np.float16)

@@ -68,7 +68,8 @@ def with_steps(joined: Joined, solution: Solution, scene: Scene, planes: Sequenc
     """The patches, those poor of which a part lies across a step: windows called safe that left out matches.
 
     The plane of a window is that of the matches kept. A few left out are as often mismatches as a drop, but the depth
-    of all pixels shows which. Planes that were found are their pixels, not the rectangle around these.
+    of all pixels shows which. Planes that were found in the image are left as they are: they are made of their pixels,
+    and the rectangle around these holds other surfaces.
 
     planes : as reported, with their verdicts.
     """

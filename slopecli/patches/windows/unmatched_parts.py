@@ -56,11 +56,12 @@ def with_unmatched_parts(patch: Patch, measured: Patch, scene: Scene) -> Patch:
 
 
 def surer_along(gaps: Gaps, normal: FloatArray, ray: FloatArray) -> FloatArray:
-    """(3,) direction on the plane along which its normal is surer than `unseen_rad` has it, times by how much.
+    """(3,) direction on the plane along the border of its unmatched part, where the normal is surer than `unseen_rad`.
 
-    That is the border of the unmatched part. Its tilt about the border is open from there on; along the border it can
-    only grow from nothing, with distance from the matches, and is half as much in the mean. (On rendered terrain: 0.53
-    of the sigma against 1.08, over 150 windows.)
+    The square of its length is the share of that variance which is not there along this direction. The unmatched part
+    may tilt about the border as soon as matches end. Along the border its tilt grows from nothing with the distance
+    from the matches, and is half as much in the mean. (On rendered terrain: 0.53 of the sigma against 1.08, over 150
+    windows.)
 
     normal : (3,) scaled, of the plane.  ray : (3,) about the middle of the window, camera-1 axes.
     """
