@@ -17,6 +17,7 @@ from slopecli.geometry.slope import (
     aspect_sigmas,
     measure_slopes,
     normal_covariances,
+    slope_sigmas,
     surface_normals,
     tilt_axes,
     tilt_growth,
@@ -148,7 +149,11 @@ def _with_tilt_variance(slopes: Slopes, joined: Joined, surer: FloatArray, level
         return slopes
     variance = extra**2
     covariance = slopes.tilt_covariance + variance[:, None, None] * np.eye(2) - surer[:, :, None] * surer[:, None]
-    sigma = np.sqrt(slopes.sigma_rad**2 + variance - surer[:, 0] ** 2)
+    sigma = np.sqrt(slopes.sigma_rad**2 + variance)
+    if (part := surer.any(axis=1)).any():
+        # what is nearly level may face anywhere, and errs by what is open across its slope as well
+        least = np.sqrt(sigma[part] ** 2 - surer[part, 0] ** 2)
+        sigma[part] = np.clip(slope_sigmas(slopes.slope_rad[part], covariance[part]), least, sigma[part])
     aspect = np.where(slopes.slope_rad < ASPECT_SIGMAS * sigma, np.nan, slopes.aspect_rad)
     return Slopes(slopes.slope_rad, sigma, aspect, slopes.aspect_sigma_rad, covariance)
 

@@ -104,7 +104,7 @@ def test_what_no_residual_shows_has_its_cause(changes: dict[str, object], expect
 
 
 def test_a_tilt_that_is_surer_along_the_slope_has_a_smaller_part_and_across_it_changes_the_slope_in_nothing() -> None:
-    solution = make_solution([12.0], SIGMA)
+    solution = make_solution([60.0], SIGMA)
     down, open_rad, surer_rad = along(solution), math.radians(2.0), math.radians(1.6)
     level = np.cross(surface_normals(solution)[0], down)
     sigmas = []
@@ -116,6 +116,21 @@ def test_a_tilt_that_is_surer_along_the_slope_has_a_smaller_part_and_across_it_c
         sigmas.append([math.sqrt(axis @ covariance @ axis) for axis in (down, level)])
     assert sigmas[0] == pytest.approx([math.hypot(SIGMA, 1.2), math.hypot(SIGMA, 2.0)], rel=1e-3)
     assert sigmas[1] == pytest.approx(sigmas[0][::-1], rel=1e-3)
+
+
+@pytest.mark.parametrize("slope_deg", [1.0, 4.0])
+def test_what_is_nearly_level_is_no_surer_for_a_direction_that_it_may_not_face(slope_deg: float) -> None:
+    """Its slope errs by 6 degrees of tilt across as much as by the 3 along, of which the sigma is a mean."""
+    solution = make_solution([slope_deg], SIGMA)
+    gap = {"tilt_sigma_rad": math.radians(6.0), "unmatched_sigma_rad": math.radians(6.0)}
+    gap["surer_cam1"] = math.radians(6.0) * math.sqrt(0.75) * along(solution)
+    report = make_report_of(solution, patch_changes={0: gap})
+    errors = np.random.default_rng(0).normal(size=(2, 200_000)) * [[3.0], [6.0]]
+    rms = np.sqrt(np.mean((np.hypot(slope_deg + errors[0], errors[1]) - slope_deg) ** 2))
+    assert report.planes[0].slope_sigma_deg == pytest.approx(min(rms, 6.0), rel=0.01)
+    causes = causes_of(report)
+    assert causes["gaps"] == pytest.approx(min(rms, 6.0), rel=0.01)
+    assert math.hypot(*causes.values()) == pytest.approx(report.planes[0].slope_sigma_deg, rel=1e-6)
 
 
 @pytest.mark.parametrize(

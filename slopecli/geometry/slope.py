@@ -67,7 +67,7 @@ def measure_slopes(
     if up_plane is not None:
         covariance[up_plane] = 0.0  # against itself it has no noise; `up_sigma_rad` says how level it is
     covariance = covariance + up_sigma_rad**2 * np.eye(2)
-    sigma = _root_mean_square_error(slope, covariance)
+    sigma = slope_sigmas(slope, covariance)
     aspect = aspects(normals, up, north_direction(up, north))
     defined = (slope >= ASPECT_SIGMAS * sigma) & (np.sin(slope) > 0.0)
     slopes = Slopes(slope, sigma, np.where(defined, aspect, np.nan), np.full_like(slope, np.nan), covariance)
@@ -206,8 +206,11 @@ def _positive(covariance: FloatArray) -> FloatArray:
     return np.asarray((vectors * np.maximum(values, 0.0)[:, None, :]) @ vectors.swapaxes(1, 2))
 
 
-def _root_mean_square_error(slope: FloatArray, covariance: FloatArray) -> FloatArray:
-    """(m,) RMS of |tilt + error| - |tilt| over the error, by Gauss-Hermite quadrature in two dimensions."""
+def slope_sigmas(slope: FloatArray, covariance: FloatArray) -> FloatArray:
+    """(m,) RMS of |tilt + error| - |tilt| over the error, by Gauss-Hermite quadrature in two dimensions.
+
+    slope : (m,) rad.  covariance : (m, 2, 2) of the tilt along the slope and across, rad^2.
+    """
     factor = _square_root(covariance)
     z, weight = _hermite(16, 2)
     error = z @ factor.swapaxes(1, 2)

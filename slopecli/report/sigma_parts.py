@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from slopecli.geometry.slope import surface_normals, tilt_parts
+from slopecli.geometry.slope import slope_sigmas, surface_normals, tilt_parts
 from slopecli.geometry.solver.relief import plane_variances
 from slopecli.measure import Measured, borrowed_sigma_rad, surer_tilts
 from slopecli.patches.join import Joined
@@ -31,13 +31,15 @@ def _squares(root: Measured, joined: Joined) -> FloatArray:
     """(m, 6) parts of the variance of every slope, rad^2, in the order of `CAUSES`."""
     slopes, solution, level = root.slopes, root.solution, root.level
     own, of_gaps, of_level = _patch_variances(joined, level)
-    surer = surer_tilts(joined, surface_normals(solution), np.array(root.up.vector_cam1)) ** 2
+    surer = surer_tilts(joined, surface_normals(solution), np.array(root.up.vector_cam1))
     if level is not None:
         surer[level] = 0.0
-    covariance = slopes.tilt_covariance - (own + of_gaps + of_level)[:, None, None] * np.eye(2)
-    of_gaps = of_gaps - surer[:, 0]
     added, variance = own + of_gaps + of_level, slopes.sigma_rad**2
-    covariance[:, [0, 1], [0, 1]] += surer
+    covariance = slopes.tilt_covariance - added[:, None, None] * np.eye(2) + surer[:, :, None] * surer[:, None]
+    if (part := surer.any(axis=1)).any():
+        base2 = slope_sigmas(slopes.slope_rad[part], covariance[part]) ** 2
+        of_gaps[part] -= np.maximum(base2 + added[part] - variance[part], 0.0)
+        added = own + of_gaps + of_level
     along, across = covariance[:, 0, 0], covariance[:, 1, 1]
     counted = np.clip(np.nan_to_num((variance - added - along) / across), 0.0, 1.0)
 
