@@ -87,7 +87,10 @@ def tilts(normals: FloatArray, covariance: FloatArray, up: FloatArray, up_sigma_
 
 
 def slope_sigma(slope: FloatArray, along: FloatArray, across: FloatArray) -> FloatArray:
-    """RMS of |tilt + error| - |tilt| for errors of these variances along and across the slope, by quadrature."""
+    """RMS of |tilt + error| - |tilt| for errors of these variances along and across the slope, by quadrature.
+
+    As `geometry.slope.slope_sigmas`, but to a few percent, and without the covariance of both: a map has many cells.
+    """
     nodes, weights = _hermite()
     total = np.zeros_like(slope)
     for a, weight_a in zip(nodes, weights, strict=True):
@@ -106,6 +109,7 @@ def _hermite() -> tuple[FloatArray, FloatArray]:
 
 @cache
 def _legendre() -> tuple[FloatArray, FloatArray]:
+    """Nodes and weights over -1..1 by which a probability is good to 1e-3."""
     return np.polynomial.legendre.leggauss(14)
 
 

@@ -94,7 +94,7 @@ def _normals_under_each(
     """(rows, columns, 3, k) scaled normals of footprints under each of k motions R, T."""
     normals = planes.scaled_normal.reshape(-1, 1, 3)
     centre = (planes.middle[..., :2] / planes.middle[..., 2:]).reshape(-1, 1, 2)
-    reach = 0.02  # normalised coordinates, of the three points that stand for a plane
+    reach = 0.02  # normalised coordinates, of the three points that stand for a plane: any small triangle gives it
     x1 = centre + reach * np.array([[1.0, 0.0], [-0.5, 0.866], [-0.5, -0.866]])
     rays = homogeneous(x1.reshape(-1, 2))
     w = (rays.reshape(-1, 3, 3) * normals).sum(-1).reshape(-1)

@@ -131,8 +131,10 @@ def _doubts(depth: DenseDepth, windows: Sequence[Window], planes: FootprintPlane
 
 
 def _with_unseen(patches: list[Patch], depth: DenseDepth, planes: FootprintPlanes, scene: Scene) -> list[Patch]:
-    """The patches, those that image 2 shows in part in more doubt: the rest may be tilted as much otherwise as any
-    window of the pair is, in proportion to its share."""
+    """The patches, with a tilt sigma for the part that image 2 does not show.
+
+    It is the RMS angle between windows of the pair that are far apart, times the share of that part.
+    """
     windows = [patch.window for patch in patches]
     parts = parts_of(depth, windows)
     hidden = 1.0 - box_sums(covered(depth.uv2, scene.shape2), parts) / np.diff(parts, axis=-1)[..., 0].prod(1)
@@ -141,7 +143,7 @@ def _with_unseen(patches: list[Patch], depth: DenseDepth, planes: FootprintPlane
     if not partly or len(index) < MANY.neighbours:
         return patches
     anywhere = np.full(len(partly), np.inf)
-    sigma = hidden[partly] * _differs(_middles(windows)[index], planes.normal[0, index], anywhere)
+    sigma = hidden[partly] * _angle_between(_middles(windows)[index], planes.normal[0, index], anywhere)
     patches = list(patches)
     for k, sigma_rad in zip(partly, sigma.tolist(), strict=True):
         patches[k] = replace(patches[k], tilt_sigma_rad=sigma_rad, unmatched_sigma_rad=sigma_rad)
@@ -193,7 +195,7 @@ def _borrowed(
     away, nearest = nearest_of(middle[index], middle[rest], MANY.neighbours)
     units = planes.normal[0, index]
     mean = units[nearest].mean(axis=1)
-    sigma = _differs(middle[index], units, away[:, -1])
+    sigma = _angle_between(middle[index], units, away[:, -1])
     normal, middles, relief = planes.normal.copy(), planes.middle.copy(), planes.relief.copy()
     normal[0, rest] = mean / np.linalg.norm(mean, axis=1, keepdims=True)
     middles[0, rest], relief[0, rest] = middles[0, index[nearest[:, 0]]], 0.0
@@ -214,10 +216,10 @@ def _borrowed(
     return patches, replace(planes, normal=normal, middle=middles, relief=relief)
 
 
-def _differs(places: FloatArray, units: FloatArray, away: FloatArray) -> FloatArray:
-    """(k,) RMS angle, rad, between planes at these distances (k,) px from each other.
+def _angle_between(places: FloatArray, units: FloatArray, away: FloatArray) -> FloatArray:
+    """(k,) RMS angle, rad, between planes at distances `away` (k,) px from each other.
 
-    It is measured on pairs of planes with middles (n, 2) px and unit normals (n, 3), and grows with the distance.
+    It is measured on pairs of planes with middles (n, 2) px and unit normals (n, 3), and does not fall with distance.
     """
     rng = np.random.default_rng(0)
     i, j = rng.integers(0, len(places), (2, MANY.pairs))
